@@ -15,7 +15,8 @@ TREATMENT = {
     "max_tilt": "a panel of `accelerations_figure`",
     "max_jerk": "a panel of `accelerations_figure`",
     "waypoints": "marks in `paths_figure` and in the scene",
-    "requirements": "`distances_figure`; links of two vehicles as lines in the scene, that redden",
+    "requirements": "of positions: sets, and lines that redden, in `paths_figure` and the scene, "
+    "and curves in `distances_figure`; of other quantities: not drawn, `verify` tells them",
     "obstacles": "their shapes, and distances from them",
     "moving obstacles": "shapes at the closest approach, and moving in the scene",
     "late obstacles": "a line where they become known, and faint in the scene before",

@@ -155,17 +155,18 @@ class KeepIn:
         """Return the index of the vehicle from which the difference is taken; None if none."""
         return None if self.leader is None else list(names).index(self.leader)
 
-    def offset(self, times: FloatArray, *, before: bool = False) -> FloatArray:
+    def offset(self, times: FloatArray, *, before: bool = False, near: float = 0.0) -> FloatArray:
         """Return what values of `quantity` exceed those in the set by, (M, 3): the moving point's.
 
         Args:
             times: on the scenario's clock [s], shape (M,).
             before: whether velocities are those just before the times, at corners of the track.
+            near: how far times may be from a corner and count as being there [s].
         """
         if self.track is not None:
             if self.of == "position":
                 return self.track.at(times)
-            return self.track.velocities(times, before=before)
+            return self.track.velocities(times - near if before else times + near)
         offset = np.zeros((len(times), 3))
         if self.of == "thrust" and self.leader is None:
             offset[:, 2] = -GRAVITY

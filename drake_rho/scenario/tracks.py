@@ -131,14 +131,9 @@ class Track:
             positions += np.maximum(times - self.times[-1], 0.0)[..., None] * self.last_velocity
         return positions
 
-    def velocities(self, times: FloatArray, *, before: bool = False) -> FloatArray:
-        """Return velocities at times [m/s], shape (M, 3).
-
-        Args:
-            times: on the scenario's clock [s], shape (M,).
-            before: whether the velocity at a corner is that of the piece before, not of the next.
-        """
-        piece = np.searchsorted(self.times, times, side="left" if before else "right")
+    def velocities(self, times: FloatArray) -> FloatArray:
+        """Return velocities at times [m/s], shape (M, 3); at a corner, that of the next piece."""
+        piece = np.searchsorted(self.times, times, side="right")
         moving = np.diff(self.positions, axis=0) / np.diff(self.times)[:, None]
         rest = np.zeros((1, 3))
         last = self.last_velocity[None] if self.after == "goes_on" else rest

@@ -96,11 +96,10 @@ class _Check:
         times, values, errors, tolerances = whole
         due = np.zeros(count, dtype=bool)
         due[self.members] = True
-        leader = "" if self.partner is None else f"relative to {names[self.partner]} "
         return Column(
             kind="requirements",
             constraint=self.requirement.called(self.number),
-            parts=[f"{leader}{when}".rstrip()] * count,
+            parts=[" ".join(filter(None, (self._about, when)))] * count,
             times=scenario.grid.start + times,
             values=values,
             limits=0.0 - errors,
@@ -113,6 +112,14 @@ class _Check:
             errors=errors,
             due=due,
         )
+
+    @property
+    def _about(self) -> str:
+        """What it is about, unless that is the position itself."""
+        asked = self.requirement
+        of = "" if asked.of == "position" else f"of {asked.of}"
+        other = asked.leader or ("a moving point" if asked.track is not None else "")
+        return " ".join(filter(None, (of, other and f"relative to {other}")))
 
     @property
     def _is_instant(self) -> bool:
@@ -157,7 +164,8 @@ class _Check:
         self, values: FloatArray, times: FloatArray, *, before: bool = False
     ) -> FloatArray:
         """Return signed distances (M, T) of values (M, T, 3) at times (T,)."""
-        offset = self.requirement.offset(times, before=before)
+        near = self.trajectory.scenario.grid.rounding
+        offset = self.requirement.offset(times, before=before, near=near)
         return np.asarray(self.requirement.set.signed_distance(values - offset))
 
     def positions_at_all_times(self) -> Highest:
@@ -221,8 +229,10 @@ class _Check:
             errors = self._vehicles * trajectory.tubes.at("velocity", trajectory.times[instants])
         distances = self._distances(values, times)
         if self.requirement.track is not None:  # which has another velocity before a corner
+            near = trajectory.scenario.grid.rounding
             before = self._distances(values, times, before=True)
-            distances = np.maximum(distances, np.where(times > self.interval[0], before, -np.inf))
+            late = times > self.interval[0] + near
+            distances = np.maximum(distances, np.where(late, before, -np.inf))
         return _worst_of(times, distances, errors)
 
     def _steps(self, begins: FloatArray, ends: FloatArray) -> BoolArray:

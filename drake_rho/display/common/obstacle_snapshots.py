@@ -85,11 +85,13 @@ def short_label(number: int, obstacle: Obstacle) -> str:
     return f"{number} {name}".strip()
 
 
-def active_in_words(obstacle: Obstacle) -> str:
-    """Return the interval of time in which an obstacle is avoided; nothing if that is always."""
-    if obstacle.active is None:
+def active_in_words(active: tuple[float, float] | None) -> str:
+    """Return the interval of time in which something is required; nothing if that is always."""
+    if active is None:
         return ""
-    first, last = obstacle.active
+    first, last = active
+    if first == last:
+        return f"active at {clock_time(first)}"
     return f"active {clock_number(first)} to {clock_time(last)}"
 
 
@@ -108,7 +110,7 @@ def snapshots(plan: Drawn, obstacles: Sequence[Obstacle]) -> list[Snapshot]:
         label = short_label(number, obstacle) if numbered or obstacle.name is not None else ""
         if not obstacle.moves:
             (center,) = obstacle.centers(np.array([plan.scenario.grid.start]))
-            words = ", ".join(filter(None, (label, active_in_words(obstacle))))
+            words = ", ".join(filter(None, (label, active_in_words(obstacle.active))))
             faint = _is_never_active(plan, obstacle)
             shown.append(Snapshot(obstacle.shape, center, number, words, faint=faint))
             continue
@@ -123,7 +125,7 @@ def snapshots(plan: Drawn, obstacles: Sequence[Obstacle]) -> list[Snapshot]:
             moved = np.linalg.norm(center - centers[0]) > _APART * obstacle.shape.size
             when = clock_time(round(time, 2)) if few else ""
             if index == 0:
-                words = ", ".join(filter(None, (label, when, active_in_words(obstacle))))
+                words = ", ".join(filter(None, (label, when, active_in_words(obstacle.active))))
                 shown.append(Snapshot(obstacle.shape, center, number, words))
             elif moved:
                 shown.append(Snapshot(obstacle.shape, center, number, when, faint=True))

@@ -38,7 +38,7 @@ def surface(shape: Shape) -> Surface:
     A shape without a function of its own, which has to contain its centre, is drawn as smooth: its
     corners are on rays from the centre, at distances found by bisection of `Shape.signed_distance`.
     """
-    rays = shape.extent * _unit_sphere()
+    rays = shape.extent * unit_sphere()
     inside, outside = np.zeros(rays.shape[:-1]), np.full(rays.shape[:-1], 2.0)
     for _ in range(_BISECTIONS):
         middle = 0.5 * (inside + outside)
@@ -49,12 +49,12 @@ def surface(shape: Shape) -> Surface:
 
 @surface.register
 def _(shape: Sphere) -> Surface:
-    return Surface(list(shape.radius * _unit_sphere()), [])
+    return Surface(list(shape.radius * unit_sphere()), [])
 
 
 @surface.register
 def _(shape: Ellipsoid) -> Surface:
-    return Surface(list(_unit_sphere() * shape.semi_axes), [])
+    return Surface(list(unit_sphere() * shape.semi_axes), [])
 
 
 @surface.register
@@ -97,7 +97,7 @@ def _(shape: Polytope) -> Surface:
     return Surface(faces, _sides(faces))
 
 
-def _unit_sphere() -> FloatArray:
+def unit_sphere() -> FloatArray:
     """Return the faces of the unit sphere between meridians and parallels, shape (F, 4, 3)."""
     u, v = np.mgrid[0 : 2 * np.pi : _AROUND * 1j, 0 : np.pi : _AROUND // 2 * 1j]
     points = np.stack([np.cos(u) * np.sin(v), np.sin(u) * np.sin(v), np.cos(v)], axis=-1)

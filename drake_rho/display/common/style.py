@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib import colormaps
-from matplotlib.colors import to_hex
+from matplotlib.colors import to_hex, to_rgb
 
 from drake_rho.display.common.drawable import Drawn
 from drake_rho.scenario.fields import FloatArray
@@ -26,6 +26,10 @@ COLOURS = (
 MARKERS = ("o", "s", "^", "D", "v", "P")
 FORBIDDEN = "#888888"
 """Colour of regions that vehicles must not enter."""
+ALLOWED = "#2E8B57"
+"""Colour of sets in which vehicles must stay."""
+PLENTY_LEFT, NOTHING_LEFT = "#9AA0AA", "#FF2020"
+"""Colours of a link of which much is left, and of one of which nothing is."""
 CONFLICT = "#D00000"
 """Colour of what is in conflict in a scenario without a plan."""
 LIMIT_STYLE: dict[str, Any] = {"color": "black", "linestyle": "--", "linewidth": 0.8}
@@ -67,6 +71,12 @@ def window_colours(count: int) -> list[str]:
     Greys, because every hue could be taken for that of a vehicle.
     """
     return [to_hex(colour) for colour in colormaps["gray"](np.linspace(0.0, 0.75, count))]
+
+
+def reddened(part: float) -> str:
+    """Return the colour of a link, from grey at 1, where plenty is left, to red at 0."""
+    grey, red = (np.array(to_rgb(each)) for each in (PLENTY_LEFT, NOTHING_LEFT))
+    return to_hex(red + float(np.clip(part, 0.0, 1.0)) * (grey - red))
 
 
 def view() -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -11,6 +11,7 @@ from drake_rho.display.common.drawable import Drawn, StraightLines, drawn
 from drake_rho.display.meshcat.obstacles import add_obstacles, record_obstacles
 from drake_rho.display.meshcat.playback import Playback
 from drake_rho.display.meshcat.ports import address_of, on_free_port
+from drake_rho.display.meshcat.requirements import add_requirements, record_requirements
 from drake_rho.display.meshcat.scene import (
     ROOT,
     Scene,
@@ -98,6 +99,10 @@ def animate(
     whole prediction of the window in force is drawn as a thin line. Colours are those of the
     figures.
 
+    A requirement of positions relative to another vehicle, or to a moving point, is a line between
+    the two, which reddens as less is left. Sets in which single vehicles stay are faint and green.
+    Both are visible while the requirement is active.
+
     A vehicle is drawn as an aircraft or a quadrotor, according to `Vehicle.airframe` or its limits.
     It is enlarged until it can be seen, but not so far that it would reach into an obstacle, or
     past the midpoint to another vehicle from which a separation is required. A faint ball around
@@ -148,6 +153,7 @@ def draw(meshcat: Meshcat, stage: Stage, *, trails: bool) -> None:
     set_camera(meshcat, scene)
     add_surroundings(meshcat, scene, plan.scenario)
     add_obstacles(meshcat, scene, plan, stage.conflicts)
+    add_requirements(meshcat, scene, plan)
     if scene.light:
         add_light_goals(meshcat, scene, plan.scenario)
     else:
@@ -162,6 +168,7 @@ def draw(meshcat: Meshcat, stage: Stage, *, trails: bool) -> None:
     )
     record_vehicles(meshcat, plan, vehicles, playback)
     record_obstacles(meshcat, scene, plan, playback)
+    record_requirements(meshcat, scene, plan, playback)
     if trails:
         (record_light_trails if scene.light else record_trails)(meshcat, scene, plan, playback)
     if not scene.light:

@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 
 from drake_rho.display.common.drawable import Drawn
+from drake_rho.display.common.requirements import kept_positions
 from drake_rho.display.meshcat.meshes import nice_step
 from drake_rho.scenario.fields import FloatArray
 
@@ -15,7 +16,7 @@ _FRAMES = 32.0
 _LONGEST = 60.0
 """Longest default playback [s]; flights of up to this duration run in real time."""
 _MAX_POSES = 50_000
-"""Largest number of recorded poses, of all vehicles and moving obstacles together."""
+"""Largest number of recorded poses, of all that moves together."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -33,14 +34,15 @@ class Playback:
     def of(cls, plan: Drawn, rate: float | None, objects_per_vehicle: int = 1) -> Playback:
         """Return the playback of a plan at `rate` seconds of flight per second; see `animate`.
 
-        The number of moving objects, `objects_per_vehicle` times the vehicles and the moving
-        obstacles, limits the number of frames.
+        The number of moving objects, `objects_per_vehicle` times the vehicles, the moving obstacles
+        and the links, limits the number of frames.
         """
         duration = plan.scenario.grid.duration
         if rate is None:
             rate = 1.0 if duration <= _LONGEST else nice_step(duration / _LONGEST)
         playback = duration / rate
         moving = sum(obstacle.moves for obstacle in plan.scenario.bodies)
+        moving += sum(len(each.members) for each in kept_positions(plan.scenario) if each.is_link)
         most = _MAX_POSES / (objects_per_vehicle * len(plan.positions) + moving)
         frames_per_second = min(_FRAMES, max(4.0, most / playback))
         frames = int(np.ceil(playback * frames_per_second))

@@ -19,6 +19,7 @@ from pydrake.math import RigidTransform
 from drake_rho.display.common.drawable import Drawn, StraightLines
 from drake_rho.display.common.names import as_path
 from drake_rho.display.common.obstacle_snapshots import snapshots
+from drake_rho.display.common.set_surfaces import requirements_near
 from drake_rho.display.common.style import CONFLICT, palette, vehicle_colours, view
 from drake_rho.display.meshcat.meshes import box_edges, ground_grid, octahedron, scattered
 from drake_rho.planning.errors import InfeasibleError
@@ -55,15 +56,19 @@ class Scene:
     vehicles: int
     """number of vehicles"""
     outline: FloatArray
-    """points that the camera is fitted to, positions of vehicles and corners of the obstacles'
-    bounding boxes [m], shape (M, 3)"""
+    """points that the camera is fitted to, positions of vehicles and corners of the bounding
+    boxes of obstacles and of requirements [m], shape (M, 3)"""
 
     @classmethod
     def of(cls, plan: Drawn) -> Scene:
-        """Return the scene that contains a plan's positions, obstacles and position limits."""
+        """Return the scene that contains a plan's positions, obstacles and position limits.
+
+        Sets that positions are kept in belong to it as far as they are near.
+        """
         scenario = plan.scenario
         bounds = [(plan.positions.min(axis=(0, 1)), plan.positions.max(axis=(0, 1)))]
         bounds += [each.bounds for each in snapshots(plan, scenario.bodies)]
+        bounds += requirements_near(plan, bounds)
         ends = [each for each in bounds if np.all(np.isfinite(each))]
         flown = plan.positions.reshape(-1, 3)
         flown = flown[:: max(1, len(flown) // _MAX_OUTLINE)]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import singledispatch
 
 import numpy as np
@@ -10,6 +11,7 @@ from pydrake.geometry import Meshcat, Rgba
 from pydrake.math import RigidTransform, RotationMatrix
 
 from drake_rho.display.common.shape_faces import surface
+from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.shapes.base import Shape
 from drake_rho.scenario.shapes.cylinders import Cylinder
 from drake_rho.scenario.shapes.polyhedra import Box
@@ -22,7 +24,11 @@ def put(shape: Shape, meshcat: Meshcat, path: str, colour: Rgba) -> None:
 
     Shapes without an object of Drake's are drawn by the faces of their `surface`.
     """
-    faces = surface(shape).faces
+    put_faces(surface(shape).faces, meshcat, path, colour)
+
+
+def put_faces(faces: Sequence[FloatArray], meshcat: Meshcat, path: str, colour: Rgba) -> None:
+    """Add convex polygons [m], each of shape (n, 3), at a path of the scene tree."""
     # no shared vertices, so that faces are shaded flat
     corners = np.concatenate(
         [face[[0, k, k + 1]] for face in faces for k in range(1, len(face) - 1)]

@@ -7,6 +7,8 @@ artists it has drawn.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -36,15 +38,34 @@ from drake_rho.motion.obstacle_clearances import (
 )
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.obstacles import Obstacle
-from drake_rho.scenario.shapes.base import TOLERANCE
 from drake_rho.scenario.shapes.quadrics import Sphere
 
-_BELOW = 0.08
+MAX_PANELS = 4
+"""Largest number of obstacles with one panel each."""
+BELOW = 0.08
 """Space below the lowest value, over the range of distances: enough for a line of text."""
-_MAX_ANNOTATED = 14
+MAX_ANNOTATED = 14
 """Largest number of vehicles whose closest approaches are marked."""
 _MAX_DISCOVERIES = 6
 """Largest number of labelled times at which obstacles become known."""
+
+
+def obstacle_panels(plan: Drawn, bodies: Sequence[Obstacle]) -> list[Callable[[Axes], object]]:
+    """Return what draws each panel of distances from obstacles."""
+    if len(bodies) > MAX_PANELS:
+        return [partial(draw_least_clearances, plan=plan, obstacles=bodies)]
+    spheres = [each.shape for each in bodies if isinstance(each.shape, Sphere)]
+    panels: list[Callable[[Axes], object]] = []
+    for index, body in enumerate(bodies):
+        name = None if body.name is None else as_text(brief(body.name))
+        title = f"obstacle {short_label(index + 1, body) if len(bodies) > 1 else name}"
+        title_of = title if len(bodies) > 1 or name is not None else None
+        each: dict[str, Any] = {"plan": plan, "obstacle": body, "title": title_of}
+        if len(spheres) == len(bodies):
+            panels.append(partial(draw_distances_from_centre, sphere=spheres[index], **each))
+        else:
+            panels.append(partial(draw_distances, **each))
+    return panels
 
 
 def draw_distances(
@@ -56,12 +77,12 @@ def draw_distances(
     values = np.concatenate([np.asarray(line.get_ydata()) for line in lines])
     values = values[np.isfinite(values)]  # while it is active
     bottom, top = float(values.min(initial=0.0)), float(values.max(initial=0.0))
-    bottom -= _BELOW * max(top - bottom, 1e-9)
+    bottom -= BELOW * max(top - bottom, 1e-9)
     for most in least:
         words = "surface" if most == 0.0 else f"required distance: {most:g} m"
         draw_limit(ax, most, words, bottom)
     ax.set(ylabel="distance from the obstacle [m]", ylim=(bottom, None))
-    _finish(ax, plan, lines)
+    finish(ax, plan, lines)
     _mark_least(ax, plan, obstacle, closest(plan, obstacle), title)
     return lines
 
@@ -89,7 +110,7 @@ def draw_distances_from_centre(
         draw_limit(ax, sphere.radius + least, f"R{more} = {sphere.radius + least:g} m")
     lines = _draw_distances(ax, plan, obstacle, from_centre)
     ax.set(ylabel="distance from the centre [m]", ylim=(0, None))
-    _finish(ax, plan, lines)
+    finish(ax, plan, lines)
     near = closest(plan, obstacle)
     _mark_least(
         ax, plan, obstacle, ClosestApproaches(near.times, near.distances + sphere.radius), title
@@ -119,7 +140,7 @@ def _draw_distances(
         times = dense_times(piece.plan)
         draw_planned(ax, piece, times, shown(piece.plan, times))
     _draw_discoveries(ax, plan, {obstacle.known_from: "known"})
-    _draw_inactive(ax, plan, obstacle)
+    draw_inactive(ax, plan, obstacle.active)
     return lines
 
 
@@ -132,16 +153,18 @@ def _mark_least(
         add_above(ax, [], title)
         return
     for i, (time, value) in enumerate(zip(found.times, found.distances, strict=True)):
-        if len(plan.positions) <= _MAX_ANNOTATED:
-            _mark_minimum(ax, plan, i, (start + time, value), colours[i])
+        if len(plan.positions) <= MAX_ANNOTATED:
+            mark_minimum(ax, plan, i, (start + time, value), colours[i])
     i = int(np.argmin(found.distances - required_distances(plan.scenario, obstacle)))
-    label = _description(plan, i, float(found.distances[i]), float(found.times[i]), obstacle)
+    label = description(
+        plan, i, float(found.distances[i]), float(found.times[i]), obstacle.shape.tolerance
+    )
     time, value = start + found.times[i], found.distances[i]
     (ring,) = ax.plot(time, value, label=label, **EXTREMUM_STYLE)
     add_above(ax, [ring], title)
 
 
-def _mark_minimum(
+def mark_minimum(
     ax: Axes, plan: Drawn, index: int, place: tuple[float, float], colour: str
 ) -> None:
     """Draw a vehicle's marker, larger and open, at the minimum of its curve."""
@@ -157,10 +180,9 @@ def _mark_minimum(
     )
 
 
-def _description(plan: Drawn, vehicle: int, value: float, time: float, obstacle: Obstacle) -> str:
-    """Describe an approach by its distance, its time and the vehicle's name."""
-    touches = abs(value) <= TOLERANCE * obstacle.shape.size
-    far = "0" if touches else f"{value:.4g}".replace("-", "\N{MINUS SIGN}")
+def description(plan: Drawn, vehicle: int, value: float, time: float, tolerance: float) -> str:
+    """Describe an instant by its distance, its time and the vehicle's name."""
+    far = "0" if abs(value) <= tolerance else f"{value:.4g}".replace("-", "\N{MINUS SIGN}")
     name = as_text(brief(plan.scenario.vehicles[vehicle].name))
     return f"{far} m at {plan.scenario.grid.start + time:.4g} s: {name}"
 
@@ -185,11 +207,11 @@ def draw_least_clearances(ax: Axes, plan: Drawn, obstacles: Sequence[Obstacle]) 
     for i, vehicle in enumerate(plan.scenario.vehicles):
         name, times = as_text(vehicle.name), start + found.times[i]
         lines += ax.plot(times, shown[i], color=colours[i], label=name)
-        if len(plan.positions) <= _MAX_ANNOTATED and ever:
+        if len(plan.positions) <= MAX_ANNOTATED and ever:
             m = lowest[i]
             place = (float(times[m]), float(found.clearances[i, m]))
             number = int(found.nearest[i, m]) + 1
-            _mark_minimum(ax, plan, i, place, colours[i])
+            mark_minimum(ax, plan, i, place, colours[i])
             words = short_label(number, obstacles[number - 1])
             Labels.of(ax).add(words, around(ax, *place), rank=1, color=colours[i])
     for piece in planned(plan):
@@ -206,11 +228,11 @@ def draw_least_clearances(ax: Axes, plan: Drawn, obstacles: Sequence[Obstacle]) 
     _draw_discoveries(ax, plan, known)
     values = shown[np.isfinite(shown)]  # while an obstacle is active
     bottom = float(values.min(initial=0.0))
-    bottom -= _BELOW * (float(values.max(initial=0.0)) - bottom)
+    bottom -= BELOW * (float(values.max(initial=0.0)) - bottom)
     least = max(float(required_distances(plan.scenario, obstacle).max()) for obstacle in obstacles)
     draw_limit(ax, 0.0, "vehicle radius from the surface" if least > 0.0 else "surface", bottom)
     ax.set(ylabel="clearance from the nearest obstacle [m]", ylim=(bottom, None))
-    _finish(ax, plan, curves)
+    finish(ax, plan, curves)
     return lines
 
 
@@ -227,11 +249,11 @@ def _draw_closest(
     time, least = float(found.times[i, m]), float(found.clearances[i, m])
     number = int(found.nearest[i, m]) + 1
     obstacle = obstacles[number - 1]
-    label = _description(plan, int(i), least, time, obstacle)
+    label = description(plan, int(i), least, time, obstacle.shape.tolerance)
     label += f" and obstacle {short_label(number, obstacle)}"
     (ring,) = ax.plot(plan.scenario.grid.start + time, least, label=label, **EXTREMUM_STYLE)
     handles = [ring]
-    if len(plan.positions) <= _MAX_ANNOTATED:
+    if len(plan.positions) <= MAX_ANNOTATED:
         words = "minimum of each vehicle, with the obstacle's number"
         handles.append(Line2D([], [], **(EXTREMUM_STYLE | {"markersize": 4.5}), label=words))
     add_above(ax, handles)
@@ -248,19 +270,20 @@ def _draw_discoveries(ax: Axes, plan: Drawn, known: dict[float, str]) -> None:
             Labels.of(ax).add(f"{words} from {time:g} s", beside(ax, time))
 
 
-def _draw_inactive(ax: Axes, plan: Drawn, obstacle: Obstacle) -> None:
-    """Shade the times of the flight at which an obstacle is not active."""
-    if obstacle.active is None:
+def draw_inactive(ax: Axes, plan: Drawn, active: tuple[float, float] | None) -> None:
+    """Shade the times of the flight outside the interval in which something is required."""
+    if active is None:
         return
-    grid, (first, last) = plan.scenario.grid, obstacle.active
+    grid, (first, last) = plan.scenario.grid, active
     for begin, end in ((grid.start, min(first, grid.end)), (max(last, grid.start), grid.end)):
         if begin < end:
             ax.axvspan(begin, end, color=FORBIDDEN, alpha=0.08, linewidth=0)
             Labels.of(ax).add("not active", beside(ax, begin))
 
 
-def _finish(ax: Axes, plan: Drawn, lines: Sequence[Line2D]) -> None:
+def finish(ax: Axes, plan: Drawn, lines: Sequence[Line2D]) -> None:
+    """Set the axis of times, and make overlapping curves visible, if vehicles are named."""
     ax.set_xlabel("time [s]")
     ax.set_xlim(plan.scenario.grid.start, plan.scenario.grid.end)
-    if len(plan.positions) <= MAX_NAMED:
+    if lines and len(plan.positions) <= MAX_NAMED:
         show_overlapping(ax, lines)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,11 +12,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from drake_rho.display.common.drawable import Drawn, drawn, planned
-from drake_rho.display.common.names import as_text, brief
-from drake_rho.display.common.obstacle_snapshots import (
-    as_obstacles,
-    short_label,
-)
+from drake_rho.display.common.names import as_text
+from drake_rho.display.common.obstacle_snapshots import as_obstacles
+from drake_rho.display.common.requirements import kept_positions
 from drake_rho.display.common.style import LIMIT_STYLE, PLANNED_STYLE
 from drake_rho.display.plots.curves import (
     draw_accelerations,
@@ -23,20 +22,13 @@ from drake_rho.display.plots.curves import (
     draw_separation,
     draw_velocities,
 )
-from drake_rho.display.plots.distances import (
-    draw_distances,
-    draw_distances_from_centre,
-    draw_least_clearances,
-)
+from drake_rho.display.plots.distances import MAX_PANELS, obstacle_panels
 from drake_rho.display.plots.formats import DOUBLE_COLUMN, check_format, check_width
 from drake_rho.display.plots.given_axes import given_axes
-from drake_rho.display.plots.legends import (
-    add_below,
-    figure_of,
-    vehicle_handles,
-)
+from drake_rho.display.plots.legends import add_below, figure_of, vehicle_handles
 from drake_rho.display.plots.path_figure import paths_figure
 from drake_rho.display.plots.publish import save_figure, styled
+from drake_rho.display.plots.requirements import draw_left
 from drake_rho.display.plots.tube_errors import LABELS, draw_errors, tube_handle
 from drake_rho.motion.flown import Flown
 from drake_rho.motion.simulation import Simulation
@@ -44,10 +36,7 @@ from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.obstacles import Obstacle
 from drake_rho.scenario.parts import Quantity
 from drake_rho.scenario.shapes.base import Shape
-from drake_rho.scenario.shapes.quadrics import Sphere
 
-_MAX_PANELS = 4
-"""Largest number of obstacles with one panel each."""
 _ONE_ROW = 0.25
 """Height of a one-row legend, for which the figure need not grow [in]."""
 
@@ -61,11 +50,14 @@ def distances_figure(
     ax: Axes | Sequence[Axes] | None = None,
     width: float = DOUBLE_COLUMN,
 ) -> Figure:
-    """Plot the vehicles' distances from the obstacles over time.
+    """Plot the vehicles' distances from the obstacles, and inside the sets they stay in, over time.
 
     Up to four obstacles have one panel each, with distances from the centre if all obstacles are
     spheres, else from the surface. With more obstacles, one panel shows each vehicle's least
     clearance: the distance from the surface minus the vehicle's radius.
+
+    Requirements of positions follow, one panel each as long as there are no more than four panels,
+    else together: what is left is the distance from the boundary of the set, positive inside.
 
     Args:
         flown: plan, flight or simulation to draw.
@@ -74,28 +66,28 @@ def distances_figure(
         width: of a new figure [in], see `paths_figure`.
 
     Raises:
-        ValueError: there is no obstacle, the number of axes differs from that of the panels, or the
-            text would be illegible at the width.
+        ValueError: there is neither an obstacle nor a requirement of positions, the number of axes
+            differs from that of the panels, or the text would be illegible at the width.
     """
     plan = drawn(flown)
     bodies = as_obstacles(plan.scenario.obstacles if obstacles is None else obstacles)
-    if not bodies:
+    kept = list(kept_positions(plan.scenario))
+    if not bodies and not kept:
         raise ValueError("obstacles: got none, expected at least one to measure from")
+    panels = obstacle_panels(plan, bodies)
+    if len(panels) + len(kept) <= MAX_PANELS:
+        titles = [as_text(each.requirement.called(each.number)) for each in kept]
+        panels += [
+            partial(draw_left, plan=plan, kept=[each], title=title)
+            for each, title in zip(kept, titles, strict=True)
+        ]
+    else:
+        panels += [partial(draw_left, plan=plan, kept=kept)] if kept else []
+    alone = len(panels) == 1 and len(bodies) + len(kept) > 1
+    axes = _panels(ax, width, len(panels), 1.35 if alone else 1.1)
+    for each, draw in zip(axes, panels, strict=True):
+        draw(each)
     handles = [*vehicle_handles(plan.scenario), _limit_handle(), *_planned_handles(plan)]
-    if len(bodies) > _MAX_PANELS:
-        axes = _panels(ax, width, 1, 1.35)
-        draw_least_clearances(axes[0], plan, bodies)
-        return _with_legend(ax, axes, handles)
-    axes = _panels(ax, width, len(bodies), 1.1)
-    spheres = [each.shape for each in bodies if isinstance(each.shape, Sphere)]
-    for index, (panel, body) in enumerate(zip(axes, bodies, strict=True)):
-        name = None if body.name is None else as_text(brief(body.name))
-        title = f"obstacle {short_label(index + 1, body) if len(bodies) > 1 else name}"
-        title_of = title if len(bodies) > 1 or name is not None else None
-        if len(spheres) == len(bodies):
-            draw_distances_from_centre(panel, plan, body, spheres[index], title=title_of)
-        else:
-            draw_distances(panel, plan, body, title=title_of)
     return _with_legend(ax, axes, handles)
 
 
@@ -205,7 +197,7 @@ def write_figures(
     check_format(file_format)
     scenario = flown.scenario
     draw: dict[str, Callable[..., Figure]] = {"paths": paths_figure}
-    if scenario.obstacles:
+    if scenario.obstacles or any(kept_positions(scenario)):
         draw["distances"] = distances_figure
     if scenario.separation is not None and len(scenario.vehicles) > 1:
         draw["separation"] = separation_figure

@@ -189,6 +189,9 @@ def _curves(ax: Axes, point: float) -> FloatArray:
             drawn = _in_pixels(ax, np.stack(line.get_data_3d(), axis=1).astype(np.float64))
         else:
             drawn = line.get_transform().transform(line.get_xydata())
+        drawn = drawn[np.all(np.isfinite(drawn), axis=1)]  # curves have gaps
+        if len(drawn) == 0:
+            continue
         marks = line.get_linestyle() == "None"
         shown: BoolArray = np.all(np.isfinite(drawn), axis=1)  # a curve may have gaps
         pieces = [drawn[shown]]

@@ -25,6 +25,8 @@ from drake_rho.display.common.obstacle_snapshots import (
     obstacle_paths,
     snapshots,
 )
+from drake_rho.display.common.requirements import kept_positions
+from drake_rho.display.common.set_surfaces import requirements_near
 from drake_rho.display.common.style import MAX_NAMED, window_colours
 from drake_rho.display.plots.axes3d import Area, SceneAxes, fit_scene, frame_scene
 from drake_rho.display.plots.formats import DOUBLE_COLUMN, check_width
@@ -41,6 +43,7 @@ from drake_rho.display.plots.legends import (
 )
 from drake_rho.display.plots.overlapping_curves import marks_every
 from drake_rho.display.plots.publish import styled
+from drake_rho.display.plots.requirements import draw_links, draw_sets
 from drake_rho.display.plots.space import (
     MAX_LABELLED,
     draw_approaches,
@@ -182,15 +185,22 @@ class _Content:
         passed = [each.position for one in self.flown.scenario.vehicles for each in one.waypoints]
         flights = [drawn(self.flown), *(window.plan for window in self.flown.windows)]
         places = [each.positions.reshape(-1, 3) for each in flights]
-        frame_scene(ax, np.concatenate([*places, np.reshape(passed, (-1, 3))]), self.shown)
+        places.append(np.reshape(passed, (-1, 3)))
+        drawn_here = np.concatenate(places)
+        bounds = [(drawn_here.min(axis=0), drawn_here.max(axis=0))]
+        bounds += [each.bounds for each in self.shown]
+        near = np.reshape(requirements_near(drawn(self.flown), bounds), (-1, 3))
+        frame_scene(ax, np.concatenate([drawn_here, near]), self.shown)
 
     def draw(self, ax: Axes3D) -> None:
         """Draw obstacles, paths, starts and goals, and mark conflicts."""
         plan, shown = drawn(self.flown), self.shown
+        draw_sets(ax, plan)
         draw_obstacles(ax, shown)
         draw_obstacle_paths(ax, obstacle_paths(plan, self.bodies), shown)
         draw_approaches(ax, approaches(plan, self.bodies))
         draw_obstacle_labels(ax, shown)
+        draw_links(ax, plan, shown)
         if isinstance(self.flown, StraightLines):
             draw_straight_lines(ax, self.flown, shown)
         elif self.in_windows:
@@ -220,6 +230,13 @@ class _Content:
         words += ["red: in conflict"] if self.conflicts is not None else []
         width = figure.get_figwidth() - 2 * EDGE
         notes = ["; ".join(words), *obstacle_notes(plan, self.bodies)]
+        kept = list(kept_positions(plan.scenario))
+        if not all(each.is_link for each in kept):
+            notes.append("green: sets in which vehicles stay")
+        if any(each.is_link for each in kept):
+            notes.append(
+                "dashed, grey to red: links when least is left of them; red: nothing is left"
+            )
         if self.conflicts is not None:
             notes.append(as_text(str(self.conflicts)))
         return [line for note in notes for line in in_width(figure, note, width).split("\n")][::-1]

@@ -8,7 +8,14 @@ import numpy as np
 from matplotlib.colors import to_hex
 
 from drake_rho.display.common.names import as_path, brief
-from drake_rho.display.common.style import VIEW_AZIMUTH, VIEW_ELEVATION, vehicle_colours
+from drake_rho.display.common.requirements import Kept, kept_positions
+from drake_rho.display.common.style import (
+    NOTHING_LEFT,
+    PLENTY_LEFT,
+    VIEW_AZIMUTH,
+    VIEW_ELEVATION,
+    vehicle_colours,
+)
 from drake_rho.display.meshcat.animation import Stage
 from drake_rho.display.meshcat.scene import MAX_DETAILED
 from drake_rho.display.meshcat.trails import first_times
@@ -20,6 +27,8 @@ from drake_rho.scenario.shapes.base import TOLERANCE
 
 _DIGITS = 7
 """Digits of lengths and speeds, relative to the size of the scene."""
+_MAX_LISTED = 10
+"""Largest number of requirements in the page's list."""
 
 
 def payload(stage: Stage) -> dict[str, object]:
@@ -40,6 +49,7 @@ def payload(stage: Stage) -> dict[str, object]:
         "speeds": np.round(found.speeds, decimals).tolist(),
         "clearances": _finite(np.round(found.clearances, decimals)),
         "nearest": found.nearest.tolist() if np.any(np.isfinite(found.clearances)) else [],
+        "requirements": _requirements(stage, found, decimals),
         "curves": _curves(stage, found, decimals),
         "notice": "straight lines, not planned" if stage.flown.kind == "scenario" else "",
         "windows": first_times(stage.flown.windows),
@@ -52,6 +62,7 @@ def payload(stage: Stage) -> dict[str, object]:
         "light": scene.light,
         "fleet": MAX_DETAILED,
         "ranges": _ranges(found),
+        "reddening": [NOTHING_LEFT, PLENTY_LEFT],
         "layers": _layers(stage),
         "legend": _legend(stage),
     }
@@ -87,6 +98,26 @@ def _obstacles(stage: Stage) -> list[dict[str, object]]:
     ]
 
 
+def _requirements(stage: Stage, found: Readings, decimals: int) -> list[dict[str, object]]:
+    """Return what is left of requirements of positions over time, of many only the tightest.
+
+    From `plenty` metres on, nothing of their colour is red.
+    """
+    plenty = np.array([kept.plenty(stage.shown) for kept in found.kept])
+    parts = found.left.min(axis=1, initial=np.inf) / plenty
+    listed = np.sort(np.argsort(parts, kind="stable")[:_MAX_LISTED])
+    names = stage.shown.scenario.names
+    return [
+        {
+            "label": found.kept[number].label,
+            "title": found.kept[number].in_words(names),
+            "left": _finite(np.round(found.left[None, number], decimals))[0],
+            "plenty": float(plenty[number]),
+        }
+        for number in listed
+    ]
+
+
 def _curves(stage: Stage, found: Readings, decimals: int) -> list[dict[str, object]]:
     scenario = stage.shown.scenario
     vehicles = [brief(vehicle.name) for vehicle in scenario.vehicles]
@@ -104,6 +135,11 @@ def _curves(stage: Stage, found: Readings, decimals: int) -> list[dict[str, obje
         padded = bool(np.any(scenario.fleet.radii > 0.0))
         how = "from obstacles, minus the vehicle's radius" if padded else "from obstacles"
         curves.append(_curve("Least clearance", how, found.obstacles, vehicles, bodies))
+    if found.requirements is not None:
+        labels = [each.label for each in found.kept]
+        curves.append(
+            _curve("Least left of a requirement", "", found.requirements, vehicles, labels)
+        )
     for each in curves:
         each["values"] = _finite(np.round(each["values"], decimals)[None])[0]
     return curves
@@ -144,6 +180,7 @@ def _layers(stage: Stage) -> list[dict[str, object]]:
         ("Tubes", ["tube", "tubes"], simulation is not None and has_tube(simulation)),
         ("Plans", ["planned"], simulation is not None),
         ("Wind", ["wind"], simulation is not None and strongest_wind(simulation) > 0.0),
+        ("Requirements", ["links", "points", "sets"], bool(list(kept_positions(scenario)))),
         ("Starts and goals", ["starts", "goals", "waypoints", "lines"], True),
         ("Radii", ["radii"], detailed and bool(np.any(scenario.fleet.radii > 0.0))),
         ("Shells", [], scenario.separation is not None),
@@ -176,6 +213,7 @@ def _legend(stage: Stage) -> list[dict[str, str]]:
         entries.append(("unknown", "obstacle that is not known yet"))
     if any(obstacle.active is not None for obstacle in scenario.bodies):
         entries.append(("obstacle", "obstacles with a time window are shown while active"))
+    entries += _of_requirements(list(kept_positions(scenario)))
     if np.any(scenario.fleet.radii > 0.0) and detailed:
         entries.append(("radius", "vehicle's radius, the required distance from obstacles"))
     if scenario.separation is not None:
@@ -184,6 +222,22 @@ def _legend(stage: Stage) -> list[dict[str, str]]:
     if stage.flown.simulation is not None and detailed:
         entries += _disturbed(stage, stage.flown.simulation)
     return [{"sign": sign, "text": text} for sign, text in entries]
+
+
+def _of_requirements(kept: list[Kept]) -> list[tuple[str, str]]:
+    entries = []
+    for to, number in (
+        ("another vehicle", sum(each.partner is not None for each in kept)),
+        ("a moving point", sum(each.requirement.track is not None for each in kept)),
+    ):
+        if number > 0:
+            entries.append(("link", f"link to {to}; red: nothing left"))
+    if not all(each.is_link for each in kept):
+        entries.append(("set", "set in which vehicles stay"))
+    if entries and any(each.requirement.active is not None for each in kept):
+        sign, words = entries[-1]
+        entries[-1] = sign, f"{words}; shown while required"
+    return entries
 
 
 def _disturbed(stage: Stage, simulation: Simulation) -> list[tuple[str, str]]:

@@ -1,19 +1,21 @@
-"""Numbers that the viewer shows over time: speeds, clearances, and their minima over the fleet.
+"""Numbers that the viewer shows over time: speeds, clearances, and least values of the fleet.
 
 A clearance is the distance minus its limit. For an obstacle it is the distance from the surface
 minus the vehicle's radius and the obstacle's largest deviation from its track. For another vehicle
 it is the distance, scaled for downwash, minus the separation. Without a separation, other vehicles
-are ignored.
+are ignored. What is left of a requirement of positions is the distance from its set's boundary.
 """
 
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
 
 from drake_rho.display.common.clearances import least_clearances
 from drake_rho.display.common.drawable import Drawn, closest_two
+from drake_rho.display.common.requirements import Kept, kept_positions
 from drake_rho.motion.nearest_vehicles import nearest_vehicles
 from drake_rho.motion.obstacle_clearances import nearest_obstacles
 from drake_rho.scenario.fields import FloatArray, IntArray
@@ -31,7 +33,7 @@ class Curve:
     limit: float | None
     """required distance [m]; None if the scenario requires none"""
     closest: tuple[int, int]
-    """index of the vehicle at the minimum, and of the other vehicle or the obstacle"""
+    """index of the vehicle at the minimum, and of the other vehicle, obstacle or requirement"""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -50,6 +52,12 @@ class Readings:
     """clearance of the closest vehicle from obstacles; None without obstacles"""
     pairs: Curve | None
     """distance of the closest two vehicles; None for a single vehicle"""
+    requirements: Curve | None
+    """least that is left of requirements of positions; None without such requirements"""
+    kept: tuple[Kept, ...]
+    """requirements of positions, R of them"""
+    left: FloatArray
+    """least that is left of each over its vehicles [m], infinite while not active, shape (R, M)"""
 
     @classmethod
     def of(cls, shown: Drawn, times: FloatArray) -> Readings:
@@ -66,7 +74,10 @@ class Readings:
             clearances = np.minimum(clear, left)
         obstacles = _from_obstacles(shown, times, clear) if scenario.bodies else None
         pairs = _between_two(shown, times, away) if len(speeds) > 1 else None
-        return cls(times, speeds, clearances, nearest, obstacles, pairs)
+        kept = tuple(kept_positions(scenario))
+        left = np.reshape([each.left(shown, times).min(axis=0) for each in kept], (-1, len(times)))
+        requirements = _of_requirements(shown, times, kept, left) if kept else None
+        return cls(times, speeds, clearances, nearest, obstacles, pairs, requirements, kept, left)
 
 
 def _from_obstacles(shown: Drawn, times: FloatArray, clear: FloatArray) -> Curve | None:
@@ -80,6 +91,21 @@ def _from_obstacles(shown: Drawn, times: FloatArray, clear: FloatArray) -> Curve
         *_with(times, clear.min(axis=0), *least),
         limit=0.0,
         closest=(int(i), int(found.nearest[i, m])),
+    )
+
+
+def _of_requirements(
+    shown: Drawn, times: FloatArray, kept: Sequence[Kept], left: FloatArray
+) -> Curve:
+    """Return the least that is left of all requirements."""
+    least = [each.least(shown) for each in kept]
+    number = int(np.argmin([values.min() for _, values in least]))
+    when, values = least[number]
+    i = int(np.argmin(values))
+    return Curve(
+        *_with(times, left.min(axis=0), when[i], values[i]),
+        limit=0.0,
+        closest=(int(kept[number].members[i]), number),
     )
 
 

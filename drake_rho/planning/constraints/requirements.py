@@ -76,11 +76,13 @@ class KeepInSet(Constraint):
             who = np.repeat(members, len(self._instants))
             times = np.tile(self._instants, len(members))
         who, times = self._without_free_jerks(motion, who, times)
-        values, offset = self._values(motion, who, times), self.requirement.offset(times)
+        near = self.clock_rounding
+        values, offset = self._values(motion, who, times), self.requirement.offset(times, near=near)
         distances = self.requirement.set.signed_distance(values - offset)
         if self._velocity_jumps:  # the moving point has another velocity before a corner
-            before = self.requirement.offset(times, before=True)
+            before = self.requirement.offset(times, before=True, near=near)
             other = self.requirement.set.signed_distance(values - before)
+            other = np.where(times > self._interval[0] + near, other, -np.inf)
             offset = np.where((other > distances)[:, None], before, offset)
             distances = np.maximum(distances, other)
         violated = distances + self.margin(times) > self.threshold * self.tolerances[who]

@@ -52,6 +52,7 @@ function readings() {
     speeds: data.speeds.map((values) => between(values, at)),
     clearances: data.clearances.map((values) => between(values, at)),
     nearest: data.nearest.map((values) => values[at[0] + Math.round(at[1])] ?? values.at(-1)),
+    left: data.requirements.map(({ left }) => between(left, at)),
     curves: data.curves.map((curve) => between(curve.values, frameAt(state.time, curve.times))),
   };
 }

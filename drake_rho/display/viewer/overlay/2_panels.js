@@ -134,6 +134,34 @@ function fitPanel() {
   panel.style.transform = `scale(${Math.min(1, room / panel.offsetHeight)})`;
 }
 
+// ---------------------------------------------------------------- requirements
+
+const left = element(panel, "section", "left");
+left.hidden = data.requirements.length === 0;
+panel.classList.toggle("asked", !left.hidden);
+const leftHead = element(left, "header");
+element(leftHead, "span", "", "requirement");
+element(leftHead, "span", "", "left [m]").title = "distance from the boundary of the set";
+const leftRows = data.requirements.map(({ label, title }) => {
+  const line = element(left, "div");
+  line.title = title;
+  const swatch = element(line, "i");
+  element(line, "span", "", label);
+  return { line, swatch, value: element(line, "b", "num") };
+});
+
+/** Show what is left of each requirement, faint while it is not active. */
+function updateLeft(now) {
+  leftRows.forEach(({ line, swatch, value }, index) => {
+    const present = now.left[index];
+    const colour = onStops(data.reddening, [0, data.requirements[index].plenty], present);
+    line.classList.toggle("soft", present === null);
+    swatch.style.background = inText(seen(colour));
+    value.textContent = inDigits(present);
+    value.classList.toggle("bad", present !== null && present < -data.tolerance);
+  });
+}
+
 // ---------------------------------------------------------------- plots
 
 const WIDE = 264;

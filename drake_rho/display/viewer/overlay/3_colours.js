@@ -13,8 +13,10 @@ function seen(colour) {
 }
 
 function onScale(by, value) {
-  const [low, high] = data.ranges[by];
-  const stops = SCALES[by];
+  return onStops(SCALES[by], data.ranges[by], value);
+}
+
+function onStops(stops, [low, high], value) {
   const place = Math.min(1, Math.max(0, ((value ?? high) - low) / (high - low || 1))) * (stops.length - 1);
   const first = Math.min(Math.floor(place), stops.length - 2);
   return new THREE.Color(stops[first]).lerp(new THREE.Color(stops[first + 1]), place - first);
@@ -89,11 +91,13 @@ const SIGNS = {
   ends: ["path", { d: "M4 8m-2 0a2 2 0 1 0 4 0a2 2 0 1 0 -4 0 M14 8m-4 0a4 4 0 1 0 8 0a4 4 0 1 0 -8 0", fill: "currentColor" }],
   goal: ["path", { d: "M10 3 L14 8 L10 13 L6 8 Z", fill: "currentColor" }],
   prediction: ["path", { d: "M1 13 Q8 2 19 4", "stroke-width": 1 }],
+  link: ["path", { d: "M1 8 L19 8", stroke: data.reddening[0], "stroke-width": 2.4 }],
+  set: ["path", { d: "M3 3 H17 V13 H3 Z", stroke: "#2e8b57", fill: "#2e8b5733", "stroke-width": 1.2 }],
   obstacle: ["circle", { cx: 10, cy: 8, r: 6.5, fill: "#99a", stroke: "none", opacity: 0.7 }],
   unknown: ["circle", { cx: 10, cy: 8, r: 6.5, fill: "#99a", stroke: "none", opacity: 0.25 }],
   radius: ["circle", { cx: 10, cy: 8, r: 6, fill: "currentColor", stroke: "none", opacity: 0.25 }],
   shell: ["path", { d: "M6 8m-5 0a5 5 0 1 0 10 0a5 5 0 1 0 -10 0 M15 8m-4 0a4 5 0 1 0 8 0a4 5 0 1 0 -8 0", "stroke-width": 1 }],
-    tube: ["path", { d: "M1 8 L19 8", "stroke-width": 9, opacity: 0.22 }],
+  tube: ["path", { d: "M1 8 L19 8", "stroke-width": 9, opacity: 0.22 }],
   conflict: ["circle", { cx: 10, cy: 8, r: 6, fill: "#d00000", stroke: "none", opacity: 0.5 }],
   wind: ["path", { d: "M2 8 L17 8 M12 4 L18 8 L12 12" }],
 };

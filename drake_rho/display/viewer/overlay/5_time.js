@@ -12,6 +12,7 @@ function update(atOnce = false) {
   if (atOnce || written - lastWritten > 100) {
     lastWritten = written;
     updateTable(now, atOnce);
+    updateLeft(now);
     const window = data.windows.findLastIndex((begin) => begin <= state.time + 1e-9) + 1;
     const pace = state.speed * data.rate;
     moment.textContent = [

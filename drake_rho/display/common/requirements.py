@@ -1,0 +1,153 @@
+"""Requirements of positions over time: what is left of each, and how its colour tells that.
+
+What is left is the distance from the boundary of the set, positive inside, minus the largest
+deviation of a moving point from its track.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from drake_rho.display.common.drawable import Drawn
+from drake_rho.display.common.names import brief
+from drake_rho.display.common.obstacle_snapshots import active_in_words
+from drake_rho.display.common.style import dense_times
+from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
+from drake_rho.scenario.records import Scenario
+from drake_rho.scenario.requirements import KeepIn
+from drake_rho.scenario.shapes.base import Shape
+
+_PLENTY = 0.5
+"""Part of the greatest possible distance from the boundary from which on nothing reddens."""
+_SAME = 1e-10
+"""Difference of two values that is rounding, over the largest of all: the first counts as least."""
+_FEW = 6
+"""Largest number of vehicles that are named in words."""
+_ZOOMS, _PARTS = 6, 16
+"""Number of times that the time around a least value is divided, and into how many parts."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Kept:
+    """A requirement of positions during a flight."""
+
+    requirement: KeepIn
+    """requirement on the scenario's clock"""
+    number: int
+    """number of the requirement, from 1"""
+    members: IntArray
+    """indices of the vehicles concerned, shape (M,)"""
+    partner: int | None
+    """index of the vehicle from which the difference is taken; None if none"""
+    interval: tuple[float, float]
+    """part of the flight in which it is active, on the scenario's clock [s]"""
+
+    @property
+    def label(self) -> str:
+        """Name or number, short enough for a label."""
+        name = self.requirement.name
+        return f"requirement {self.number}" if name is None else brief(name)
+
+    @property
+    def is_link(self) -> bool:
+        """Whether it is relative to another vehicle or to a moving point."""
+        return self.requirement.relative_to is not None
+
+    def in_words(self, names: Sequence[str]) -> str:
+        """Return its set, the vehicles that it is about, and when it is active."""
+        other = "a moving point" if self.partner is None else names[self.partner]
+        few = [brief(names[member]) for member in self.members[:_FEW]]
+        more = [f"{len(self.members) - _FEW} more"] if len(self.members) > _FEW else []
+        words = [
+            ", ".join(few + more) + (f" relative to {other}" if self.is_link else ""),
+            f"in {self.requirement.set}",
+            active_in_words(self.requirement.active),
+        ]
+        return f"{self.requirement.called(self.number)}: {'; '.join(filter(None, words))}"
+
+    def origins(self, shown: Drawn, times: FloatArray) -> FloatArray:
+        """Return the positions at times since the first knot [s] that differences refer to, (T, 3).
+
+        They are those of the other vehicle or the moving point; zero if there is none.
+        """
+        if self.partner is not None:
+            whose = np.full(len(times), self.partner)
+            return shown.motion().each_at("position", whose, times)
+        return self.requirement.offset(shown.scenario.grid.start + times)
+
+    def is_active(self, shown: Drawn, times: FloatArray) -> BoolArray:
+        """Return whether it is active at times since the first knot [s], of any shape."""
+        (first, last), grid = self.interval, shown.scenario.grid
+        clock = grid.start + times
+        active: BoolArray = (clock >= first - grid.rounding) & (clock <= last + grid.rounding)
+        return active
+
+    def left(self, shown: Drawn, times: FloatArray) -> FloatArray:
+        """Return what is left to the vehicles concerned [m], infinite while not active, (M, T).
+
+        Args:
+            shown: motion of all vehicles.
+            times: since the first knot [s], shape (T,).
+        """
+        return self._left(shown, shown.motion().at("position", times)[self.members], times)
+
+    def _left(self, shown: Drawn, positions: FloatArray, times: FloatArray) -> FloatArray:
+        """Return what is left at positions (..., T, 3) and times (T,) [m], shape (..., T)."""
+        values = positions - self.origins(shown, times)
+        left = -np.asarray(self.requirement.set.signed_distance(values))
+        return np.where(self.is_active(shown, times), left - self.requirement.deviation, np.inf)
+
+    def times(self, shown: Drawn) -> FloatArray:
+        """Return the times since the first knot at which it is drawn [s], those of corners too."""
+        start = shown.scenario.grid.start
+        corners = np.append(self.requirement.corners, self.interval) - start
+        times = np.union1d(dense_times(shown), corners)
+        first, last = (time - start for time in self.interval)
+        return times[(times >= first) & (times <= last)]
+
+    def least(self, shown: Drawn) -> tuple[FloatArray, FloatArray]:
+        """Return when least is left to each vehicle concerned [s], and how much [m], (M,) each.
+
+        The times are since the first knot, and found between samples too.
+        """
+        times, count = self.times(shown), len(self.members)
+        left = self.left(shown, times)
+        slack = _SAME * (1.0 + np.abs(left).max(axis=1, initial=0.0, where=np.isfinite(left)))
+        k = np.argmax(left <= left.min(axis=1, keepdims=True) + slack[:, None], axis=1)
+        best, least = times[k], left[np.arange(count), k]
+        begins, ends = times[np.maximum(k - 1, 0)], times[np.minimum(k + 1, len(times) - 1)]
+        for _ in range(_ZOOMS):
+            near = begins + np.linspace(0.0, 1.0, _PARTS + 1)[:, None] * (ends - begins)
+            near = np.concatenate([best[None], near])  # what was found stays if it is the least
+            who = np.tile(self.members, len(near))
+            positions = shown.motion().each_at("position", who, near.ravel())
+            each = self._left(shown, positions, near.ravel()).reshape(near.shape)
+            m = np.argmin(each - slack * (np.arange(len(near)) == 0)[:, None], axis=0)
+            best, least = near[m, np.arange(count)], each[m, np.arange(count)]
+            width = (ends - begins) / _PARTS
+            begins, ends = np.maximum(best - width, begins), np.minimum(best + width, ends)
+        return best, least
+
+    def plenty(self, shown: Drawn) -> float:
+        """Return the distance from the boundary from which on nothing reddens [m].
+
+        It is a part of the greatest possible distance or, where that has no bound, of the greatest
+        in the flight.
+        """
+        if isinstance(self.requirement.set, Shape):
+            most = float(self.requirement.set.extent.min())
+        else:
+            most = float(self.left(shown, self.times(shown)).max())
+        return _PLENTY * max(most, np.finfo(float).tiny)
+
+
+def kept_positions(scenario: Scenario) -> Iterator[Kept]:
+    """Yield the requirements of positions that are active in the flight."""
+    for number, each in enumerate(scenario.requirements, start=1):
+        interval = each.interval(scenario.grid)
+        members = each.members(scenario.names)
+        if each.of == "position" and interval is not None and len(members) > 0:
+            yield Kept(each, number, members, each.partner(scenario.names), interval)

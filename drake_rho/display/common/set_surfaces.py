@@ -1,0 +1,184 @@
+"""Surfaces of the sets in which positions are kept, where they are and no larger than the scene.
+
+What of a surface lies outside of the scene is left out, so that a fence far away neither shrinks
+the flight nor seems to be nearer than it is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import singledispatch
+from itertools import pairwise
+
+import numpy as np
+
+from drake_rho.display.common.drawable import Drawn
+from drake_rho.display.common.obstacle_snapshots import Snapshot
+from drake_rho.display.common.requirements import kept_positions
+from drake_rho.display.common.shape_faces import Surface, surface, unit_sphere
+from drake_rho.scenario.fields import FloatArray
+from drake_rho.scenario.sets import ConvexSet
+from drake_rho.scenario.shapes.base import Shape
+from drake_rho.scenario.shapes.unbounded import Cone, HalfSpace
+
+_BESIDE = 0.25
+"""Distance beside a scene up to which a set enlarges it, over the scene's longest side."""
+_AROUND = 64
+"""Number of points around a circle."""
+_BISECTIONS = 40
+"""Number of bisections along a ray."""
+
+
+def near_bounds(
+    convex_set: ConvexSet, lower: FloatArray, upper: FloatArray
+) -> tuple[FloatArray, FloatArray] | None:
+    """Return the least and greatest coordinates of a set near a scene [m], (3,) each.
+
+    Sides that are far away are replaced by those of the scene. None if the whole set is far away.
+
+    Args:
+        convex_set: the set.
+        lower: least coordinates of the scene [m], shape (3,).
+        upper: greatest coordinates of the scene [m], shape (3,).
+    """
+    beside = _BESIDE * (float(np.max(upper - lower)) or 1.0)
+    low, high = -convex_set.support(-np.eye(3)), convex_set.support(np.eye(3))
+    if np.any(high < lower - beside) or np.any(low > upper + beside):
+        return None
+    low = np.where(low >= lower - beside, low, lower)
+    return low, np.where(high <= upper + beside, high, upper)
+
+
+def surface_within(convex_set: ConvexSet, lower: FloatArray, upper: FloatArray) -> Surface:
+    """Return the part of a set's surface inside a box [m], in the scenario's coordinates.
+
+    Nothing is known of a set of a user's own but its functions: it is drawn if it is bounded.
+    """
+    whole = _whole(convex_set, lower, upper)
+    faces = [_cut(face, lower, upper) for face in whole.faces]
+    edges = [piece for edge in whole.edges for piece in _pieces(edge, lower, upper)]
+    if isinstance(convex_set, HalfSpace):
+        edges = [face[[*range(len(face)), 0]] for face in faces if len(face) > 0]
+    return Surface([face for face in faces if len(face) > 2], edges)
+
+
+def requirements_near(
+    plan: Drawn, bounds: Sequence[tuple[FloatArray, FloatArray]]
+) -> list[tuple[FloatArray, FloatArray]]:
+    """Return least and greatest coordinates of what is drawn of requirements [m], (3,) each.
+
+    They are those of moving points, and of the sets of single vehicles as far as they are near.
+
+    Args:
+        plan: motion to draw.
+        bounds: least and greatest coordinates of what else is drawn [m], (3,) each.
+    """
+    lower = np.min([low for low, _ in bounds], axis=0)
+    upper = np.max([high for _, high in bounds], axis=0)
+    found = list[tuple[FloatArray, FloatArray]]()
+    for kept in kept_positions(plan.scenario):
+        if kept.requirement.track is not None:
+            points = kept.origins(plan, kept.times(plan))
+            found.append((points.min(axis=0), points.max(axis=0)))
+        elif not kept.is_link:
+            near = near_bounds(kept.requirement.set, lower, upper)
+            found += [] if near is None else [near]
+    return found
+
+
+@singledispatch
+def _whole(convex_set: ConvexSet, lower: FloatArray, upper: FloatArray) -> Surface:
+    """Return a set's surface, of an unbounded set at least the part inside a box [m].
+
+    Of any bounded set, the corners are on rays from a point inside, at distances found by
+    bisection.
+    """
+    ends = [-convex_set.support(-np.eye(3)), convex_set.support(np.eye(3))]
+    if not np.all(np.isfinite(ends)):
+        return Surface([], [])
+    far = 2.0 * float(np.linalg.norm(ends[1] - ends[0]))
+    around = (ends[0] + ends[1]) / 2.0 + far * unit_sphere().reshape(-1, 3)
+    distances = np.asarray(convex_set.signed_distance(around))
+    inside = (around - distances[:, None] * convex_set.outward(around)).mean(axis=0)
+    rays = far * unit_sphere()
+    near, beyond = np.zeros(rays.shape[:-1]), np.ones(rays.shape[:-1])
+    for _ in range(_BISECTIONS):
+        middle = 0.5 * (near + beyond)
+        within = convex_set.signed_distance(inside + middle[..., None] * rays) < 0.0
+        near, beyond = np.where(within, middle, near), np.where(within, beyond, middle)
+    return Surface(list(inside + near[..., None] * rays), [])
+
+
+@_whole.register
+def _(convex_set: Shape, lower: FloatArray, upper: FloatArray) -> Surface:
+    beyond = upper - lower  # so that ends where an infinite shape is cut off are outside
+    cut = Snapshot(convex_set, convex_set.center, 0).truncated(lower - beyond, upper + beyond)
+    found = surface(cut.shape)
+    return Surface(
+        [cut.center + face for face in found.faces], [cut.center + edge for edge in found.edges]
+    )
+
+
+@_whole.register
+def _(convex_set: HalfSpace, lower: FloatArray, upper: FloatArray) -> Surface:
+    middle = (lower + upper) / 2.0
+    normal = convex_set.outward(middle)
+    foot = middle - convex_set.signed_distance(middle) * normal
+    one, other = (2.0 * np.linalg.norm(upper - lower) * each for each in _across(normal))
+    return Surface([foot + np.array([one + other, other - one, -one - other, one - other])], [])
+
+
+@_whole.register
+def _(convex_set: Cone, lower: FloatArray, upper: FloatArray) -> Surface:
+    along = convex_set.axis / np.linalg.norm(convex_set.axis)
+    one, other = _across(along)
+    far = float(np.linalg.norm(np.maximum(upper - convex_set.apex, convex_set.apex - lower)))
+    angles = np.linspace(0.0, 2.0 * np.pi, _AROUND + 1)[:, None]
+    ring = far * (
+        along + np.tan(convex_set.half_angle) * (np.cos(angles) * one + np.sin(angles) * other)
+    )
+    apex = convex_set.apex
+    return Surface([np.array([apex, apex + a, apex + b]) for a, b in pairwise(ring)], [])
+
+
+def _across(normal: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return two unit vectors that are orthogonal to a unit vector and to each other."""
+    one = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
+    one /= np.linalg.norm(one)
+    return one, np.cross(normal, one)
+
+
+def _cut(face: FloatArray, lower: FloatArray, upper: FloatArray) -> FloatArray:
+    """Return the part of a convex polygon (n, 3) inside a box, of the same orientation."""
+    for axis in range(3):
+        for sign, bound in ((-1.0, -lower[axis]), (1.0, upper[axis])):
+            beyond = sign * face[:, axis] - bound
+            if np.all(beyond <= 0.0):
+                continue
+            corners = []
+            for k, excess in enumerate(beyond):
+                if (before := beyond[k - 1]) * excess < 0.0:
+                    part = before / (before - excess)
+                    corners.append(face[k - 1] + part * (face[k] - face[k - 1]))
+                if excess <= 0.0:
+                    corners.append(face[k])
+            face = np.reshape(corners, (-1, 3))
+    return face
+
+
+def _pieces(edge: FloatArray, lower: FloatArray, upper: FloatArray) -> list[FloatArray]:
+    """Return the parts of a polyline (n, 3) inside a box: itself, or segments of shape (2, 3)."""
+    if np.all((edge >= lower) & (edge <= upper)):
+        return [edge]
+    found = []
+    for ends in pairwise(edge):
+        begin, step = ends[0], ends[1] - ends[0]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            crossed = np.sort((np.array([lower, upper]) - begin) / step, axis=0)
+        inside = (begin >= lower) & (begin <= upper)
+        still = np.array([np.where(inside, -np.inf, np.inf), np.where(inside, np.inf, -np.inf)])
+        first, last = np.where(step == 0.0, still, crossed)
+        parts = max(0.0, first.max()), min(1.0, last.min())
+        if parts[0] < parts[1]:
+            found.append(begin + np.outer(parts, step))
+    return found

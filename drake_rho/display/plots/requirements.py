@@ -1,0 +1,188 @@
+"""Requirements of positions, drawn on given axes: sets and links in space, what is left over time.
+
+Every function takes the axes first and returns the artists it has drawn.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
+from mpl_toolkits.mplot3d.art3d import Line3D, Line3DCollection, Poly3DCollection
+from mpl_toolkits.mplot3d.axes3d import Axes3D
+
+from drake_rho.display.common.drawable import Drawn, planned
+from drake_rho.display.common.names import as_text
+from drake_rho.display.common.obstacle_snapshots import Snapshot, active_in_words
+from drake_rho.display.common.requirements import Kept, kept_positions
+from drake_rho.display.common.set_surfaces import surface_within
+from drake_rho.display.common.style import (
+    ALLOWED,
+    EXTREMUM_STYLE,
+    dense_times,
+    reddened,
+    vehicle_colours,
+)
+from drake_rho.display.plots.curves import draw_curve, draw_limit, draw_planned
+from drake_rho.display.plots.distances import (
+    BELOW,
+    MAX_ANNOTATED,
+    description,
+    draw_inactive,
+    finish,
+    mark_minimum,
+)
+from drake_rho.display.plots.draw_order import draw_line
+from drake_rho.display.plots.labels import Labels, around
+from drake_rho.display.plots.legends import add_above
+
+_MAX_LABELLED = 8
+"""Largest number of sets, or of links, that are labelled in space."""
+_ABOVE = 1.5
+"""Upper end of axes with several requirements, over the largest least value of all."""
+_PARTS = 24
+"""Number of parts of a link, each in front of or behind an obstacle."""
+
+
+def draw_sets(ax: Axes3D, plan: Drawn) -> list[Artist]:
+    """Draw the sets that single vehicles are kept in, faint, within the limits of the axes."""
+    lower, upper = np.array([ax.get_xlim(), ax.get_ylim(), ax.get_zlim()]).T
+    sets = [each for each in kept_positions(plan.scenario) if not each.is_link]
+    artists: list[Artist] = []
+    for kept in sets:
+        skin = surface_within(kept.requirement.set, lower, upper)
+        if skin.faces:
+            style: dict[str, Any] = {"facecolors": ALLOWED, "alpha": 0.07, "linewidth": 0}
+            artists.append(ax.add_collection3d(Poly3DCollection(skin.faces, zorder=0, **style)))
+        if skin.edges:
+            style = {"colors": ALLOWED, "alpha": 0.7, "linewidths": 0.6}
+            artists.append(ax.add_collection3d(Line3DCollection(skin.edges, zorder=0, **style)))
+        if skin.faces and len(sets) <= _MAX_LABELLED:
+            corners = np.concatenate(skin.faces)
+            top = (corners.min(axis=0) + corners.max(axis=0)) / 2.0
+            top[2] = corners[:, 2].max()
+            words = ", ".join(
+                filter(None, (as_text(kept.label), active_in_words(kept.requirement.active)))
+            )
+            spots = around(ax, *top)
+            artists.append(Labels.of(ax).add(words, spots, rank=1, color=ALLOWED))
+    return artists
+
+
+def draw_links(ax: Axes3D, plan: Drawn, shown: Sequence[Snapshot] = ()) -> list[Line3D]:
+    """Draw each link when least is left of it, as a dashed line that is red if nothing is.
+
+    Args:
+        ax: where to draw.
+        plan: motion to draw.
+        shown: obstacles that are drawn, which hide the parts of links behind them.
+    """
+    links = [each for each in kept_positions(plan.scenario) if each.is_link]
+    labelled = sum(len(kept.members) for kept in links) <= _MAX_LABELLED
+    lines = []
+    for kept in links:
+        times, left = kept.least(plan)
+        begins = kept.origins(plan, times)
+        ends = plan.motion().each_at("position", kept.members, times)
+        for begin, end, part, time in zip(
+            begins, ends, left / kept.plenty(plan), times, strict=True
+        ):
+            points = begin + np.linspace(0.0, 1.0, _PARTS + 1)[:, None] * (end - begin)
+            style: dict[str, Any] = {"color": reddened(part), "linewidth": 1.0}
+            lines += draw_line(ax, points, shown, linestyle=(0, (3, 2)), **style)
+            if kept.partner is None:
+                mark: dict[str, Any] = {"marker": "x", "markersize": 4, "color": "black"}
+                lines += ax.plot(*begin[:, None], **mark)
+            if labelled:
+                words = f"{as_text(kept.label)}, {plan.scenario.grid.start + time:.4g} s"
+                spots = around(ax, *points[_PARTS // 2])
+                Labels.of(ax).add(words, spots, rank=2, color="#555555")
+    return lines
+
+
+def draw_left(
+    ax: Axes, plan: Drawn, kept: Sequence[Kept], *, title: str | None = None
+) -> list[Line2D]:
+    """Draw what is left of requirements of positions over time, to each vehicle concerned.
+
+    What is left is the distance from the boundary of the set, positive inside, minus the largest
+    deviation of a moving point from its track. The curves are drawn while it is required.
+
+    Args:
+        ax: where to draw.
+        plan: motion to draw.
+        kept: requirements; of several, each minimum is labelled with its name.
+        title: title of the axes.
+
+    Returns:
+        The curves, and a ring at the overall minimum.
+    """
+    highest = _highest(plan, kept)
+    curves = [line for each in kept for line in _draw_curves(ax, plan, each, highest)]
+    least = [each.least(plan) for each in kept]
+    number = int(np.argmin([values.min() for _, values in least]))
+    times, values = least[number]
+    i = int(np.argmin(values))
+    where, scenario = kept[number], plan.scenario
+    tolerance = where.requirement.tolerances(scenario.fleet, scenario.names)[i]
+    label = description(plan, int(where.members[i]), values[i], times[i], tolerance)
+    label += f" in {as_text(where.label)}" if len(kept) > 1 else ""
+    start = scenario.grid.start
+    (ring,) = ax.plot(start + times[i], values[i], label=label, **EXTREMUM_STYLE)
+    add_above(ax, [ring], title)
+    every = np.concatenate([np.asarray(line.get_ydata()) for line in curves])
+    bottom, top = float(np.nanmin(every, initial=0.0)), float(np.nanmax(every, initial=0.0))
+    bottom -= BELOW * max(top - bottom, 1e-9)
+    draw_limit(ax, 0.0, "boundary of the set", bottom)
+    ax.set(ylabel="distance inside the set [m]", ylim=(bottom, highest))
+    if len(kept) == 1:
+        draw_inactive(ax, plan, where.requirement.active)
+    finish(ax, plan, curves if len(kept) == 1 else [])
+    return [*curves, ring]
+
+
+def _highest(plan: Drawn, kept: Sequence[Kept]) -> float | None:
+    """Return where axes with several requirements end [m]: above what is ever least of all."""
+    if len(kept) == 1:
+        return None
+    times = dense_times(plan)
+    least = np.min([each.left(plan, times).min(axis=0) for each in kept], axis=0)
+    top = _ABOVE * float(least.max(where=np.isfinite(least), initial=0.0))
+    return top if top > 0.0 else None
+
+
+def _draw_curves(ax: Axes, plan: Drawn, kept: Kept, highest: float | None) -> list[Line2D]:
+    """Draw what is left of a requirement, with marks at the minima.
+
+    With a highest value [m], greater ones are left out, and the minima are labelled.
+    """
+    most = np.inf if highest is None else highest
+    start, colours = plan.scenario.grid.start, vehicle_colours(len(plan.positions))
+    when, least = kept.least(plan)
+    times = np.union1d(kept.times(plan), when)
+    elapsed = plan.scenario.grid.elapsed
+    knots = elapsed[kept.is_active(plan, elapsed)]
+    both = kept.left(plan, times), kept.left(plan, knots)
+    exact, at_knots = (np.where(each <= most, each, np.nan) for each in both)
+    lines = []
+    for row, index in enumerate(kept.members):
+        points = (start + times, exact[row]), (start + knots, at_knots[row])
+        lines.append(draw_curve(ax, plan, int(index), *points))
+        if len(kept.members) <= MAX_ANNOTATED and least[row] <= most:
+            place = (start + float(when[row]), float(least[row]))
+            mark_minimum(ax, plan, int(index), place, colours[index])
+            if highest is not None:
+                spots = around(ax, *place)
+                words = as_text(kept.label)
+                Labels.of(ax).add(words, spots, rank=1, color=colours[index])
+    for piece in planned(plan):
+        times = dense_times(piece.plan)
+        left = np.full((len(plan.positions), len(times)), np.nan)
+        values = kept.left(piece.plan, times)
+        left[kept.members] = np.where(values <= most, values, np.nan)
+        draw_planned(ax, piece, times, left)
+    return lines
