@@ -20,8 +20,8 @@ MAX_FOLLOWED = 6
 """Largest number of moving obstacles drawn with their paths and their first and last positions."""
 _MAX_NUMBERED = 60
 """Largest number of obstacles that are numbered; more numbers would cover the picture."""
-_AROUND = 0.5
-"""Margin around the static scene in which moving obstacles are shown, over its longest side."""
+AROUND = 0.5
+"""Margin around a scene in which moving obstacles and sets enlarge it, over its longest side."""
 _APART = 0.2
 """Least displacement at which an obstacle is drawn a second time, over its size."""
 
@@ -217,7 +217,7 @@ def _near_scene(
     ]
     lower = np.min([plan.positions.min(axis=(0, 1)), *(low for low, _ in resting)], axis=0)
     upper = np.max([plan.positions.max(axis=(0, 1)), *(high for _, high in resting)], axis=0)
-    margin = _AROUND * float(np.max(upper - lower))
+    margin = AROUND * float(np.max(upper - lower))
     times = plan.scenario.grid.start + sample_times(plan, [obstacle])
     centers, extent = obstacle.centers(times), obstacle.shape.extent
     beyond = (centers + extent < lower - margin) | (centers - extent > upper + margin)

@@ -13,7 +13,7 @@ from itertools import pairwise
 import numpy as np
 
 from drake_rho.display.common.drawable import Drawn
-from drake_rho.display.common.obstacle_snapshots import Snapshot
+from drake_rho.display.common.obstacle_snapshots import AROUND, Snapshot
 from drake_rho.display.common.requirements import kept_positions
 from drake_rho.display.common.shape_faces import Surface, surface, unit_sphere
 from drake_rho.scenario.fields import FloatArray
@@ -21,9 +21,7 @@ from drake_rho.scenario.sets import ConvexSet
 from drake_rho.scenario.shapes.base import Shape
 from drake_rho.scenario.shapes.unbounded import Cone, HalfSpace
 
-_BESIDE = 0.25
-"""Distance beside a scene up to which a set enlarges it, over the scene's longest side."""
-_AROUND = 64
+_CIRCLE = 64
 """Number of points around a circle."""
 _BISECTIONS = 40
 """Number of bisections along a ray."""
@@ -41,7 +39,7 @@ def near_bounds(
         lower: least coordinates of the scene [m], shape (3,).
         upper: greatest coordinates of the scene [m], shape (3,).
     """
-    beside = _BESIDE * (float(np.max(upper - lower)) or 1.0)
+    beside = AROUND * (float(np.max(upper - lower)) or 1.0)
     low, high = -convex_set.support(-np.eye(3)), convex_set.support(np.eye(3))
     if np.any(high < lower - beside) or np.any(low > upper + beside):
         return None
@@ -133,7 +131,7 @@ def _(convex_set: Cone, lower: FloatArray, upper: FloatArray) -> Surface:
     along = convex_set.axis / np.linalg.norm(convex_set.axis)
     one, other = _across(along)
     far = float(np.linalg.norm(np.maximum(upper - convex_set.apex, convex_set.apex - lower)))
-    angles = np.linspace(0.0, 2.0 * np.pi, _AROUND + 1)[:, None]
+    angles = np.linspace(0.0, 2.0 * np.pi, _CIRCLE + 1)[:, None]
     ring = far * (
         along + np.tan(convex_set.half_angle) * (np.cos(angles) * one + np.sin(angles) * other)
     )

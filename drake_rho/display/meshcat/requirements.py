@@ -74,15 +74,13 @@ def record_requirements(meshcat: Meshcat, scene: Scene, plan: Drawn, playback: P
             values = np.concatenate([still, others[..., None]], axis=2)
             record_poses(meshcat, path, values, playback)
             show_between(meshcat, path, begin, end)
-        active = (times >= first) & ((times < last) | (last >= plan.scenario.grid.duration))
         positions = plan.motion().at("position", times)[kept.members]
-        for member, place, colours in zip(
-            kept.members, positions, colours_of(kept, plan, times), strict=True
-        ):
+        colours = colours_of(left_while_shown(kept, plan, times, playback), kept.plenty(plan))
+        for member, place, own in zip(kept.members, positions, colours, strict=True):
             name = as_path(plan.scenario.names[member])
             path = f"{ROOT}/links/{kept.number}/{name}"
             _record_line(meshcat, scene, path, (others, place), playback)
-            _record_colours(meshcat, scene, path, np.where(active, colours, -1), playback)
+            _record_colours(meshcat, scene, path, own, playback)
 
 
 def shown_interval(kept: Kept, plan: Drawn, playback: Playback) -> tuple[float, float]:
@@ -95,15 +93,26 @@ def shown_interval(kept: Kept, plan: Drawn, playback: Playback) -> tuple[float, 
     return max(0.0, first - more), min(plan.scenario.grid.duration, last + more)
 
 
-def colours_of(kept: Kept, plan: Drawn, times: FloatArray) -> IntArray:
-    """Return the colours of the lines from 0, red, to `COLOURS - 1`, grey, shape (M, T).
+def left_while_shown(kept: Kept, plan: Drawn, times: FloatArray, playback: Playback) -> FloatArray:
+    """Return what is left at times since the first knot [m], infinite while not shown, (M, T).
 
-    Just before and after the interval, they are those of its ends.
+    Where an interval was widened to be seen, it is what is left at the interval's end.
     """
-    first, last = (time - plan.scenario.grid.start for time in kept.interval)
-    part = kept.left(plan, np.clip(times, first, last)) / kept.plenty(plan)
-    found: IntArray = np.ceil(np.clip(part, 0.0, 1.0) * (COLOURS - 1)).astype(np.int64)
-    return found
+    start, (first, last) = plan.scenario.grid.start, shown_interval(kept, plan, playback)
+    shown = (times >= first) & ((times < last) | (last >= plan.scenario.grid.duration))
+    begin, end = (time - start for time in kept.interval)
+    return np.where(shown, kept.left(plan, np.clip(times, begin, end)), np.inf)
+
+
+def colours_of(left: FloatArray, plenty: float) -> IntArray:
+    """Return colours from 0, red, where nothing is left, to `COLOURS - 1`, grey; -1 if not shown.
+
+    Args:
+        left: what is left [m], infinite while not shown.
+        plenty: from where on it is grey [m].
+    """
+    colours = np.ceil(np.clip(left / plenty, 0.0, 1.0) * (COLOURS - 1)).astype(np.int64)
+    return np.where(np.isfinite(left), colours, -1)
 
 
 def _record_line(

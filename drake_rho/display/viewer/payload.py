@@ -17,6 +17,7 @@ from drake_rho.display.common.style import (
     vehicle_colours,
 )
 from drake_rho.display.meshcat.animation import Stage
+from drake_rho.display.meshcat.requirements import left_while_shown
 from drake_rho.display.meshcat.scene import MAX_DETAILED
 from drake_rho.display.meshcat.trails import first_times
 from drake_rho.display.meshcat.tubes_and_wind import has_tube, strongest_wind
@@ -103,19 +104,22 @@ def _requirements(stage: Stage, found: Readings, decimals: int) -> list[dict[str
 
     From `plenty` metres on, nothing of their colour is red.
     """
-    plenty = np.array([kept.plenty(stage.shown) for kept in found.kept])
-    parts = found.left.min(axis=1, initial=np.inf) / plenty
-    listed = np.sort(np.argsort(parts, kind="stable")[:_MAX_LISTED])
-    names = stage.shown.scenario.names
-    return [
-        {
-            "label": found.kept[number].label,
-            "title": found.kept[number].in_words(names),
-            "left": _finite(np.round(found.left[None, number], decimals))[0],
-            "plenty": float(plenty[number]),
-        }
-        for number in listed
-    ]
+    shown, playback, names = stage.shown, stage.playback, stage.shown.scenario.names
+    plenty = np.array([kept.plenty(shown) for kept in found.kept])
+    tight = np.array([kept.least(shown)[1].min() for kept in found.kept]) / plenty
+    entries: list[dict[str, object]] = []
+    for number in np.sort(np.argsort(tight, kind="stable")[:_MAX_LISTED]):
+        kept = found.kept[number]
+        left = left_while_shown(kept, shown, playback.times, playback).min(axis=0)
+        entries.append(
+            {
+                "label": kept.label,
+                "title": kept.in_words(names),
+                "left": _finite(np.round(left[None], decimals))[0],
+                "plenty": float(plenty[number]),
+            }
+        )
+    return entries
 
 
 def _curves(stage: Stage, found: Readings, decimals: int) -> list[dict[str, object]]:

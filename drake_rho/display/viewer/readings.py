@@ -56,8 +56,6 @@ class Readings:
     """least that is left of requirements of positions; None without such requirements"""
     kept: tuple[Kept, ...]
     """requirements of positions, R of them"""
-    left: FloatArray
-    """least that is left of each over its vehicles [m], infinite while not active, shape (R, M)"""
 
     @classmethod
     def of(cls, shown: Drawn, times: FloatArray) -> Readings:
@@ -75,9 +73,8 @@ class Readings:
         obstacles = _from_obstacles(shown, times, clear) if scenario.bodies else None
         pairs = _between_two(shown, times, away) if len(speeds) > 1 else None
         kept = tuple(kept_positions(scenario))
-        left = np.reshape([each.left(shown, times).min(axis=0) for each in kept], (-1, len(times)))
-        requirements = _of_requirements(shown, times, kept, left) if kept else None
-        return cls(times, speeds, clearances, nearest, obstacles, pairs, requirements, kept, left)
+        requirements = _of_requirements(shown, times, kept) if kept else None
+        return cls(times, speeds, clearances, nearest, obstacles, pairs, requirements, kept)
 
 
 def _from_obstacles(shown: Drawn, times: FloatArray, clear: FloatArray) -> Curve | None:
@@ -94,16 +91,15 @@ def _from_obstacles(shown: Drawn, times: FloatArray, clear: FloatArray) -> Curve
     )
 
 
-def _of_requirements(
-    shown: Drawn, times: FloatArray, kept: Sequence[Kept], left: FloatArray
-) -> Curve:
+def _of_requirements(shown: Drawn, times: FloatArray, kept: Sequence[Kept]) -> Curve:
     """Return the least that is left of all requirements."""
+    left = np.min([each.left(shown, times).min(axis=0) for each in kept], axis=0)
     least = [each.least(shown) for each in kept]
     number = int(np.argmin([values.min() for _, values in least]))
     when, values = least[number]
     i = int(np.argmin(values))
     return Curve(
-        *_with(times, left.min(axis=0), when[i], values[i]),
+        *_with(times, left, when[i], values[i]),
         limit=0.0,
         closest=(int(kept[number].members[i]), number),
     )
