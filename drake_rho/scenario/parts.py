@@ -212,9 +212,9 @@ class Vehicle:
     airframe: Airframe | None = None
     """airframe as which it is drawn, aircraft or quadrotor; chosen by its limits if not given; it
     has no effect on plans"""
-    weight: Annotated[float, Field(ge=1e-4, le=1e4, allow_inf_nan=False), NOT_BOOLEAN] = 1.0
-    """weight of its squared accelerations in the cost of all vehicles, from 1e-4 to 1e4: of two
-    that meet, the one with the smaller weight gives way more"""
+    weight: Annotated[float, Field(ge=1e-3, le=1e3, allow_inf_nan=False), NOT_BOOLEAN] = 1.0
+    """weight of its squared accelerations in the cost of all vehicles, from 0.001 to 1000,
+    which solvers resolve: of two that meet, the one with the smaller weight gives way more"""
 
     if TYPE_CHECKING:
 
