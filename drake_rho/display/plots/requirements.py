@@ -98,7 +98,7 @@ def draw_links(ax: Axes3D, plan: Drawn, shown: Sequence[Snapshot] = ()) -> list[
                 mark: dict[str, Any] = {"marker": "x", "markersize": 4, "color": "black"}
                 lines += ax.plot(*begin[:, None], **mark)
             if labelled:
-                words = f"{as_text(kept.label)}, {plan.scenario.grid.start + time:.4g} s"
+                words = f"{as_text(kept.label)}, {round(plan.scenario.grid.start + time, 2):g} s"
                 spots = around(ax, *points[_PARTS // 2])
                 Labels.of(ax).add(words, spots, rank=2, color="#555555")
     return lines
