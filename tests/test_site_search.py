@@ -21,7 +21,7 @@ WORDS = {
     "robust MPC": "flight|guides/wind",
     "collision avoidance": "glossary|guides/shapes|guides/fleet",
     "formation": "guides/fleet",
-    "geofence": "guides/mission",
+    "geofence": "guides/mission|guides/requirements",
     "take-off": "guides/mission",
     "landing": "guides/mission",
     "swarm": "guides/fleet|fleets|glossary",
