@@ -321,6 +321,7 @@ def test_the_page_lists_what_is_left_now(plan: rho.Plan) -> None:
     assert listed[1]["title"].startswith(
         "requirement 2: v0, v1, v2 relative to a moving point; in box"
     )
+    assert listed[5]["title"] == "requirement 7 (own): v1; in a set of its own functions"
     for each, kept in zip(listed, _kept(plan), strict=True):
         brute = np.min([_brute(plan, kept.number, i, times) for i in kept.members], axis=0)
         if kept.number == 5:  # an instant, shown for a second

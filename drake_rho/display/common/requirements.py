@@ -18,6 +18,7 @@ from drake_rho.display.common.style import dense_times
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.records import Scenario
 from drake_rho.scenario.requirements import KeepIn
+from drake_rho.scenario.sets import is_own
 from drake_rho.scenario.shapes.base import Shape
 
 _PLENTY = 0.5
@@ -58,15 +59,16 @@ class Kept:
 
     def in_words(self, names: Sequence[str]) -> str:
         """Return its set, the vehicles that it is about, and when it is active."""
+        asked = self.requirement
         other = "a moving point" if self.partner is None else names[self.partner]
         few = [brief(names[member]) for member in self.members[:_FEW]]
         more = [f"{len(self.members) - _FEW} more"] if len(self.members) > _FEW else []
         words = [
             ", ".join(few + more) + (f" relative to {other}" if self.is_link else ""),
-            f"in {self.requirement.set}",
-            active_in_words(self.requirement.active),
+            "in a set of its own functions" if is_own(asked.set) else f"in {asked.set}",
+            active_in_words(asked.active),
         ]
-        return f"{self.requirement.called(self.number)}: {'; '.join(filter(None, words))}"
+        return f"{asked.called(self.number)}: {'; '.join(filter(None, words))}"
 
     def origins(self, shown: Drawn, times: FloatArray) -> FloatArray:
         """Return the positions at times since the first knot [s] that differences refer to, (T, 3).
