@@ -28,12 +28,11 @@ THINNEST = 1e-4
 whose inside is within the tolerance."""
 
 
-class Shape(abc.ABC):
-    """Convex shape.
+class Solid(abc.ABC):
+    """Set to keep clear of, convex (`Shape`) or not (`drake_rho.scenario.maps`).
 
-    In the local functions, positions are relative to its centre; in `support`, `signed_distance`
-    and `outward` they are absolute. As a set of velocities, accelerations or jerks, a shape has
-    their units in place of metres.
+    In the local functions, positions are relative to its centre; in `signed_distance` and `outward`
+    they are absolute.
     """
 
     center: FloatArray
@@ -54,10 +53,15 @@ class Shape(abc.ABC):
         """Depth inside that still counts as outside: `TOLERANCE` times the size [m]."""
         return TOLERANCE * self.size
 
-    def support(self, n: FloatArray) -> FloatArray:
-        """Return the largest n · x of all x in the shape [m], shape (...), for n of (..., 3)."""
-        support: FloatArray = self.local_support(n) + n @ self.center
-        return support
+    @property
+    def thickness(self) -> float:
+        """Least extent of what a motion has to go around or through [m]."""
+        return float(self.extent.min())
+
+    @property
+    def cover(self) -> Solid:
+        """Set that planners keep clear of in its place; it contains the solid."""
+        return self
 
     def signed_distance(self, x: FloatArray) -> FloatArray:
         """Return distances of positions (..., 3) from the surface [m], negative inside, (...)."""
@@ -69,10 +73,6 @@ class Shape(abc.ABC):
         Inside, they point to the nearest point of the surface, or to any of several such points.
         """
         return self.local_outward(x - self.center)
-
-    @abc.abstractmethod
-    def local_support(self, n: FloatArray) -> FloatArray:
-        """Return h(n) [m], shape (...), for unit vectors n, shape (..., 3)."""
 
     @abc.abstractmethod
     def local_distance(self, x: FloatArray) -> FloatArray:
@@ -89,13 +89,6 @@ class Shape(abc.ABC):
         """Return `local_distance` and `local_outward` of x, together where that is faster."""
         return self.local_distance(x), self.local_outward(x)
 
-    def quadric_inside(self, distance: float) -> Quadric | None:  # arguments are for subclasses
-        """Return a quadric of the same kind inside the set within `distance` [m] of the shape.
-
-        A bound that holds for the quadric also holds for the larger set. None if there is none.
-        """
-        return None
-
     @abc.abstractmethod
     def __str__(self) -> str:
         """Return a description: kind, position and dimensions."""
@@ -110,6 +103,29 @@ class Shape(abc.ABC):
             sides = Description(f"sides of {(2.0 * self.extent).tolist()} m")
             expected = f"none below {THINNEST:g} of the greatest: a flat shape has no interior"
             raise ScenarioError("", sides, expected)
+
+
+class Shape(Solid):
+    """Convex shape.
+
+    As a set of velocities, accelerations or jerks, a shape has their units in place of metres.
+    """
+
+    def support(self, n: FloatArray) -> FloatArray:
+        """Return the largest n · x of all x in the shape [m], shape (...), for n of (..., 3)."""
+        support: FloatArray = self.local_support(n) + n @ self.center
+        return support
+
+    @abc.abstractmethod
+    def local_support(self, n: FloatArray) -> FloatArray:
+        """Return h(n) [m], shape (...), for unit vectors n, shape (..., 3)."""
+
+    def quadric_inside(self, distance: float) -> Quadric | None:  # arguments are for subclasses
+        """Return a quadric of the same kind inside the set within `distance` [m] of the shape.
+
+        A bound that holds for the quadric also holds for the larger set. None if there is none.
+        """
+        return None
 
 
 class Quadric(Shape):

@@ -1,0 +1,117 @@
+"""Tree of axis-aligned boxes: a broad phase that finds the boxes near a position or another box.
+
+Boxes are sorted along a Morton curve, and eight consecutive ones share a node; eight nodes share a
+node of the next level. A query descends all levels at once, in arrays.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from drake_rho.scenario.fields import FloatArray, IntArray
+
+if TYPE_CHECKING:
+    from scipy.spatial import KDTree
+
+_FAN = 8
+"""Number of children of a node."""
+
+_BITS = 20
+"""Bits of each coordinate on the Morton curve."""
+
+_AT_ONCE = 4096
+"""Number of queries answered at once, which bounds the memory."""
+
+
+class BoxTree:
+    """Static tree of boxes.
+
+    Args:
+        lower: lower corners [m], shape (B, 3), with B of at least 1.
+        upper: upper corners [m], shape (B, 3).
+
+    Attributes:
+        lower: lower corner of the bounding box of all [m], shape (3,).
+        upper: upper corner of the bounding box of all [m], shape (3,).
+    """
+
+    def __init__(self, lower: FloatArray, upper: FloatArray) -> None:
+        self._order = _along_curve((lower + upper) / 2.0)
+        self._levels = [(lower[self._order], upper[self._order])]
+        while len(self._levels[-1][0]) > 1:
+            low, high = self._levels[-1]
+            firsts = np.arange(0, len(low), _FAN)
+            least, greatest = np.minimum.reduceat(low, firsts), np.maximum.reduceat(high, firsts)
+            self._levels.append((least, greatest))
+        self.lower: FloatArray = self._levels[-1][0][0]
+        self.upper: FloatArray = self._levels[-1][1][0]
+
+    def pairs(
+        self, lower: FloatArray, upper: FloatArray, within: FloatArray
+    ) -> tuple[IntArray, IntArray]:
+        """Return the boxes of the tree that are near given boxes.
+
+        Args:
+            lower: lower corners of Q boxes, or positions [m], shape (Q, 3).
+            upper: upper corners, or the same positions [m], shape (Q, 3).
+            within: the largest distance that counts as near [m], shape (Q,).
+
+        Returns:
+            Numbers of the given box and of the tree's box of each pair, shape (P,) each, sorted by
+            the first.
+        """
+        found = [
+            self._pairs(lower[part], upper[part], within[part], part.start)
+            for part in (slice(k, k + _AT_ONCE) for k in range(0, len(lower), _AT_ONCE))
+        ]
+        if not found:
+            return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
+        queries, boxes = (np.concatenate(each) for each in zip(*found, strict=True))
+        return queries, boxes
+
+    def _pairs(
+        self, lower: FloatArray, upper: FloatArray, within: FloatArray, first: int
+    ) -> tuple[IntArray, IntArray]:
+        queries, nodes = np.arange(len(lower)), np.zeros(len(lower), dtype=np.int64)
+        reach = within**2
+        for level, (low, high) in enumerate(reversed(self._levels)):
+            if level > 0:
+                nodes = (nodes[:, None] * _FAN + np.arange(_FAN)).reshape(-1)
+                queries = np.repeat(queries, _FAN)
+                known = nodes < len(low)
+                queries, nodes = queries[known], nodes[known]
+            gaps = np.maximum(low[nodes] - upper[queries], lower[queries] - high[nodes])
+            np.maximum(gaps, 0.0, out=gaps)
+            near = np.einsum("pi,pi->p", gaps, gaps) <= reach[queries]
+            queries, nodes = queries[near], nodes[near]
+        return first + queries, self._order[nodes]
+
+    def likely_nearest(self, x: FloatArray) -> IntArray:
+        """Return the box with the nearest centre for each position (Q, 3), often the nearest."""
+        nearest: IntArray = self._centers.query(x)[1]
+        return nearest
+
+    @cached_property
+    def _centers(self) -> KDTree:
+        """Tree of the centres of the boxes."""
+        from scipy.spatial import KDTree  # slow to load, so only where needed
+
+        lower, upper = self._levels[0]
+        centers = np.empty_like(lower)
+        centers[self._order] = (lower + upper) / 2.0
+        return KDTree(centers)
+
+
+def _along_curve(x: FloatArray) -> IntArray:
+    """Return the order of positions (B, 3) along a Morton curve, which keeps neighbours together."""
+    lower, size = x.min(axis=0), max(float(np.ptp(x, axis=0).max()), np.finfo(float).tiny)
+    cells = np.minimum((x - lower) / size * 2.0**_BITS, 2.0**_BITS - 1.0).astype(np.uint64)
+    codes = np.zeros(len(x), dtype=np.uint64)
+    for bit in range(_BITS):
+        for axis in range(3):
+            here = (cells[:, axis] >> np.uint64(bit)) & np.uint64(1)
+            codes |= here << np.uint64(3 * bit + axis)
+    return np.argsort(codes, kind="stable")

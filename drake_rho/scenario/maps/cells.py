@@ -1,0 +1,66 @@
+"""Cells of a regular grid: boxes that cover them, and the free cells around them."""
+
+from __future__ import annotations
+
+from itertools import permutations, product
+
+import numpy as np
+
+from drake_rho.scenario.fields import IntArray
+
+
+def covering_boxes(cells: IntArray) -> tuple[IntArray, IntArray]:
+    """Return boxes that cover exactly the given cells, without overlap.
+
+    Cells are joined to rows along one axis, equal neighbouring rows to slabs along the next, and
+    slabs to boxes along the last. The best of the six orders of axes is taken.
+
+    Args:
+        cells: different indices of cells, shape (M, 3), with M of at least 1.
+
+    Returns:
+        First cells, and cells past the last, of each box, shape (B, 3) each.
+    """
+    return min((_joined(cells, order) for order in permutations(range(3))), key=lambda b: len(b[0]))
+
+
+def _joined(cells: IntArray, axes: tuple[int, ...]) -> tuple[IntArray, IntArray]:
+    """Return boxes that cover cells, joined along axes in the given order."""
+    lower, upper = cells, cells + 1
+    for axis in axes:
+        across = [each for each in range(3) if each != axis]
+        sides = [side for other in across for side in (lower[:, other], upper[:, other])]
+        order = np.lexsort([lower[:, axis], *sides])
+        lower, upper = lower[order], upper[order]
+        joins = upper[:-1, axis] == lower[1:, axis]
+        for other in across:
+            joins &= lower[1:, other] == lower[:-1, other]
+            joins &= upper[1:, other] == upper[:-1, other]
+        ends = np.append(~joins, True)
+        lower, upper = lower[np.append(True, ~joins)], upper[ends]
+    return lower, upper
+
+
+def free_neighbours(cells: IntArray) -> IntArray:
+    """Return the cells that are not among the given ones but touch one, shape (S, 3)."""
+    around = np.array([step for step in product((-1, 0, 1), repeat=3) if any(step)])
+    candidates = unique(np.concatenate([cells + step for step in around]))
+    both = np.concatenate([cells, candidates])
+    _, firsts, counts = np.unique(_keys(both), return_index=True, return_counts=True)
+    free: IntArray = both[firsts[(counts == 1) & (firsts >= len(cells))]]
+    return free
+
+
+def unique(cells: IntArray) -> IntArray:
+    """Return each of the given cells once, sorted by x, y and z, shape (U, 3)."""
+    firsts = np.unique(_keys(cells), return_index=True)[1]
+    found: IntArray = cells[firsts]
+    return found
+
+
+def _keys(cells: IntArray) -> IntArray:
+    """Return one number for each cell, in the order of x, y and z, shape (M,)."""
+    lower = cells.min(axis=0)
+    sides = cells.max(axis=0) - lower + 1
+    keys: IntArray = np.ravel_multi_index(tuple((cells - lower).T), tuple(sides))
+    return keys

@@ -1,0 +1,61 @@
+"""Base class of maps: solids of very many parts, each with its own distance."""
+
+from __future__ import annotations
+
+import abc
+from functools import cached_property
+
+import numpy as np
+
+from drake_rho.scenario.fields import FloatArray
+from drake_rho.scenario.maps.parts import Parts
+from drake_rho.scenario.shapes.base import Solid
+
+
+class Map(Solid):
+    """Union of cells or triangles. Distances are from these, and exact."""
+
+    @property
+    @abc.abstractmethod
+    def parts(self) -> Parts:
+        """Its cells or triangles."""
+
+    @abc.abstractmethod
+    def _inside(self, x: FloatArray, distances: FloatArray) -> FloatArray:
+        """Return distances (...) of positions relative to the centre (..., 3), negative inside.
+
+        Args:
+            x: positions [m].
+            distances: from the nearest part [m].
+        """
+
+    @cached_property
+    def center(self) -> FloatArray:  # type: ignore[override]  # derived here
+        """Centre of the bounding box of its parts [m]."""
+        return self.parts.center
+
+    @property
+    def extent(self) -> FloatArray:
+        """Half the sides of the bounding box [m]."""
+        return self.parts.extent
+
+    @property
+    def size(self) -> float:  # type: ignore[override]  # derived here
+        """Length to which the tolerance refers [m]."""
+        return self.parts.size
+
+    @property
+    def thickness(self) -> float:
+        """Least extent of a part of its cover [m]."""
+        return self.cover.thickness
+
+    def local_distance(self, x: FloatArray) -> FloatArray:
+        """Return distances from the surface, negative inside."""
+        return self._inside(x, self.parts.local_distance(x))
+
+    def local_outward(self, x: FloatArray) -> FloatArray:
+        """Return unit vectors from the nearest points of the nearest parts."""
+        return self.parts.local_outward(x)
+
+    def check_solid(self) -> None:
+        """Accept every map: a surface is kept clear of by vehicles with a radius."""

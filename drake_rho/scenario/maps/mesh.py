@@ -1,0 +1,138 @@
+"""Triangle meshes as obstacles: solids where they are watertight, else surfaces."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import model_validator
+
+from drake_rho.scenario.errors import Description, ScenarioError
+from drake_rho.scenario.fields import BoolArray, FloatArray, record
+from drake_rho.scenario.maps.map import Map
+from drake_rho.scenario.maps.parts import Triangles
+from drake_rho.scenario.maps.source import Source
+from drake_rho.scenario.maps.stored import NumberRows, WholeRows
+
+
+@record
+class Mesh(Map):
+    """Union of triangles, and the inside of a mesh that is watertight.
+
+    Examples:
+        >>> corners = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]
+        >>> pyramid = rho.Mesh(corners, [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
+        >>> pyramid.is_watertight, float(pyramid.signed_distance(np.array([0.1, 0.1, -2.0])))
+        (True, 2.0)
+    """
+
+    vertices: NumberRows
+    """positions of the vertices [m], shape (V, 3)"""
+    triangles: WholeRows
+    """numbers of the three vertices of each triangle, from 0, shape (F, 3)"""
+    source: Source | None = None
+    """file that it was read from, if any"""
+
+    if TYPE_CHECKING:
+
+        def __init__(
+            self,
+            vertices: npt.ArrayLike,
+            triangles: npt.ArrayLike,
+            source: Source | None = None,
+        ) -> None: ...
+
+    @model_validator(mode="after")
+    def _has_triangles(self) -> Mesh:
+        if len(self.triangles) == 0:
+            raise ScenarioError("triangles", Description("none"), "at least one triangle")
+        if self.triangles.min() < 0 or self.triangles.max() >= len(self.vertices):
+            wrong = (self.triangles < 0) | (self.triangles >= len(self.vertices))
+            row = int(np.argmax(wrong.any(axis=1)))
+            expected = f"numbers of vertices, from 0 to {len(self.vertices) - 1}"
+            raise ScenarioError(f"triangles[{row}]", self.triangles[row].tolist(), expected)
+        if not np.ptp(self.corners.reshape(-1, 3), axis=0).any():
+            expected = "vertices that are not all at one place"
+            raise ScenarioError("vertices", self.vertices[0].tolist(), expected)
+        return self
+
+    def __str__(self) -> str:
+        """Return a description: 'watertight mesh of 12 triangles around [0.0, 0.0, 0.0]'."""
+        kind = "watertight mesh" if self.is_watertight else "surface"
+        center = np.round(self.center, 3).tolist()
+        return f"{kind} of {len(self.triangles)} triangles around {center}"
+
+    @cached_property
+    def corners(self) -> FloatArray:
+        """Positions of the corners of the triangles [m], shape (F, 3, 3)."""
+        corners: FloatArray = self.vertices[self.triangles]
+        return corners
+
+    @cached_property
+    def parts(self) -> Triangles:
+        """The triangles."""
+        return Triangles(self.corners)
+
+    @property
+    def cover(self) -> Triangles:
+        """The triangles, which are convex parts already."""
+        return self.parts
+
+    @cached_property
+    def is_watertight(self) -> bool:
+        """Whether every edge joins two triangles, so that there is an inside.
+
+        Vertices at the same position count as one.
+        """
+        _, numbers = np.unique(self.vertices, axis=0, return_inverse=True)
+        triangles = numbers.reshape(-1)[self.triangles]
+        different = triangles != np.roll(triangles, -1, axis=1)
+        triangles = triangles[different.all(axis=1)]
+        edges = np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=-1).reshape(-1, 2)
+        counts = np.unique(np.sort(edges, axis=1), axis=0, return_counts=True)[1]
+        return bool(np.all(counts % 2 == 0))
+
+    def _inside(self, x: FloatArray, distances: FloatArray) -> FloatArray:
+        """Return distances with a negative sign inside of a watertight mesh."""
+        if not self.is_watertight:
+            return distances
+        within = np.all(np.abs(x) <= self.extent, axis=-1)
+        if not within.any():
+            return distances
+        signs = np.ones(within.shape)
+        signs[within] = np.where(self.parts_above(x[within]) % 2 == 1, -1.0, 1.0)
+        return signs * distances
+
+    def parts_above(self, x: FloatArray) -> npt.NDArray[np.int64]:
+        """Return the number of triangles above positions relative to the centre, (Q, 3): (Q,).
+
+        A vertical ray crosses the surface an odd number of times from inside. Edges are seen by
+        each of their triangles as the same numbers, so that a ray never passes between two.
+        """
+        parts = self.parts
+        upper = np.concatenate([x[:, :2], np.full((len(x), 1), parts.tree.upper[2] + 1.0)], axis=1)
+        rays, numbers = parts.tree.pairs(x, upper, np.zeros(len(x)))
+        corners, points = parts.corners[numbers], x[rays]
+        crossed = np.zeros(len(rays), dtype=bool)
+        for k in range(3):
+            crossed ^= _crosses(corners[:, k], corners[:, (k + 1) % 3], points)
+        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        height = np.einsum("pi,pi->p", corners[:, 0] - points, normals)
+        upright = normals[:, 2] != 0.0
+        height = height / np.where(upright, normals[:, 2], 1.0)
+        above = crossed & upright & (height > 0.0)
+        return np.bincount(rays[above], minlength=len(x))
+
+
+def _crosses(one: FloatArray, other: FloatArray, x: FloatArray) -> BoolArray:
+    """Return which edges, seen from above, pass x (P, 3) on the side of larger x coordinates."""
+    swapped = (one[:, 1] > other[:, 1]) | ((one[:, 1] == other[:, 1]) & (one[:, 0] > other[:, 0]))
+    low = np.where(swapped[:, None], other, one)  # the same for both triangles of an edge
+    high = np.where(swapped[:, None], one, other)
+    spans = (low[:, 1] <= x[:, 1]) & (x[:, 1] < high[:, 1])
+    rise = np.where(spans, high[:, 1] - low[:, 1], 1.0)
+    at = low[:, 0] + (x[:, 1] - low[:, 1]) / rise * (high[:, 0] - low[:, 0])
+    crosses: BoolArray = spans & (x[:, 0] < at)
+    return crosses
