@@ -21,6 +21,8 @@ from drake_rho.scenario.fields import (
     record_kind,
     unchecked,
 )
+from drake_rho.scenario.maps.mesh import Mesh
+from drake_rho.scenario.maps.voxels import Voxels
 from drake_rho.scenario.parts import Grid
 from drake_rho.scenario.shapes.cylinders import Cylinder
 from drake_rho.scenario.shapes.polyhedra import Box, Polytope
@@ -28,10 +30,12 @@ from drake_rho.scenario.shapes.quadrics import Ellipsoid, Sphere
 from drake_rho.scenario.tracks import Track
 
 if TYPE_CHECKING:
-    from drake_rho.scenario.shapes.base import Shape
+    from drake_rho.scenario.shapes.base import Solid
 
 _KINDS = {
     "Obstacle": ("shape", "velocity", "track", "known_from", "name", "active"),
+    "Mesh": ("mesh", "triangles"),
+    "Voxels": ("octomap", "points", "occupied"),
     "Polytope": ("vertices",),
     "Ellipsoid": ("semi_axes",),
     "Box": ("lower", "upper"),
@@ -53,10 +57,12 @@ _Shapes = (
     | Annotated[Ellipsoid, Tag("Ellipsoid")]
     | Annotated[Cylinder, Tag("Cylinder")]
     | Annotated[Polytope, Tag("Polytope")]
+    | Annotated[Voxels, Tag("Voxels")]
+    | Annotated[Mesh, Tag("Mesh")]
 )
 
 AnyShape = Annotated[_Shapes, Discriminator(_kind)]
-"""One of the shapes, identified by its keys in a file."""
+"""One of the shapes or maps, identified by its keys in a file."""
 
 
 @record
@@ -88,7 +94,7 @@ class Obstacle:
 
         def __init__(
             self,
-            shape: Shape,
+            shape: Solid,
             velocity: npt.ArrayLike | None = None,
             track: Track | None = None,
             known_from: float = 0.0,
@@ -256,14 +262,16 @@ def active_during(
 ) -> tuple[tuple[int, Obstacle], ...]:
     """Return the known obstacles that are active at any time of a flight, with their numbers.
 
-    Those that are active at all times have no interval, so that plans are as if they had none.
+    Those that are active at all times have no interval, so that plans are as if they had none. The
+    shape of a map is its cover, which is all that planners see of it.
 
     Args:
         known: obstacles and their numbers, on a clock that is 0 at the first knot.
         grid: of the flight or of its remainder.
     """
     found = list[tuple[int, Obstacle]]()
-    for number, body in known:
+    for number, each in known:
+        body = each if each.shape.cover is each.shape else unchecked(each, shape=each.shape.cover)
         first, last = body.active or (0.0, grid.duration)
         if body.is_always_active(grid):
             found.append((number, unchecked(body, active=None)))

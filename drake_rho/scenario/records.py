@@ -22,10 +22,12 @@ from drake_rho.scenario.errors import one_of
 from drake_rho.scenario.fields import FloatArray, Name, read_only, record, unchecked
 from drake_rho.scenario.fleet import Fleet
 from drake_rho.scenario.limits import Limits
+from drake_rho.scenario.maps.mesh import Mesh
+from drake_rho.scenario.maps.voxels import Voxels
 from drake_rho.scenario.obstacles import AnyObstacle, Obstacle, active_during, known_at_start
 from drake_rho.scenario.parts import Grid, Quantity, Separation, State, Vehicle, Waypoint
 from drake_rho.scenario.requirements import KeepIn, parts_for
-from drake_rho.scenario.shapes.base import TOLERANCE, Shape
+from drake_rho.scenario.shapes.base import TOLERANCE, Solid
 from drake_rho.scenario.shapes.cylinders import Cylinder
 from drake_rho.scenario.shapes.polyhedra import Box, Polytope
 from drake_rho.scenario.shapes.quadrics import Ellipsoid, Sphere
@@ -45,6 +47,7 @@ __all__ = [
     "HalfSpace",
     "KeepIn",
     "Limits",
+    "Mesh",
     "Obstacle",
     "Polytope",
     "Quantity",
@@ -54,6 +57,7 @@ __all__ = [
     "State",
     "Track",
     "Vehicle",
+    "Voxels",
     "Waypoint",
 ]
 Ball = Sphere  # the name of the solid, for sets to keep in
@@ -103,7 +107,7 @@ class Scenario(ShownInNotebooks):
             grid: Grid,
             vehicles: Sequence[Vehicle],
             limits: Limits = ...,
-            obstacles: Sequence[Shape | Obstacle] = (),
+            obstacles: Sequence[Solid | Obstacle] = (),
             separation: Separation | None = None,
             between_knots: bool = True,
             disturbance: Disturbance | None = None,
