@@ -147,7 +147,7 @@ class Fleet:
                 centers = body.centers(np.concatenate([[0.0], corners, [T]]))
                 moved = float(np.linalg.norm(np.diff(centers, axis=0), axis=1).sum())
                 moved = moved if body.active is None else np.inf
-                most = np.minimum(body.shape.extent.min() + required, moved)
+                most = np.minimum(body.shape.thickness + required, moved)
                 evasion[met] = np.maximum(evasion, most)[met]
         return evasion
 
