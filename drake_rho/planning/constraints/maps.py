@@ -9,6 +9,7 @@ meets. The number of a part is the side of its rows.
 from __future__ import annotations
 
 import dataclasses
+from functools import cached_property
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from drake_rho.motion.penetration import deepest, pieces_near
 from drake_rho.planning.constraints.base import VIOLATED, HalfSpaces
 from drake_rho.planning.constraints.keep_out import EvaluationPoints
 from drake_rho.planning.constraints.obstacles import KeepOutOfObstacle
+from drake_rho.planning.constraints.stretches import with_neighbours
 from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.maps.parts import Parts
 
@@ -27,6 +29,7 @@ class KeepOutOfMap(KeepOutOfObstacle):
 
     shape: Parts
     """convex parts that cover the map"""
+    of_parts: bool = True
 
     def distances(self, motion: Motion, points: EvaluationPoints) -> FloatArray:
         """Return signed distances from the points' own parts [m], shape (R,)."""
@@ -86,27 +89,44 @@ class KeepOutOfMap(KeepOutOfObstacle):
         return _sorted(points.vehicles[which], parts, points.times[which])
 
     def violated_at_knots(self, motion: Motion, vehicles: IntArray, neighbours: int) -> HalfSpaces:
-        """Return violated rows of the parts that inner knots are too close to.
+        """Return violated rows of the parts that inner knots are too close to, one for each knot.
 
-        The rows of the same parts at neighbouring knots come with them.
+        At neighbouring knots, rows are those of the part that is nearest to the reference there:
+        the parts that a motion meets on its way through a wall are too many.
         """
         points = self._penetrating_knots(motion, vehicles)
         if len(points) == 0:
             return self.none
         rows = self.rows(points)
-        rows = rows.select(rows.margins(motion) < -VIOLATED * rows.tolerances)
+        margins = rows.margins(motion)
+        violated = margins < -VIOLATED * rows.tolerances
+        rows = rows.select(violated)
+        rows = rows.select(_worst_of_each_time(rows, margins[violated]))
         if neighbours == 0 or len(rows) == 0:
             return rows
-        knots = np.rint(rows.times / motion.step).astype(np.int64)
-        around = knots[:, None] + np.arange(-neighbours, neighbours + 1)
-        inner = (around >= 1) & (around < motion.accelerations.shape[1])
-        which = np.nonzero(inner)[0]
-        every = np.unique(
-            np.stack([rows.vehicles[which], rows.sides[which], around[inner]]), axis=1
-        )
-        times = motion.step * every[2]
-        points = _sorted(every[0], every[1], times)
-        return self.rows(points.select(self.holds_at(points.times)))
+        inner = motion.accelerations.shape[1] - 1
+        marked = np.zeros(len(self._nearest_rows), dtype=bool)
+        marked[rows.vehicles * inner + np.rint(rows.times / motion.step).astype(int) - 1] = True
+        marked = with_neighbours(marked, self._nearest_rows.vehicles, neighbours)
+        nearby = self._nearest_rows.select(marked & self.holds_at(self._nearest_rows.times))
+        return rows.union(nearby)
+
+    @cached_property
+    def _nearest_rows(self) -> HalfSpaces:
+        """Rows of the part nearest to the reference at every inner knot."""
+        x = self.offsets(self.reference, self.inner_knots)
+        points = dataclasses.replace(self.inner_knots, parts=self.shape.nearest(x))
+        return self.rows(points)
+
+
+def _worst_of_each_time(rows: HalfSpaces, margins: FloatArray) -> IntArray:
+    """Return the row with the least margin of each vehicle and time, sorted by these."""
+    order = np.lexsort((margins, rows.times, rows.vehicles))
+    vehicles, times = rows.vehicles[order], rows.times[order]
+    first = np.ones(len(order), dtype=bool)
+    first[1:] = (np.diff(vehicles) != 0) | (np.diff(times) != 0.0)
+    worst: IntArray = order[first]
+    return worst
 
 
 def _sorted(vehicles: IntArray, parts: IntArray, times: FloatArray) -> EvaluationPoints:

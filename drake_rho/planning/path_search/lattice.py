@@ -261,12 +261,11 @@ def _block_map(
     block = _block_of(low, high - low)
     axes = [np.arange(a, b) for a, b in zip(low, high, strict=True)]
     x = raster.at(np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)) - body.first_center
-    moves = MOVES[STAY + 1 :] * raster.spacing
     assert isinstance(body.shape, Parts)  # noqa: S101  # callers check this
-    inside, blocked = colliding(body.shape, required, x.reshape(-1, 3), moves)
-    free[block] &= ~inside.reshape(x.shape[:-1])
+    inside, blocked = colliding(body.shape, required, x, MOVES[STAY + 1 :], raster.spacing)
+    free[block] &= ~inside
     for u, hit in enumerate(blocked, start=STAY + 1):
-        clear[u][block] &= ~hit.reshape(x.shape[:-1])
+        clear[u][block] &= ~hit
 
 
 def _parts(low: IntArray, high: IntArray) -> Iterator[tuple[IntArray, IntArray]]:

@@ -1,8 +1,8 @@
 """Points and moves of a raster that collide with a map.
 
-Each point is compared with the parts near it, which the map's tree finds for many points at once.
-Moves are compared with the parts near their start, part by part, since the distance along a move is
-convex for a part, though not for the map.
+Distances of the points leave most moves decided: the distance from a map changes by no more than
+the length of a move. The others are compared with the parts of the map that they come near, one by
+one, since the distance along a move is convex for a part, though not for the map.
 """
 
 from __future__ import annotations
@@ -14,95 +14,96 @@ from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.maps.parts import Parts
 
 _PAIRS = 400_000
-"""Number of pairs of a point and a part that are compared at once, which bounds the memory."""
+"""Number of pairs of a move and a part that are compared at once, which bounds the memory."""
 
-_POINTS = 4096
-"""Number of points whose near parts are found at once."""
+_SEGMENTS = 50_000
+"""Number of moves whose near parts are found at once."""
 
 
 def colliding(
-    parts: Parts, required: float, x: FloatArray, moves: FloatArray
+    parts: Parts, required: float, x: FloatArray, moves: IntArray, spacing: FloatArray
 ) -> tuple[BoolArray, BoolArray]:
-    """Return which points and which moves from them collide with a map.
+    """Return which points of a block of a raster, and which moves between them, collide with a map.
 
     Args:
         parts: convex parts that cover the map.
         required: distance from it [m].
-        x: points relative to its centre [m], shape (Q, 3).
-        moves: displacements [m], shape (U, 3).
+        x: points relative to its centre [m], shape (X, Y, Z, 3).
+        moves: in units of the spacing, shape (U, 3).
+        spacing: of the raster [m], shape (3,).
 
     Returns:
-        For points, shape (Q,), and for moves by their starting point, shape (U, Q).
+        For points, shape (X, Y, Z), and for moves by their starting point, (U, X, Y, Z). A move
+        that leaves the block does not count.
     """
-    x, moves = parts.in_frame(x), parts.in_frame(moves)
-    inside, blocked = np.zeros(len(x), dtype=bool), np.zeros((len(moves), len(x)), dtype=bool)
-    reach = required + float(np.linalg.norm(moves, axis=1).max(initial=0.0))
-    for first in range(0, len(x), _POINTS):
-        here = x[first : first + _POINTS]
-        points, near = parts.tree.pairs(here, here, np.full(len(here), reach))
-        for begin in range(0, len(near), _PAIRS):
-            block = slice(begin, begin + _PAIRS)
-            who, part = first + points[block], near[block]
-            at = x[who]
-            d = parts.distances_of(part, at) - required
-            inside[who[d < 0.0]] = True
-            for u, move in enumerate(moves):
-                close = d < np.linalg.norm(move)
-                hit = _collide(parts, required, part[close], at[close], move, d[close])
-                blocked[u, who[close][hit]] = True
+    shape, steps = np.array(x.shape[:3]), moves * spacing
+    lengths = np.linalg.norm(steps, axis=1)
+    d = parts.distance_up_to(x, required + float(lengths.max())) - required
+    inside: BoolArray = d < 0.0
+    blocked = np.zeros((len(moves), *shape), dtype=bool)
+    for u, (move, step, length) in enumerate(zip(moves, steps, lengths, strict=True)):
+        first, last = np.maximum(0, -move), shape - np.maximum(0, move)
+        if np.any(first >= last):
+            continue
+        begin = tuple(slice(a, b) for a, b in zip(first, last, strict=True))
+        end = tuple(slice(a, b) for a, b in zip(first + move, last + move, strict=True))
+        blocked[u][begin] = inside[begin] | inside[end]
+        unsure = (d[begin] + d[end] < length) & ~blocked[u][begin]
+        starts = x[begin][unsure]
+        hit = np.zeros_like(unsure)
+        hit[unsure] = segments_collide(parts, required, starts, starts + step)
+        blocked[u][begin] |= hit
     return inside, blocked
 
 
-def _collide(
-    parts: Parts,
-    required: float,
-    part: IntArray,
-    start: FloatArray,
-    move: FloatArray,
-    clearance: FloatArray,
-) -> BoolArray:
-    """Return which starts (P,) of one move, with their clearances, collide with their parts."""
-    samples = [
-        clearance,
-        parts.distances_of(part, start + move / 2.0) - required,
-        parts.distances_of(part, start + move) - required,
-    ]
-    d = np.stack(samples)
-    length = np.asarray(np.linalg.norm(move))
-    hit = convex_lower_bound(d, length) < 0.0
-    unsure = np.flatnonzero(hit & (d.min(axis=0) >= 0.0))
-    if len(unsure) > 0:
-        along = np.linspace(0.0, 1.0, SAMPLES)
-        hit[unsure] = _least(parts, part[unsure], start[unsure], move, along, length) < required
-    return hit
-
-
-def _least(
-    parts: Parts,
-    part: IntArray,
-    start: FloatArray,
-    move: FloatArray,
-    along: FloatArray,
-    length: FloatArray,
-) -> FloatArray:
-    """Return lower bounds of the distances from parts (P,) along moves from starts, shape (P,)."""
-    d = np.stack([parts.distances_of(part, start + s * move) for s in along])
-    return convex_lower_bound(d, length)
-
-
 def segments_collide(
-    parts: Parts, required: float, one: FloatArray, other: FloatArray, samples: int
+    parts: Parts, required: float, one: FloatArray, other: FloatArray, samples: int = SAMPLES
 ) -> BoolArray:
-    """Return which segments between positions relative to the centre, (E, 3), collide: (E,)."""
+    """Return which segments between positions relative to the centre, (E, 3), collide: (E,).
+
+    Args:
+        parts: convex parts that cover the map.
+        required: distance from it [m].
+        one: ends of the segments [m], shape (E, 3).
+        other: their other ends [m], shape (E, 3).
+        samples: points along a segment at which distances are computed if three leave it undecided.
+    """
     one, other = parts.in_frame(one), parts.in_frame(other)
     collides = np.zeros(len(one), dtype=bool)
     lower, upper = np.minimum(one, other), np.maximum(one, other)
-    segments, near = parts.tree.pairs(lower, upper, np.full(len(one), max(required, 0.0)))
-    along = np.linspace(0.0, 1.0, samples)
-    for begin in range(0, len(near), _PAIRS):
-        who, part = segments[begin : begin + _PAIRS], near[begin : begin + _PAIRS]
-        steps = other[who] - one[who]
-        lengths = np.linalg.norm(steps, axis=1)
-        least = _least(parts, part, one[who], steps, along, lengths)
-        collides[who[least < required]] = True
+    for first in range(0, len(one), _SEGMENTS):
+        here = slice(first, first + _SEGMENTS)
+        within = np.full(len(one[here]), max(required, 0.0))
+        segments, near = parts.tree.pairs(lower[here], upper[here], within)
+        for begin in range(0, len(near), _PAIRS):
+            who, part = first + segments[begin : begin + _PAIRS], near[begin : begin + _PAIRS]
+            ends = one[who], other[who]
+            collides[who[_come_near(parts, required, part, *ends, samples)]] = True
     return collides
+
+
+def _come_near(
+    parts: Parts,
+    required: float,
+    part: IntArray,
+    one: FloatArray,
+    other: FloatArray,
+    samples: int,
+) -> BoolArray:
+    """Return which segments (P, 3) come nearer to their parts (P,) than required, (P,)."""
+    lengths = np.linalg.norm(other - one, axis=1)
+    near = np.zeros(len(part), dtype=bool)
+    unsure = np.arange(len(part))
+    for count in (3, samples):
+        ends = one[unsure], other[unsure]
+        along = np.linspace(0.0, 1.0, count)
+        d = np.stack(
+            [parts.distances_of(part[unsure], (1.0 - s) * ends[0] + s * ends[1]) for s in along]
+        )
+        hit = convex_lower_bound(d, lengths[unsure]) < required
+        near[unsure[hit]] = True
+        unsure = unsure[hit & (d.min(axis=0) >= required)]  # a point inside decides the check
+        if len(unsure) == 0 or count == samples:
+            break
+        near[unsure] = False
+    return near

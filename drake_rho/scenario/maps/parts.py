@@ -102,6 +102,10 @@ class Parts(Solid):
         """Return distances from the nearest part, or `most` where they are larger: faster."""
         return self._nearest(x, most)[1]
 
+    def nearest(self, x: FloatArray) -> IntArray:
+        """Return the number of the nearest part for positions (..., 3) relative to the centre."""
+        return self._nearest(x)[0]
+
     def local_outward(self, x: FloatArray) -> FloatArray:
         """Return unit vectors from the nearest point of the nearest part."""
         return self.local_measured(x)[1]
