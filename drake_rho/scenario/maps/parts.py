@@ -34,7 +34,10 @@ class Parts(Solid):
 
     Attributes:
         tree: of the parts' bounding boxes, relative to the centre.
+        solid: what they are the parts of, or the cover; None for a union by itself.
     """
+
+    solid: Solid | None = None
 
     def __init__(
         self,

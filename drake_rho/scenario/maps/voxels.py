@@ -78,7 +78,9 @@ class Voxels(Map):
     @cached_property
     def cover(self) -> Boxes:  # type: ignore[override]  # computed once
         """Boxes whose union is that of the cells."""
-        return self._boxes(*covering_boxes(self.occupied))
+        cover = self._boxes(*covering_boxes(self.occupied))
+        cover.solid = self
+        return cover
 
     @cached_property
     def _around(self) -> Boxes:
@@ -102,3 +104,8 @@ class Voxels(Map):
         distances = np.array(distances)
         distances[inside] = -np.maximum(depths, 0.0)
         return distances
+
+    def _way_out(self, x: FloatArray) -> FloatArray:
+        """Return unit vectors to the nearest free cell."""
+        around = self._around
+        return -around.local_outward(x + (self.center - around.center))
