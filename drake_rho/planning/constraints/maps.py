@@ -124,8 +124,8 @@ class KeepOutOfMap(KeepOutOfObstacle):
         x = self.offsets(self.reference, self.inner_knots)
         required = self.radius(self.inner_knots)
         distances = self.shape.distance_up_to(x, float(required.max()))
-        close: BoolArray = (distances < required).reshape(len(self.required), -1).any(axis=1)
-        return close
+        close = (distances < required).reshape(len(self.required), -1)
+        return np.asarray(close.any(axis=1))
 
     @cached_property
     def _nearest_rows(self) -> HalfSpaces:

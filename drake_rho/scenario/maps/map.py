@@ -5,8 +5,6 @@ from __future__ import annotations
 import abc
 from functools import cached_property
 
-import numpy as np
-
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.maps.parts import Parts
 from drake_rho.scenario.shapes.base import Solid
@@ -30,7 +28,7 @@ class Map(Solid):
         """
 
     @cached_property
-    def center(self) -> FloatArray:  # type: ignore[override]  # derived here
+    def center(self) -> FloatArray:
         """Centre of the bounding box of its parts [m]."""
         return self.parts.center
 

@@ -76,7 +76,7 @@ class Voxels(Map):
         return self._boxes(self.occupied, self.occupied + 1)
 
     @cached_property
-    def cover(self) -> Boxes:  # type: ignore[override]  # computed once
+    def cover(self) -> Boxes:
         """Boxes whose union is that of the cells."""
         cover = self._boxes(*covering_boxes(self.occupied))
         cover.solid = self
@@ -89,7 +89,7 @@ class Voxels(Map):
         return self._boxes(free, free + 1)
 
     def _boxes(self, lower: IntArray, upper: IntArray) -> Boxes:
-        h = self.resolution
+        h = np.float64(self.resolution)
         if self.rotation is None:
             return Boxes(h * lower + self.origin, h * upper + self.origin)
         return Boxes(h * lower, h * upper, self.rotation, self.origin)
