@@ -55,7 +55,7 @@ class SeenMaps:
         Raises:
             ValueError: the scenario has no such map, or several and it is not said which one.
         """
-        bodies, step = list(scenario.bodies), scenario.grid.step
+        bodies = list(scenario.bodies)
         for number, latest in self._numbered(scenario, newer):
             parts = self._parts.setdefault(number, [])
             name = (bodies[number - 1].name if number <= len(bodies) else None) or "map"
@@ -65,9 +65,7 @@ class SeenMaps:
                 stays, goes = rest.compared(body.shape)
                 if goes is None:
                     continue
-                begin = (body.active or (scenario.grid.start - step,))[0]
-                until = (min(begin, time - step), time - _JUST_BEFORE * step)
-                gone = unchecked(body, shape=goes, active=until, name=f"{name} until {at}")
+                gone = self._until(time, scenario, body, goes, f"{name} until {at}")
                 if stays is None:
                     parts.remove(each)
                     bodies[each - 1] = unchecked(gone, name=body.name)
@@ -78,6 +76,19 @@ class SeenMaps:
                 bodies.append(Obstacle(rest.left, known_from=time, name=f"{name} from {at}"))
                 parts.append(len(bodies))
         return with_obstacles(scenario, tuple(bodies))
+
+    def _until(
+        self, time: float, scenario: Scenario, body: Obstacle, goes: Solid, name: str
+    ) -> Obstacle:
+        """Return what is gone of an obstacle, active from when it was known until now.
+
+        It is no news, so it counts as known from the start.
+        """
+        step, begin = scenario.grid.step, scenario.grid.start - scenario.grid.step
+        if body.known_from > 0.0:
+            begin = body.known_from
+        active = (begin, time - _JUST_BEFORE * step)
+        return unchecked(body, shape=goes, known_from=0.0, active=active, name=name)
 
     def _numbered(
         self, scenario: Scenario, newer: Map | Mapping[str, Map]
