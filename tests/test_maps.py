@@ -136,7 +136,7 @@ def test_a_watertight_mesh_has_the_distances_of_its_solid(seed: int) -> None:
     corners = np.array(list(product((-1.0, 1.0), (-0.5, 0.5), (0.0, 2.0))))
     faces = [[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1], [2, 3, 7], [2, 7, 6]]
     faces += [[0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3]]
-    mesh = rho.Mesh(corners, faces)
+    mesh = rho.Mesh(corners, np.array(faces))
     x = rng.uniform(-3.0, 3.0, (200, 3))
     x[:4] = np.round(x[:4])  # above edges and corners
     assert mesh.signed_distance(x) == pytest.approx(box.signed_distance(x), abs=1e-9)
@@ -152,9 +152,9 @@ def test_records_of_maps_refuse_what_they_cannot_hold() -> None:
     with pytest.raises(rho.ScenarioError, match="at least one triangle"):
         rho.Mesh(np.zeros((3, 3)), np.zeros((0, 3)))
     with pytest.raises(rho.ScenarioError, match=r"triangles\[0\]"):
-        rho.Mesh(np.eye(3), [[0, 1, 3]])
+        rho.Mesh(np.eye(3), np.array([[0, 1, 3]]))
     with pytest.raises(rho.ScenarioError, match=r"vertices\[1\]"):
-        rho.Mesh([[0, 0, 0], [np.nan, 0, 0], [0, 1, 0]], [[0, 1, 2]])
+        rho.Mesh(np.array([[0, 0, 0], [np.nan, 0, 0], [0, 1, 0]]), [[0, 1, 2]])
     with pytest.raises(rho.ScenarioError, match="rotation"):
         rho.Voxels([[0, 0, 0]], 0.1, rotation=2.0 * np.eye(3))
     assert rotation_of([0.0, 0.0, np.pi / 2.0]) @ [1.0, 0.0, 0.0] == pytest.approx([0.0, 1.0, 0.0])

@@ -40,7 +40,7 @@ def square(half: float, hole: float) -> rho.Mesh:
     """Return a sheet across the way along x, with a square hole; a surface without an inside."""
     y = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
     corners = np.concatenate([half * y, hole * y + [1.2, 0.0]])
-    vertices = np.column_stack([np.zeros(8), corners + [0.0, 1.5]])
+    vertices = np.column_stack([np.zeros(8), corners + np.array([0.0, 1.5])])
     triangles = [[k, (k + 1) % 4, 4 + (k + 1) % 4] for k in range(4)]
     triangles += [[k, 4 + (k + 1) % 4, 4 + k] for k in range(4)]
     return rho.Mesh(vertices, triangles)
@@ -120,11 +120,13 @@ def test_a_map_at_rest_may_be_moved_or_turned_with_everything_else() -> None:
     def cost(change: Callable[[Array], Array], voxels: rho.Voxels) -> float:
         scenario = crossing([voxels], limits=rho.Limits(max_speed=4.0, max_acceleration=6.0))
         (vehicle,) = scenario.vehicles
-        ends = {
-            end: dataclasses.replace(state, position=change(state.position))
-            for end, state in (("start", vehicle.start), ("goal", vehicle.goal))
-        }
-        moved = dataclasses.replace(scenario, vehicles=[dataclasses.replace(vehicle, **ends)])
+        start, goal = (
+            dataclasses.replace(state, position=change(state.position))
+            for state in (vehicle.start, vehicle.goal)
+        )
+        moved = dataclasses.replace(
+            scenario, vehicles=(dataclasses.replace(vehicle, start=start, goal=goal),)
+        )
         plan = rho.plan(moved)
         assert rho.verify(plan).ok
         return plan.cost
@@ -216,7 +218,7 @@ def test_a_mesh_or_another_grid_replaces_a_map_as_a_whole() -> None:
     flown.step(flown.planned(0), 0.0)
     with pytest.raises(ValueError, match="several"):
         flown.step(flown.planned(8), 2.0, map=wall)
-    with pytest.raises(ValueError, match="'shed'.*wall"):
+    with pytest.raises(ValueError, match=r"'shed'.*wall"):
         flown.step(flown.planned(8), 2.0, map={"shed": wall})
     finer = wall_with_gap(0.125)
     flown.step(flown.planned(8), 2.0, map={"wall": finer, "sheet": sheet})
