@@ -12,11 +12,11 @@ from pydantic import model_validator
 
 from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.errors import Description, ScenarioError
-from drake_rho.scenario.fields import LARGEST, BoolArray, FloatArray, record, unchecked
+from drake_rho.scenario.fields import LARGEST, BoolArray, FloatArray, record
 from drake_rho.scenario.maps.map import Map
 from drake_rho.scenario.maps.mesh_files import read_mesh
 from drake_rho.scenario.maps.parts import Triangles
-from drake_rho.scenario.maps.source import Source, hash_of_arrays, named, source_of
+from drake_rho.scenario.maps.source import Source, named, source_of
 from drake_rho.scenario.maps.stored import NumberRows, WholeRows
 from drake_rho.scenario.poses import pose_of
 
@@ -84,10 +84,10 @@ class Mesh(Map):
         arguments = {"scale": float(scale)} | placed.arguments()
         source = source_of("mesh", Path(path).resolve(), arguments, found.beside)
         try:
-            made = cls(placed.moved(scale * found.vertices), found.triangles, source)
+            made = cls(placed.moved(scale * found.vertices), found.triangles)
         except ScenarioError as error:
             raise ScenarioError(named(path), error.value, error.expected) from None
-        return unchecked(made, source=_read(source, made))
+        return made.read_from(source)
 
     def __str__(self) -> str:
         """Return a description: 'watertight mesh of 12 triangles around [0.0, 0.0, 0.0]'."""
@@ -96,9 +96,9 @@ class Mesh(Map):
         return f"{kind} of {len(self.triangles)} triangles around {center}"
 
     @property
-    def is_that_of_its_file(self) -> bool:
-        """Whether it was read from a file and has not been changed since."""
-        return self.source is not None and self.source == _read(self.source, self)
+    def _arrays(self) -> tuple[np.ndarray | None, ...]:
+        """The numbers that describe it."""
+        return self.vertices, self.triangles
 
     @cached_property
     def corners(self) -> FloatArray:
@@ -172,8 +172,3 @@ def _crosses(one: FloatArray, other: FloatArray, x: FloatArray) -> BoolArray:
     at = low[:, 0] + (x[:, 1] - low[:, 1]) / rise * (high[:, 0] - low[:, 0])
     crosses: BoolArray = spans & (x[:, 0] < at)
     return crosses
-
-
-def _read(source: Source, mesh: Mesh) -> Source:
-    """Return the source of triangles with the hash of what was read."""
-    return unchecked(source, read=hash_of_arrays(mesh.vertices, mesh.triangles))

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from drake_rho.scenario.errors import Description, ScenarioError
-from drake_rho.scenario.fields import LARGEST, BoolArray, IntArray
+from drake_rho.scenario.fields import LARGEST, BoolArray, FloatArray, IntArray
 from drake_rho.scenario.maps.libraries import library
 from drake_rho.scenario.maps.source import checked_file, named, unreadable
 from drake_rho.scenario.maps.stored import MOST
@@ -80,7 +80,7 @@ class Leaves:
             return self._not_free()
         found = []
         for side in np.unique(self.sides[self.is_occupied]):
-            within = np.stack(np.indices((side,) * 3), axis=-1).reshape(-1, 3)
+            within = np.argwhere(np.ones((side,) * 3, dtype=bool))
             of_side = self.lower[self.is_occupied & (self.sides == side)]
             found.append((of_side[:, None] + within).reshape(-1, 3))
         return np.concatenate(found) if found else np.zeros((0, 3), dtype=np.int64)
@@ -128,12 +128,12 @@ def read_leaves(path: str | Path) -> Leaves:
         raise unreadable(path, error, _EXPECTED) from None
     if not complete:
         raise unreadable(path, "the library reads fewer nodes than there are", _EXPECTED)
-    found = np.fromiter(
+    found: FloatArray = np.fromiter(
         (
             (leaf.getX(), leaf.getY(), leaf.getZ(), leaf.getSize(), tree.isNodeOccupied(leaf))
             for leaf in tree.begin_leafs()
         ),
-        dtype=np.dtype((np.float64, 5)),
+        dtype=np.dtype((np.float64, 5)),  # type: ignore[type-var]  # rows of five numbers
     )
     h = header.resolution
     lower = np.rint((found[:, :3] - found[:, 3:4] / 2.0) / h).astype(np.int64)

@@ -48,9 +48,7 @@ class Parts(Solid):
         self.center = self._middle if frame is None else frame @ self._middle
         if origin is not None:
             self.center = self.center + origin
-        self._half: FloatArray = (
-            np.ptp(np.stack([lower.min(axis=0), upper.max(axis=0)]), axis=0) / 2
-        )
+        self._half: FloatArray = np.ptp(np.stack([lower.min(axis=0), upper.max(axis=0)]), axis=0) / 2
         self.tree = BoxTree(lower - self._middle, upper - self._middle)
         self._count = len(lower)
 

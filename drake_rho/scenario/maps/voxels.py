@@ -22,14 +22,13 @@ from drake_rho.scenario.fields import (
     Vector,
     read_only,
     record,
-    unchecked,
 )
 from drake_rho.scenario.maps.cells import covering_boxes, free_neighbours, unique
 from drake_rho.scenario.maps.map import Map
 from drake_rho.scenario.maps.octomaps import read_leaves
 from drake_rho.scenario.maps.parts import Boxes
 from drake_rho.scenario.maps.point_clouds import cells_of_points, read_points
-from drake_rho.scenario.maps.source import Source, hash_of_arrays, named, source_of
+from drake_rho.scenario.maps.source import Source, named, source_of
 from drake_rho.scenario.maps.stored import WholeRows
 from drake_rho.scenario.poses import Pose, pose_of
 from drake_rho.scenario.rotations import Rotation
@@ -180,11 +179,11 @@ class Voxels(Map):
     ) -> Voxels:
         origin = np.zeros(3) if pose.position is None else pose.position
         try:
-            made = cls(cells, resolution, origin, pose.rotation, source)
+            made = cls(cells, resolution, origin, pose.rotation)
         except ScenarioError as error:
             where = "" if source is None else named(source.path)
             raise ScenarioError(where or error.field, error.value, error.expected) from None
-        return made if source is None else unchecked(made, source=_read(source, made))
+        return made if source is None else made.read_from(source)
 
     def __str__(self) -> str:
         """Return a description: '5487 cells of 0.1 m around [0.0, 0.0, 0.5]'."""
@@ -192,9 +191,9 @@ class Voxels(Map):
         return f"{len(self.occupied)} cells of {self.resolution:g} m around {center}"
 
     @property
-    def is_that_of_its_file(self) -> bool:
-        """Whether it was read from a file and has not been changed since."""
-        return self.source is not None and self.source == _read(self.source, self)
+    def _arrays(self) -> tuple[np.ndarray | None, ...]:
+        """The numbers that describe it."""
+        return self.occupied, np.array(self.resolution), self.origin, self.rotation
 
     @cached_property
     def parts(self) -> Boxes:
@@ -237,14 +236,7 @@ def _side(resolution: object) -> float:
         ScenarioError: it is none, or not positive.
     """
     number = isinstance(resolution, Real) and not isinstance(resolution, bool)
-    side = float(resolution) if number else np.nan  # type: ignore[arg-type]  # it is a number
+    side = float(resolution) if number else np.nan
     if not 1.0 / LARGEST <= side <= LARGEST:
         raise ScenarioError("resolution", resolution, "a side of the cells above 0 m")
     return side
-
-
-def _read(source: Source, voxels: Voxels) -> Source:
-    """Return the source of cells with the hash of what was read."""
-    side = np.array(voxels.resolution)
-    arrays = voxels.occupied, side, voxels.origin, voxels.rotation
-    return unchecked(source, read=hash_of_arrays(*arrays))
