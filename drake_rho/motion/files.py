@@ -114,9 +114,10 @@ def load(path: str | Path, scenario: Scenario | None = None) -> Flown:
         ValueError: a scenario is given for a file that contains its own.
     """
     flown = _load(path, scenario)
-    for each in flown.scenario.bodies:
-        if isinstance(each.shape, Map) and each.shape.source is not None:
-            warn_if_changed(each.shape.source, "the plan was saved")
+    shapes = [each.shape for each in flown.scenario.bodies]
+    sources = [each.source for each in shapes if isinstance(each, Map) and each.source is not None]
+    for source in {each.path: each for each in sources}.values():
+        warn_if_changed(source, "the plan was saved")
     return flown
 
 

@@ -132,11 +132,11 @@ class Scenario(ShownInNotebooks):
         check_obstacles(self.obstacles, self.grid)
         if self.disturbance is not None:
             self.disturbance.check(self.grid)
+        if not under_way:
+            warn_of_scales(self.fleet, self.bodies)
         self.check_ends(under_way=under_way)
         check_waypoints(self.fleet, self.grid, self.bodies)
         check_requirements(self.requirements, self.fleet, self.names, self.grid, under_way)
-        if not under_way:
-            warn_of_scales(self.fleet, self.bodies)
         return self
 
     def check_ends(self, *, under_way: bool = False) -> None:

@@ -64,6 +64,11 @@ class Map(Solid):
         return self.parts.size
 
     @property
+    def cover_excess(self) -> float:
+        """Largest distance of its cover from the map itself [m]; 0 where they are equal."""
+        return 0.0
+
+    @property
     def thickness(self) -> float:
         """Least extent of a part of its cover [m]."""
         return self.cover.thickness
