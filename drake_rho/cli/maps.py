@@ -15,6 +15,7 @@ from drake_rho.scenario.maps import mesh_files, octomaps, point_clouds
 from drake_rho.scenario.maps.map import Map
 from drake_rho.scenario.maps.mesh import Mesh
 from drake_rho.scenario.maps.octomaps import Leaves, read_leaves
+from drake_rho.scenario.maps.parts import Parts
 from drake_rho.scenario.maps.voxels import Voxels
 
 _FIGURES = (".png", ".pdf", ".svg")
@@ -145,7 +146,7 @@ def _document(
         triangles=None if mesh is None else len(mesh.triangles),
         vertices=None if mesh is None else len(mesh.vertices),
         watertight=None if mesh is None else mesh.is_watertight,
-        parts=len(found.cover),
+        parts=len(found.cover) if isinstance(found.cover, Parts) else 1,
         beyond_m=found.cover_excess,
         figure=figure,
     )

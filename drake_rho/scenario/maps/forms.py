@@ -136,7 +136,8 @@ def _stored(form: StoredMap, info: ValidationInfo[Context | None]) -> Map:
     if not 0 <= form.stored_map < len(maps):
         expected = f"one of the {len(maps)} maps of the file"
         raise ScenarioError("stored_map", form.stored_map, expected)
-    return maps[form.stored_map]
+    found: Map = maps[form.stored_map]
+    return found
 
 
 if TYPE_CHECKING:

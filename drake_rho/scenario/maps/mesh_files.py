@@ -45,14 +45,15 @@ def read_mesh(path: str | Path) -> MeshFile:
     trimesh = library("trimesh")
     beside = _Beside(path)
     try:
-        scene = trimesh.load_scene(
-            io.BytesIO(path.read_bytes()),
-            file_type=path.suffix[1:].lower(),
-            resolver=beside,
-            process=False,  # which would merge vertices and remove those that are not numbers
-            skip_materials=True,
-        )
-        vertices, triangles = _merged(scene, trimesh.Trimesh)
+        with np.errstate(all="ignore"):  # numbers that are not finite are refused below
+            scene = trimesh.load_scene(
+                io.BytesIO(path.read_bytes()),
+                file_type=path.suffix[1:].lower(),
+                resolver=beside,
+                process=False,  # which would merge vertices and remove those that are not numbers
+                skip_materials=True,
+            )
+            vertices, triangles = _merged(scene, trimesh.Trimesh)
     except ScenarioError:
         raise
     except Exception as error:  # readers of damaged files may raise almost anything

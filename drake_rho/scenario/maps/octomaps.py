@@ -133,7 +133,7 @@ def read_leaves(path: str | Path) -> Leaves:
             (leaf.getX(), leaf.getY(), leaf.getZ(), leaf.getSize(), tree.isNodeOccupied(leaf))
             for leaf in tree.begin_leafs()
         ),
-        dtype=np.dtype((np.float64, 5)),  # type: ignore[type-var]  # rows of five numbers
+        dtype=np.dtype((np.float64, 5)),
     )
     h = header.resolution
     lower = np.rint((found[:, :3] - found[:, 3:4] / 2.0) / h).astype(np.int64)

@@ -235,8 +235,9 @@ def _side(resolution: object) -> float:
     Raises:
         ScenarioError: it is none, or not positive.
     """
-    number = isinstance(resolution, Real) and not isinstance(resolution, bool)
-    side = float(resolution) if number else np.nan
+    side = np.nan
+    if isinstance(resolution, Real) and not isinstance(resolution, bool):
+        side = float(resolution)
     if not 1.0 / LARGEST <= side <= LARGEST:
         raise ScenarioError("resolution", resolution, "a side of the cells above 0 m")
     return side
