@@ -223,6 +223,7 @@ BAD_OCTOMAPS = {
     "its resolution is 0 m": HEADER % (2, b"0") + b"\x02\x00",
     "tree of type OcTreeStamped": HEADER.replace(b"id OcTree", b"id OcTreeStamped") % (2, b"1"),
     "its number of nodes is": HEADER % (10**12, b"0.1"),
+    "its header has further lines": HEADER.replace(b"data", b"colour 3\ndata") % (2, b"0.1"),
     "no header of OctoMap": b"hello\ndata\n",
     "a tree without nodes": HEADER % (0, b"0.1"),
     "an archive": b"PK\x03\x04 and so on",

@@ -9,7 +9,7 @@ import typer
 from rich.table import Table
 
 from drake_rho.cli.checks import check_writable
-from drake_rho.cli.console import tell, working
+from drake_rho.cli.console import answer, working
 from drake_rho.cli.documents import Mapped
 from drake_rho.scenario.maps import mesh_files, octomaps, point_clouds
 from drake_rho.scenario.maps.map import Map
@@ -51,7 +51,7 @@ def map(
         typer.Option(metavar="FILE", help="Draw the map to this file (.png, .pdf or .svg)."),
     ] = None,
 ) -> int:
-    """Say what the file of a map holds: extent, cells or triangles, parts for planners."""
+    """Say what the file of a map holds, and draw it."""
     check_writable(figure, _FIGURES, "--figure")
     leaves = None
     with working("reading") as work:
@@ -74,7 +74,7 @@ def map(
         with working("drawing"):
             save_figure(map_figure(found), figure)
     written = [] if figure is None else [f"drawn in {figure}"]
-    return tell(document, _table(document), *written)
+    return answer(document, _table(document), *written)
 
 
 def _kind_of(

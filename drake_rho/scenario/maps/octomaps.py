@@ -175,6 +175,8 @@ class _Header:
             raise ValueError("it has no header of OctoMap")
         words = [line.split() for line in lines if not line.startswith("#")]
         fields = {each[0]: each[1] for each in words if len(each) == 2}
+        if len(fields) < len(words) or fields.keys() - {"id", "size", "res"}:
+            raise ValueError("its header has further lines")
         kind, nodes, side = (fields.get(key, "") for key in ("id", "size", "res"))
         if kind not in ("OcTree", "ColorOcTree"):
             raise ValueError(f"it holds a tree of type {kind[:40] or 'unknown'}")
