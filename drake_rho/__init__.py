@@ -48,7 +48,13 @@ if TYPE_CHECKING:
     from drake_rho.planning.planners.plan import plan, plan_scp
     from drake_rho.planning.programs.daqp import Daqp
     from drake_rho.planning.scp.sequential_convex import scp_step
-    from drake_rho.scenario.errors import DrakeRhoError, ScenarioError
+    from drake_rho.scenario.errors import (
+        DrakeRhoError,
+        DrakeRhoWarning,
+        MapChangedWarning,
+        MapScaleWarning,
+        ScenarioError,
+    )
     from drake_rho.scenario.files import library, load_scenario, save_scenario, scenario_schema
     from drake_rho.scenario.problems.generators import circle_swap, flight_cube, random_transitions
     from drake_rho.scenario.problems.missions import load_lsc_mission
@@ -97,6 +103,7 @@ __all__ = [
     "Diagnosis",
     "Disturbance",
     "DrakeRhoError",
+    "DrakeRhoWarning",
     "Ellipsoid",
     "ErrorTube",
     "Exported",
@@ -106,6 +113,8 @@ __all__ = [
     "InfeasibleError",
     "KeepIn",
     "Limits",
+    "MapChangedWarning",
+    "MapScaleWarning",
     "Mesh",
     "Obstacle",
     "Options",
@@ -228,7 +237,13 @@ _NAMES = {
     "drake_rho.planning.horizon.receding_horizon": ("RecedingHorizon",),
     "drake_rho.planning.scp.sequential_convex": ("scp_step",),
     "drake_rho.planning.horizon.windows": ("free_reference", "tail_reference"),
-    "drake_rho.scenario.errors": ("DrakeRhoError", "ScenarioError"),
+    "drake_rho.scenario.errors": (
+        "DrakeRhoError",
+        "DrakeRhoWarning",
+        "MapChangedWarning",
+        "MapScaleWarning",
+        "ScenarioError",
+    ),
     "drake_rho.scenario.files": ("library", "load_scenario", "save_scenario", "scenario_schema"),
     "drake_rho.scenario.problems.generators": ("circle_swap", "flight_cube", "random_transitions"),
     "drake_rho.scenario.problems.missions": ("load_lsc_mission",),

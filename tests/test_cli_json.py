@@ -39,6 +39,7 @@ ASKED: dict[str, tuple[list[str], type[Document]]] = {
     "certify": (["certify", "plan.npz"], analysis_documents.Certified),
     "diagnose": (["diagnose", "weak.yaml"], analysis_documents.Diagnosed),
     "show": (["show", "plan.npz", "--html", "page.html"], documents.Shown),
+    "map": (["map", "pyramid.obj"], documents.Mapped),
     "export": (["export", "plan.npz", "--format", "csv", "-o", "plan.csv"], documents.Exported),
     "campaign": (["campaign", "study.yaml", "--store", "new.sqlite"], documents.Ran),
     "results": (["results", "runs.sqlite"], documents.Summary),
@@ -46,6 +47,7 @@ ASKED: dict[str, tuple[list[str], type[Document]]] = {
     "schema": (["schema"], Document),
 }
 """Arguments of each command, and the kind of document that it prints."""
+PYRAMID = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
 WEAK = rho.Limits(acceleration=box(0.3))
 
 
@@ -67,6 +69,7 @@ def folder(tmp_path: Path, monkeypatch: Patch, study: Study, store: Path) -> Pat
     rho.save_scenario(single(limits=WEAK), "weak.yaml")
     Path("study.yaml").write_text(study_to_json(small(1)))
     shutil.copy(store, "runs.sqlite")
+    Path("pyramid.obj").write_text(PYRAMID)
     return tmp_path
 
 

@@ -137,7 +137,7 @@ class FromFile:
     step: Positive | None = None
     """step of a mission's grid, which divides the duration [s]"""
     world: str | None = None
-    """path of a CSV file with boxes that are a mission's obstacles"""
+    """path of a CSV file with boxes, or of an OctoMap, that are a mission's obstacles"""
     vary: Vary = field(default_factory=dict)
     """distributions of values that replace fields, by the fields' paths; drawn in this order"""
     offset: Vary = field(default_factory=dict)

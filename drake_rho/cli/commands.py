@@ -32,12 +32,14 @@ from drake_rho.cli.console import (
     output_mode,
     remark,
     tell,
+    warnings_as_lines,
     working,
     write,
 )
 from drake_rho.cli.documents import Shown
 from drake_rho.cli.export import export
 from drake_rho.cli.failures import status_of
+from drake_rho.cli.maps import map as map_
 from drake_rho.cli.options import (
     DurationOption,
     FormatOption,
@@ -270,7 +272,7 @@ def _load_or_plan(
 GROUPS = {
     "Plan and fly": (plan, fly, simulate, assign),
     "Verify and explain": (verify, certify, diagnose),
-    "Show and export": (show, export),
+    "Show and export": (show, map_, export),
     "Run campaigns": (campaign, results),
     "Reference": (schema, reproduce),
 }
@@ -284,4 +286,5 @@ def main() -> NoReturn:
     logging.getLogger("drake").setLevel(logging.WARNING)  # hides informational output of solvers
     sys.stdout, sys.stderr = pipe_safe(sys.stdout), pipe_safe(sys.stderr)
     output_mode.parse(sys.argv[1:])
-    sys.exit(status_of(lambda: app(standalone_mode=False)))
+    with warnings_as_lines():
+        sys.exit(status_of(lambda: app(standalone_mode=False)))

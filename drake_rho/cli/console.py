@@ -5,8 +5,10 @@ from __future__ import annotations
 import dataclasses
 import signal
 import threading
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from typing import Any
 
 from rich.console import Console
 from rich.progress import Progress, ProgressColumn
@@ -16,6 +18,7 @@ from rich.text import Text
 
 from drake_rho.cli.document import Document
 from drake_rho.planning.call.time_limit import stoppable
+from drake_rho.scenario.errors import DrakeRhoWarning
 
 out = Console()
 err = Console(stderr=True)
@@ -64,6 +67,25 @@ def remark(text: str) -> None:
     """Print a remark that is not part of the result; with --json, on standard error."""
     if not output_mode.quiet:
         say(text, err if output_mode.as_json else out)
+
+
+@contextmanager
+def warnings_as_lines() -> Iterator[None]:
+    """Print each warning of the package in one line on standard error; with --quiet none."""
+    printed, before = set[str](), warnings.showwarning
+
+    def show(message: Warning | str, category: type[Warning], *others: Any, **named: Any) -> None:
+        text = f"drake-rho: warning: {' '.join(str(message).split())}"
+        if not issubclass(category, DrakeRhoWarning):
+            before(message, category, *others, **named)
+        elif text not in printed and not output_mode.quiet:
+            say(text, err)
+        printed.add(text)
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", DrakeRhoWarning)
+        warnings.showwarning = show
+        yield
 
 
 def answer(document: Document, *text: str | Table) -> int:

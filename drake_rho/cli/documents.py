@@ -1,4 +1,4 @@
-"""Documents of `assign`, `campaign`, `results`, `reproduce`, `show` and `export`."""
+"""Documents of `assign`, `campaign`, `results`, `reproduce`, `show`, `map` and `export`."""
 
 from __future__ import annotations
 
@@ -129,6 +129,42 @@ class Shown(Document):
     """path of the film; null if none was written"""
     url: str | None = None
     """address at which the page is served until the command is interrupted"""
+
+
+@record
+class Mapped(Document):
+    """Document of map."""
+
+    file: str
+    """path of the file"""
+    kind: str
+    """kind of the map: octomap, points or mesh"""
+    lower_m: list[float]
+    """least coordinates of the obstacle, x, y and z"""
+    upper_m: list[float]
+    """greatest coordinates of the obstacle, x, y and z"""
+    resolution_m: float | None
+    """side of the cells; null for a mesh"""
+    cells: int | None
+    """number of cells of the obstacle; null for a mesh"""
+    occupied_cells: int | None
+    """number of cells that an OctoMap has as occupied; null for other maps"""
+    free_cells: int | None
+    """number of cells that an OctoMap has as free; null for other maps"""
+    unknown_cells: int | None
+    """number of cells in the bounding box of an OctoMap that were never seen; null for others"""
+    triangles: int | None
+    """number of triangles; null unless it is a mesh"""
+    vertices: int | None
+    """number of vertices; null unless it is a mesh"""
+    watertight: bool | None
+    """true if a mesh has an inside, false if it is a surface; null unless it is a mesh"""
+    parts: int
+    """number of convex parts that planners keep clear of"""
+    beyond_m: float
+    """largest distance of these parts from the map; 0 if their union is the map"""
+    figure: str | None
+    """path of the figure; null if none was drawn"""
 
 
 @record

@@ -72,8 +72,9 @@ WorldOption = Annotated[
     str | None,
     typer.Option(
         metavar="FILE",
-        help="Boxes that a mission has to avoid: a CSV file without header, one box per row, its "
-        "centre x, y, z and its side lengths x, y, z in metres.",
+        help="Obstacles that a mission has to avoid: an OctoMap (.bt or .ot), whose unknown cells "
+        "are free; or a CSV file without header, one box per row, its centre x, y, z and its side "
+        "lengths x, y, z in metres.",
     ),
 ]
 OutputOption = Annotated[

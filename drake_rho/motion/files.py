@@ -27,7 +27,10 @@ from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.errors import DrakeRhoError
 from drake_rho.scenario.fields import LARGEST
 from drake_rho.scenario.files import scenario_from_json, scenario_to_json
+from drake_rho.scenario.maps.map import Map
+from drake_rho.scenario.maps.source import warn_if_changed
 from drake_rho.scenario.records import Scenario
+from drake_rho.scenario.written_maps import map_from_json, map_to_json
 from drake_rho.system.files import atomic_write
 
 ENDINGS = (".npz",)
@@ -45,6 +48,10 @@ _WINDOW_FIELDS: dict[str, TypeAdapter[Any]] = {
     "unseen": TypeAdapter(list[tuple[str, ...]]),
 }
 """Fields of windows that are newer than the format of flights: older files do not have them."""
+
+_MAP = "map"
+"""Beginning of the names of maps, which end in their numbers. Older files have none: their
+scenarios hold their maps themselves."""
 
 _SIMULATED = ("times", "positions", "velocities", "wind", "commands")
 _ELAPSED = "simulation.elapsed"
@@ -78,11 +85,14 @@ def save(planned: Flown, path: str | Path) -> None:
         raise ValueError(
             f"{path}: got {ending}, expected the ending {' or '.join(ENDINGS)} or none"
         )
-    content = {"format": f"drake_rho {planned.kind} 1"} | _pack("plan", planned.plan)
+    maps = list[Map]()  # each stored once for all windows
+    content = {"format": f"drake_rho {planned.kind} 1"} | _pack("plan", planned.plan, maps)
     if planned.flight is not None:
-        content |= _pack_windows(planned.windows)
+        content |= _pack_windows(planned.windows, maps)
     if planned.simulation is not None:
         content |= _pack_simulation(planned.simulation)
+    for number, each in enumerate(maps):
+        content[f"{_MAP}{number}"] = np.frombuffer(map_to_json(each).encode(), dtype=np.uint8)
     with atomic_write(path) as file:
         np.savez_compressed(file, **content)
 
@@ -90,6 +100,9 @@ def save(planned: Flown, path: str | Path) -> None:
 @checked
 def load(path: str | Path, scenario: Scenario | None = None) -> Flown:
     """Read a file written by `save`, or a plan that `export` has written as JSON or CSV.
+
+    A file holds the maps of its scenario as they were. Where a map was read from a file that is
+    there with other content now, a `MapChangedWarning` says so.
 
     Args:
         path: of the file, with any name.
@@ -100,6 +113,15 @@ def load(path: str | Path, scenario: Scenario | None = None) -> Flown:
             that lacks a knot of the scenario, or for which no scenario is given.
         ValueError: a scenario is given for a file that contains its own.
     """
+    flown = _load(path, scenario)
+    shapes = [each.shape for each in flown.scenario.bodies]
+    sources = [each.source for each in shapes if isinstance(each, Map) and each.source is not None]
+    for source in {each.path: each for each in sources}.values():
+        warn_if_changed(source, "the plan was saved")
+    return flown
+
+
+def _load(path: str | Path, scenario: Scenario | None) -> Flown:
     try:
         with open(path, "rb") as file:
             if zipfile.is_zipfile(file):
@@ -156,15 +178,18 @@ def _unpack_all(path: str | Path, content: Mapping[str, np.ndarray]) -> Flown:
     if form == _SIMULATION:
         expected |= {"plant", *(f"simulation.{name}" for name in _SIMULATED)}
         optional |= {_ELAPSED}
-    if set(content) - optional != expected:
+    names = {name for name in content if not name.startswith(_MAP)}
+    if names - optional != expected:
         raise ValueError("arrays are missing or do not belong to the format")
+    count = len(content) - len(names)
+    maps = [map_from_json(content[f"{_MAP}{number}"].tobytes().decode()) for number in range(count)]
     if form == _PLAN:
-        return _unpack("plan", content)
-    flight = _unpack_flight(content, first_knots)
+        return _unpack("plan", content, maps)
+    flight = _unpack_flight(content, first_knots, maps)
     return flight if form == _FLIGHT else _unpack_simulation(flight, content)
 
 
-def _pack_windows(windows: Sequence[Window]) -> dict[str, Any]:
+def _pack_windows(windows: Sequence[Window], maps: list[Map]) -> dict[str, Any]:
     content: dict[str, Any] = {
         "first_knots": [window.first_knot for window in windows],
         "infeasible": [window.infeasible for window in windows],
@@ -174,20 +199,22 @@ def _pack_windows(windows: Sequence[Window]) -> dict[str, Any]:
         if name != "unseen" or any(values):
             content[name] = json.dumps(values)
     for number, window in enumerate(windows):
-        content |= _pack(f"window{number}.plan", window.plan)
-        content |= _pack(f"window{number}.reference", window.reference)
+        content |= _pack(f"window{number}.plan", window.plan, maps)
+        content |= _pack(f"window{number}.reference", window.reference, maps)
     return content
 
 
-def _unpack_flight(content: Mapping[str, np.ndarray], first_knots: list[int]) -> Flight:
+def _unpack_flight(
+    content: Mapping[str, np.ndarray], first_knots: list[int], maps: Sequence[Map]
+) -> Flight:
     fields = [
         _window_field(name, content, len(first_knots)) for name in _WINDOW_FIELDS if name in content
     ]
     windows = tuple(
         Window(
             first_knot,
-            _unpack(f"window{number}.plan", content),
-            _unpack(f"window{number}.reference", content),
+            _unpack(f"window{number}.plan", content, maps),
+            _unpack(f"window{number}.reference", content, maps),
             reason,
             **dict(each[number] for each in fields),
         )
@@ -195,7 +222,7 @@ def _unpack_flight(content: Mapping[str, np.ndarray], first_knots: list[int]) ->
             zip(first_knots, content["infeasible"].tolist(), strict=True)
         )
     )
-    plan = _unpack("plan", content)
+    plan = _unpack("plan", content, maps)
     _check_windows(plan, windows)
     return Flight(plan, windows)
 
@@ -239,21 +266,22 @@ def _check_windows(plan: Plan, windows: tuple[Window, ...]) -> None:
             raise ValueError("a window does not reach the end of the flight")
 
 
-def _pack(prefix: str, plan: Plan) -> dict[str, Any]:
+def _pack(prefix: str, plan: Plan, maps: list[Map]) -> dict[str, Any]:
     _check_numbers(prefix, {name: getattr(plan, name) for name in _ARRAYS})
     return {
-        f"{prefix}.scenario": scenario_to_json(plan.scenario),
+        f"{prefix}.scenario": scenario_to_json(plan.scenario, maps),
         f"{prefix}.statistics": _STATISTICS.dump_json(plan.statistics).decode(),
         **{f"{prefix}.{name}": getattr(plan, name) for name in _ARRAYS},
     }
 
 
-def _unpack(prefix: str, content: Mapping[str, np.ndarray]) -> Plan:
+def _unpack(prefix: str, content: Mapping[str, np.ndarray], maps: Sequence[Map]) -> Plan:
     arrays = {name: content[f"{prefix}.{name}"] for name in _ARRAYS}
     _check_numbers(prefix, arrays)
     statistics = _STATISTICS.validate_json(str(content[f"{prefix}.statistics"]), strict=True)
     under_way = prefix != "plan"  # the initial state of a window is given by the flight
-    scenario = scenario_from_json(str(content[f"{prefix}.scenario"]), under_way=under_way)
+    text = str(content[f"{prefix}.scenario"])
+    scenario = scenario_from_json(text, under_way=under_way, maps=maps)
     positions, velocities, accelerations = (arrays[name] for name in _ARRAYS)
     return Plan(scenario, positions, velocities, accelerations, statistics)
 

@@ -1,4 +1,4 @@
-"""The package's base error and the error for an invalid scenario."""
+"""The package's base error, the error for an invalid scenario, and warnings."""
 
 from __future__ import annotations
 
@@ -13,6 +13,18 @@ _NAMES_LISTED = 12
 
 class DrakeRhoError(Exception):
     """Base class of all errors that drake_rho raises deliberately."""
+
+
+class DrakeRhoWarning(UserWarning):
+    """Base class of all warnings of drake_rho."""
+
+
+class MapChangedWarning(DrakeRhoWarning):
+    """Warning that the file of a map has another content than when it was read before."""
+
+
+class MapScaleWarning(DrakeRhoWarning):
+    """Warning that a map is far larger or smaller than the flight: perhaps in another unit."""
 
 
 class Description(str):

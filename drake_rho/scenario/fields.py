@@ -260,6 +260,13 @@ def _restored(kind: type, *values: object) -> object:
     """
     made: object = object.__new__(kind)
     names = (each.name for each in dataclasses.fields(kind))
-    fields = (read_only(each) if isinstance(each, np.ndarray) else each for each in values)
+    fields = (_locked(each) if isinstance(each, np.ndarray) else each for each in values)
     made.__dict__.update(zip(names, fields, strict=True))
     return made
+
+
+def _locked(array: np.ndarray) -> np.ndarray:
+    """Return a read-only copy of an array, with whole numbers where it has them."""
+    array = np.array(array)
+    array.setflags(write=False)
+    return array

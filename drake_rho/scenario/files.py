@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import reprlib
+from collections.abc import Sequence
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
@@ -12,10 +13,16 @@ import yaml
 from pydantic import TypeAdapter, ValidationError
 
 from drake_rho.scenario.arguments import checked
+from drake_rho.scenario.context import Context
 from drake_rho.scenario.errors import Description, ScenarioError
+from drake_rho.scenario.maps.map import Map
 from drake_rho.scenario.records import Scenario
 from drake_rho.scenario.refusals import scenario_error
+from drake_rho.scenario.written_maps import with_numbers, with_references
 from drake_rho.system.files import atomic_write
+
+_HERE = Path()
+"""Folder in which the program runs."""
 
 _LIBRARY = files("drake_rho.scenario") / "library"
 
@@ -33,10 +40,14 @@ def library() -> tuple[str, ...]:
 
 @checked
 def load_scenario(source: str | Path) -> Scenario:
-    """Read a scenario.
+    """Read a scenario, and the maps in files of their own to which it refers.
 
     Args:
         source: the name of a library scenario, as `"paper"`, or the path of a YAML file.
+
+    Warns:
+        MapChangedWarning: a map's file has changed since the scenario was saved; it is read as it
+            is now.
 
     Raises:
         ScenarioError: there is no such scenario, or it is not a valid one.
@@ -56,7 +67,7 @@ def load_scenario(source: str | Path) -> Scenario:
         expected = f"a library scenario ({', '.join(library())}) or a readable YAML file"
         raise ScenarioError("scenario", str(source), f"{expected}; {reason}") from None
     try:
-        return scenario_from_yaml(text)
+        return scenario_from_yaml(text, path.parent)
     except ScenarioError as error:
         where = f"{path}: {error.field}" if error.field else str(path)
         raise ScenarioError(where, error.value, error.expected) from None
@@ -66,30 +77,41 @@ def load_scenario(source: str | Path) -> Scenario:
 def save_scenario(scenario: Scenario, path: str | Path) -> None:
     """Write a scenario as YAML. The file is written completely or not at all.
 
+    A map that was read from a file is written as the path of that file, relative to the scenario's,
+    with its hash; one that was not, or whose file is gone, with all of its cells or triangles.
+
     Raises:
         OSError: the file cannot be written.
     """
     with atomic_write(path) as file:
-        file.write(scenario_to_yaml(scenario).encode())
+        file.write(scenario_to_yaml(scenario, Path(path).resolve().parent).encode())
 
 
-def scenario_from_yaml(text: str) -> Scenario:
+def scenario_from_yaml(text: str, folder: Path = _HERE) -> Scenario:
     """Return the scenario that YAML text describes.
+
+    Args:
+        text: in YAML.
+        folder: to which the paths of maps are relative.
 
     Raises:
         ScenarioError: the text is not YAML, or not a valid scenario.
     """
-    return scenario_from_content(yaml_content(text))
+    return scenario_from_content(yaml_content(text), folder)
 
 
-def scenario_from_content(content: object) -> Scenario:
+def scenario_from_content(content: object, folder: Path = _HERE) -> Scenario:
     """Return the scenario described by the mappings, lists and values of a file.
+
+    Args:
+        content: of the file.
+        folder: to which the paths of maps are relative.
 
     Raises:
         ScenarioError: they do not describe a valid scenario.
     """
     try:
-        return _adapter().validate_python(content)
+        return _adapter().validate_python(content, context=Context(folder=folder))
     except ValidationError as error:
         raise scenario_error(error, Scenario) from None
 
@@ -126,16 +148,32 @@ def yaml_content(text: str) -> object:
         raise ScenarioError("", Description("malformed YAML"), f"YAML; {reason}") from None
 
 
-def scenario_to_yaml(scenario: Scenario) -> str:
-    """Return a scenario as YAML text, with the fields in their order and absent ones left out."""
+def scenario_to_yaml(scenario: Scenario, folder: Path | None = None) -> str:
+    """Return a scenario as YAML text, with the fields in their order and absent ones left out.
+
+    Args:
+        scenario: to be written.
+        folder: of the scenario's file, to which the paths of maps are relative; without it, maps
+            are written with all of their cells or triangles.
+    """
     _check_storable(scenario)
+    if folder is not None:
+        scenario = with_references(scenario, folder)
     content = _adapter().dump_python(scenario, mode="json", exclude_none=True)
     return yaml.safe_dump(content, sort_keys=False, default_flow_style=None, allow_unicode=True)
 
 
-def scenario_to_json(scenario: Scenario) -> str:
-    """Return a scenario as one line of JSON with exact numbers, to be stored in other files."""
+def scenario_to_json(scenario: Scenario, maps: list[Map] | None = None) -> str:
+    """Return a scenario as one line of JSON with exact numbers, to be stored in other files.
+
+    Args:
+        scenario: to be stored.
+        maps: that are stored elsewhere. The scenario refers to them by their numbers, and its
+            other maps are appended. If not given, the text has all of their cells or triangles.
+    """
     _check_storable(scenario)
+    if maps is not None:
+        scenario = with_numbers(scenario, maps)
     return _adapter().dump_json(scenario, exclude_none=True).decode()
 
 
@@ -152,19 +190,20 @@ def _check_storable(scenario: Scenario) -> None:
             raise error.inside(f"requirements[{index}]") from None
 
 
-def scenario_from_json(text: str, *, under_way: bool = False) -> Scenario:
+def scenario_from_json(text: str, *, under_way: bool = False, maps: Sequence[Map] = ()) -> Scenario:
     """Return the scenario that `scenario_to_json` has written.
 
     Args:
         text: JSON of the scenario.
         under_way: whether the scenario is the remainder of a flight, which may begin too close to
             an obstacle that became known late; its starts are not checked then.
+        maps: to which the scenario refers by their numbers.
 
     Raises:
         ScenarioError: the text is not JSON, or not a valid scenario.
     """
     try:
-        return _adapter().validate_json(text, context=under_way)
+        return _adapter().validate_json(text, context=Context(under_way=under_way, maps=maps))
     except ValidationError as error:
         raise scenario_error(error, Scenario) from None
 

@@ -21,6 +21,7 @@ from drake_rho.scenario.fields import (
     record_kind,
     unchecked,
 )
+from drake_rho.scenario.maps.forms import KEYS, References
 from drake_rho.scenario.maps.mesh import Mesh
 from drake_rho.scenario.maps.voxels import Voxels
 from drake_rho.scenario.parts import Grid
@@ -34,8 +35,9 @@ if TYPE_CHECKING:
 
 _KINDS = {
     "Obstacle": ("shape", "velocity", "track", "known_from", "name", "active"),
-    "Mesh": ("mesh", "triangles"),
-    "Voxels": ("octomap", "points", "occupied"),
+    **KEYS,
+    "Mesh": ("triangles",),
+    "Voxels": ("occupied",),
     "Polytope": ("vertices",),
     "Ellipsoid": ("semi_axes",),
     "Box": ("lower", "upper"),
@@ -61,7 +63,7 @@ _Shapes = (
     | Annotated[Mesh, Tag("Mesh")]
 )
 
-AnyShape = Annotated[_Shapes, Discriminator(_kind)]
+AnyShape = Annotated[_Shapes | References, Discriminator(_kind)]
 """One of the shapes or maps, identified by its keys in a file."""
 
 
@@ -232,7 +234,7 @@ def _has_shape(value: object) -> object:
 
 
 AnyObstacle = Annotated[
-    _Shapes | Annotated[Obstacle, Tag("Obstacle")],
+    _Shapes | References | Annotated[Obstacle, Tag("Obstacle")],
     Discriminator(_kind),
     BeforeValidator(_has_shape),
 ]

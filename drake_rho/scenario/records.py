@@ -17,6 +17,7 @@ from drake_rho.scenario.consistency import (
     check_requirements,
     check_waypoints,
 )
+from drake_rho.scenario.context import Context, context_of
 from drake_rho.scenario.described import ShownInNotebooks
 from drake_rho.scenario.disturbance import Disturbance, Tracking
 from drake_rho.scenario.errors import one_of
@@ -28,6 +29,7 @@ from drake_rho.scenario.maps.voxels import Voxels
 from drake_rho.scenario.obstacles import AnyObstacle, Obstacle, active_during, known_at_start
 from drake_rho.scenario.parts import Grid, Quantity, Separation, State, Vehicle, Waypoint
 from drake_rho.scenario.requirements import KeepIn, parts_for
+from drake_rho.scenario.scales import warn_of_scales
 from drake_rho.scenario.shapes.base import TOLERANCE, Solid
 from drake_rho.scenario.shapes.cylinders import Cylinder
 from drake_rho.scenario.shapes.polyhedra import Box, Polytope
@@ -125,13 +127,15 @@ class Scenario(ShownInNotebooks):
         return Fleet(self.grid, vehicles, self.limits, distance, [body for _, body in self.avoided])
 
     @model_validator(mode="after")
-    def _consistent(self, info: ValidationInfo[bool | None]) -> Self:
-        under_way = bool(info.context)  # the starts of a flight under way are given, not chosen
+    def _consistent(self, info: ValidationInfo[Context | None]) -> Self:
+        under_way = context_of(info).under_way
         check_names(self.vehicles)
         check_obstacles(self.obstacles, self.grid)
         check_maps(self.bodies, self.fleet)
         if self.disturbance is not None:
             self.disturbance.check(self.grid)
+        if not under_way:
+            warn_of_scales(self.fleet, self.bodies)
         self.check_ends(under_way=under_way)
         check_waypoints(self.fleet, self.grid, self.bodies)
         check_requirements(self.requirements, self.fleet, self.names, self.grid, under_way)

@@ -6,7 +6,11 @@ from itertools import permutations, product
 
 import numpy as np
 
+from drake_rho.scenario.errors import Description, ScenarioError
 from drake_rho.scenario.fields import IntArray
+
+_LARGEST_BOX = 2.0**62
+"""Largest number of cells of a bounding box, so that an integer numbers each of them."""
 
 
 def covering_boxes(cells: IntArray) -> tuple[IntArray, IntArray]:
@@ -52,7 +56,16 @@ def free_neighbours(cells: IntArray) -> IntArray:
 
 
 def unique(cells: IntArray) -> IntArray:
-    """Return each of the given cells once, sorted by x, y and z, shape (U, 3)."""
+    """Return each of the given cells once, sorted by x, y and z, shape (U, 3).
+
+    Raises:
+        ScenarioError: they are too far apart.
+    """
+    sides = np.ptp(cells, axis=0) + 3.0  # with a free cell on each side of them
+    if np.prod(sides) > _LARGEST_BOX:
+        spread = " x ".join(f"{each:g}" for each in sides)
+        expected = f"a bounding box of at most {_LARGEST_BOX:g} cells"
+        raise ScenarioError("", Description(f"cells that spread over {spread}"), expected)
     firsts = np.unique(_keys(cells), return_index=True)[1]
     found: IntArray = cells[firsts]
     return found

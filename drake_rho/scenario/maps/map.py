@@ -4,14 +4,21 @@ from __future__ import annotations
 
 import abc
 from functools import cached_property
+from typing import Self
 
-from drake_rho.scenario.fields import FloatArray
+import numpy as np
+
+from drake_rho.scenario.fields import FloatArray, unchecked
 from drake_rho.scenario.maps.parts import Parts
+from drake_rho.scenario.maps.source import Source, hash_of_arrays
 from drake_rho.scenario.shapes.base import Solid
 
 
 class Map(Solid):
     """Union of cells or triangles. Distances are from these, and exact."""
+
+    source: Source | None
+    """file that it was read from, if any"""
 
     @property
     @abc.abstractmethod
@@ -27,6 +34,20 @@ class Map(Solid):
             distances: from the nearest part [m].
         """
 
+    @property
+    @abc.abstractmethod
+    def _arrays(self) -> tuple[np.ndarray | None, ...]:
+        """The numbers that describe it."""
+
+    def read_from(self, source: Source) -> Self:
+        """Return the map with the file that it was read from."""
+        return unchecked(self, source=unchecked(source, read=hash_of_arrays(*self._arrays)))
+
+    @property
+    def is_that_of_its_file(self) -> bool:
+        """Whether it was read from a file and is no changed copy of what was read."""
+        return self.source is not None and self.source.read == hash_of_arrays(*self._arrays)
+
     @cached_property
     def center(self) -> FloatArray:  # type: ignore[override]  # derived here
         """Centre of the bounding box of its parts [m]."""
@@ -41,6 +62,11 @@ class Map(Solid):
     def size(self) -> float:
         """Length to which the tolerance refers [m]."""
         return self.parts.size
+
+    @property
+    def cover_excess(self) -> float:
+        """Largest distance of its cover from the map itself [m]; 0 where they are equal."""
+        return 0.0
 
     @property
     def thickness(self) -> float:

@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 from functools import cached_property
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 from pydantic import model_validator
 
+from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.errors import Description, ScenarioError
-from drake_rho.scenario.fields import BoolArray, FloatArray, record
+from drake_rho.scenario.fields import LARGEST, BoolArray, FloatArray, record
 from drake_rho.scenario.maps.map import Map
+from drake_rho.scenario.maps.mesh_files import read_mesh
 from drake_rho.scenario.maps.parts import Triangles
-from drake_rho.scenario.maps.source import Source
+from drake_rho.scenario.maps.source import Source, named, source_of
 from drake_rho.scenario.maps.stored import NumberRows, WholeRows
+from drake_rho.scenario.poses import pose_of
 
 
 @record
@@ -58,6 +62,33 @@ class Mesh(Map):
             raise ScenarioError("vertices", self.vertices[0].tolist(), expected)
         return self
 
+    @classmethod
+    @checked
+    def load(cls, path: str | Path, scale: float = 1.0, pose: object = None) -> Mesh:
+        """Return the triangles of a mesh file, those of all its geometries.
+
+        Args:
+            path: of an .obj, .stl, .ply, .gltf or .glb file. Axes are those of the file; in glTF
+                files y is up, which a pose can turn.
+            scale: length of the file's unit [m].
+            pose: in which the mesh is placed once it is scaled, a 4 x 4 matrix or Drake's
+                `RigidTransform`.
+
+        Raises:
+            ScenarioError: the file cannot be read, is damaged or has no triangles; the scale is
+                not positive; or the extra `maps` is not installed.
+        """
+        if isinstance(scale, bool) or not 1.0 / LARGEST <= scale <= LARGEST:
+            raise ScenarioError("scale", scale, "a length of the file's unit above 0 m")
+        found, placed = read_mesh(path), pose_of(pose)
+        arguments = {"scale": float(scale)} | placed.arguments()
+        source = source_of("mesh", Path(path).resolve(), arguments, found.beside)
+        try:
+            made = cls(placed.moved(scale * found.vertices), found.triangles)
+        except ScenarioError as error:
+            raise ScenarioError(named(path), error.value, error.expected) from None
+        return made.read_from(source)
+
     def __str__(self) -> str:
         """Return a description: 'watertight mesh of 12 triangles around [0.0, 0.0, 0.0]'."""
         kind = "watertight mesh" if self.is_watertight else "surface"
@@ -67,6 +98,11 @@ class Mesh(Map):
     def described_near(self, x: FloatArray) -> str:
         """Return a description that names the nearest triangle."""
         return f"triangle {int(self.parts.nearest(x))} of a {self}"
+
+    @property
+    def _arrays(self) -> tuple[np.ndarray | None, ...]:
+        """The numbers that describe it."""
+        return self.vertices, self.triangles
 
     @cached_property
     def corners(self) -> FloatArray:

@@ -3,14 +3,21 @@
 from __future__ import annotations
 
 import hashlib
+import warnings
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from drake_rho.scenario.errors import Description, ScenarioError
+import numpy as np
+
+from drake_rho.scenario.errors import Description, MapChangedWarning, ScenarioError
 from drake_rho.scenario.fields import record
 
 LARGEST_FILE = 2 << 30
 """Largest size of a file that is read [bytes]."""
+
+_ARCHIVES = (b"PK\x03\x04", b"\x1f\x8b", b"BZh", b"\xfd7zXZ", b"7z\xbc\xaf", b"\x28\xb5\x2f\xfd")
+"""First bytes of archives and compressed files."""
 
 
 @record
@@ -22,37 +29,104 @@ class Source:
     path: str
     """absolute path of the file"""
     sha256: str
-    """hash of its content"""
+    """hash of its content, and of that of the files beside it"""
     arguments: dict[str, Any]
-    """further arguments with which it was read"""
+    """further arguments with which it was read, by their names in scenario files"""
+    beside: tuple[str, ...] = ()
+    """names of further files that it refers to, relative to its folder"""
+    read: str = ""
+    """hash of the arrays that were read; a map with other arrays is not that of the file"""
 
     @property
     def changed(self) -> bool:
         """Whether the file is there, but with other content."""
         path = Path(self.path)
-        return path.is_file() and hash_of(path) != self.sha256
+        try:
+            return path.is_file() and hash_of(path, self.beside) != self.sha256
+        except OSError:  # not readable, so that nothing is known of it
+            return False
 
 
-def hash_of(path: Path) -> str:
-    """Return the SHA-256 hash of a file's content."""
-    with open(path, "rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+def hash_of(path: Path, beside: Iterable[str] = ()) -> str:
+    """Return the SHA-256 hash of the content of a file and of those beside it that are there."""
+    digest = hashlib.sha256()
+    for each in (path, *(path.parent / name for name in beside)):
+        if each == path or each.is_file():
+            with open(each, "rb") as file:
+                digest.update(hashlib.file_digest(file, "sha256").digest())
+    return digest.hexdigest()
 
 
-def checked_file(path: str | Path) -> Path:
-    """Return the absolute path of a file that is there and not too large.
+def hash_of_arrays(*arrays: np.ndarray | None) -> str:
+    """Return a hash of arrays."""
+    digest = hashlib.sha256()
+    for each in arrays:
+        if each is not None:
+            digest.update(np.ascontiguousarray(each).tobytes())
+    return digest.hexdigest()[:16]
+
+
+def source_of(
+    kind: str, path: Path, arguments: dict[str, Any], beside: Sequence[str] = ()
+) -> Source:
+    """Return the source that says how a file was read."""
+    return Source(kind, str(path), hash_of(path, beside), arguments, tuple(beside))
+
+
+def warn_if_changed(source: Source, since: str) -> None:
+    """Warn if the file of a map has other content than when it was read.
+
+    Args:
+        source: of the map.
+        since: event since which it has changed, such as "the plan was saved".
+    """
+    if source.changed:
+        warnings.warn(
+            MapChangedWarning(f"{source.path}: the map has changed since {since}"), stacklevel=3
+        )
+
+
+def checked_file(path: str | Path, endings: Sequence[str]) -> Path:
+    """Return the absolute path of a file that is there and may be read.
+
+    Args:
+        path: of the file.
+        endings: that it may have, in lower case.
 
     Raises:
-        ScenarioError: it is not there, no file, empty or too large.
+        ScenarioError: it is not there, has another ending, is empty, too large or an archive.
     """
-    path = Path(path)
+    path, name = Path(path), named(path)
     try:
         size = path.stat().st_size if path.is_file() else None
     except (OSError, ValueError):
         size = None
     if size is None:
-        raise ScenarioError(str(path), Description("no file"), "a readable file")
+        raise ScenarioError(name, Description("no file"), "a readable file")
+    if path.suffix.lower() not in endings:
+        given = Description(f"the ending {path.suffix}" if path.suffix else "no ending")
+        raise ScenarioError(name, given, f"a file ending in {', '.join(endings)}")
     if not 0 < size <= LARGEST_FILE:
         given = Description(f"a file of {size} bytes")
-        raise ScenarioError(str(path), given, f"a file of 1 to {LARGEST_FILE} bytes")
+        raise ScenarioError(name, given, f"a file of 1 to {LARGEST_FILE} bytes")
+    try:
+        with open(path, "rb") as file:
+            beginning = file.read(8)
+    except OSError as error:
+        reason = error.strerror or "not readable"
+        raise ScenarioError(name, Description(reason), "a readable file") from None
+    if beginning.startswith(_ARCHIVES):
+        raise ScenarioError(name, Description("an archive"), "the file that is in it, unpacked")
     return path.resolve()
+
+
+def named(path: str | Path) -> str:
+    """Return a path as errors show it."""
+    text = str(path)
+    return text if text.isprintable() else repr(text)
+
+
+def unreadable(path: Path, reason: object, expected: str) -> ScenarioError:
+    """Return the error for a file that cannot be read, with the reason in one line."""
+    text = " ".join(str(reason).split())[:200] or type(reason).__name__
+    return ScenarioError(named(path), Description("a damaged file"), f"{expected}; {text}")

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.errors import Description, ScenarioError
+from drake_rho.scenario.maps.octomaps import ENDINGS as OCTOMAPS
 from drake_rho.scenario.problems.lsc import Mission, Quadrotor, parse_mission, parse_world
 from drake_rho.scenario.records import (
     Box,
@@ -17,6 +18,7 @@ from drake_rho.scenario.records import (
     Separation,
     State,
     Vehicle,
+    Voxels,
 )
 
 
@@ -28,14 +30,15 @@ def load_lsc_mission(path: str | Path, *, grid: Grid, world: str | Path | None =
     their types differ. The separation is that of the LSC planner: two radii, and `downwash` times
     as much vertically. Where agents differ in these, it is twice the largest horizontal and
     vertical extent of any agent, which is safe, but more than that planner requires of smaller
-    agents. Obstacles are the boxes of the world, numbered like its rows, followed by those of the
-    mission. Every vehicle's least distance from obstacles is the radius of its type.
+    agents. Obstacles are the boxes of the world, numbered like its rows, or its map, followed by
+    those of the mission. Every vehicle's least distance from obstacles is the radius of its type.
 
     Args:
         path: of the JSON file.
         grid: knots and step, which a mission does not have.
         world: path of a CSV file without header, with one box per row: its centre x, y, z and its
-            sides x, y, z [m]; only the mission's own obstacles if not given.
+            sides x, y, z [m]; or of an OctoMap (.bt or .ot), in which unknown cells are free, as
+            they are for that planner. Only the mission's own obstacles if not given.
 
     Raises:
         ScenarioError: a file cannot be read, is malformed, or contains something that a scenario
@@ -43,10 +46,10 @@ def load_lsc_mission(path: str | Path, *, grid: Grid, world: str | Path | None =
             `m.json: agents[3].start` or `w.csv: line 3`.
     """
     path = Path(path)
-    boxes = () if world is None else _boxes(Path(world))
+    obstacles = () if world is None else _obstacles(Path(world))
     name = path.stem if world is None else f"{path.stem} in {Path(world).stem}"
     try:
-        return _scenario(name, grid, parse_mission(_read(path, "JSON")), boxes)
+        return _scenario(name, grid, parse_mission(_read(path, "JSON")), obstacles)
     except ScenarioError as error:
         raise _in_file(path, error) from None
 
@@ -68,7 +71,10 @@ def is_lsc_mission(path: str | Path) -> bool:
 _OF_THE_FILE = re.compile(r"^scenario\.vehicles\[(\d+)\]\.(start|goal)\.position$")
 
 
-def _boxes(path: Path) -> tuple[Box, ...]:
+def _obstacles(path: Path) -> tuple[Box | Voxels, ...]:
+    """Return the boxes of a CSV file, or an OctoMap."""
+    if path.suffix.lower() in OCTOMAPS:
+        return (Voxels.from_octomap(path, unknown="free"),)
     try:
         return parse_world(_read(path, "CSV"))
     except ScenarioError as error:
@@ -91,7 +97,7 @@ def _read(path: Path, kind: str) -> str:
         ) from None
 
 
-def _scenario(name: str, grid: Grid, mission: Mission, boxes: tuple[Box, ...]) -> Scenario:
+def _scenario(name: str, grid: Grid, mission: Mission, world: tuple[Box | Voxels, ...]) -> Scenario:
     kinds = [mission.quadrotors[agent.type] for agent in mission.agents]
     alike = all(kind.limits == kinds[0].limits for kind in kinds)
     vehicles = tuple(
@@ -106,7 +112,7 @@ def _scenario(name: str, grid: Grid, mission: Mission, boxes: tuple[Box, ...]) -
     )
     low, high = mission.world[0].dimension[:3], mission.world[0].dimension[3:]
     limits = dataclasses.replace(kinds[0].limits if alike else Limits(), position=Box(low, high))
-    obstacles = (*boxes, *(obstacle.box for obstacle in mission.obstacles))
+    obstacles = (*world, *(obstacle.box for obstacle in mission.obstacles))
     return Scenario(name, grid, vehicles, limits, obstacles, _separation(mission, kinds))
 
 

@@ -1,0 +1,177 @@
+"""The command `map`: what the file of a map holds."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+from rich.table import Table
+
+from drake_rho.cli.checks import check_writable
+from drake_rho.cli.console import answer, working
+from drake_rho.cli.documents import Mapped
+from drake_rho.scenario.maps import mesh_files, octomaps, point_clouds
+from drake_rho.scenario.maps.map import Map
+from drake_rho.scenario.maps.mesh import Mesh
+from drake_rho.scenario.maps.octomaps import Leaves, read_leaves
+from drake_rho.scenario.maps.parts import Parts
+from drake_rho.scenario.maps.voxels import Voxels
+
+_FIGURES = (".png", ".pdf", ".svg")
+_KINDS = {"octomap": "an OctoMap", "points": "a point cloud", "mesh": "a mesh"}
+_ENDINGS = dict.fromkeys((*octomaps.ENDINGS, *point_clouds.ENDINGS, *mesh_files.ENDINGS))
+
+
+def map(
+    file: Annotated[
+        str,
+        typer.Argument(
+            metavar="FILE",
+            help=f"The file of a map: an OctoMap ({', '.join(octomaps.ENDINGS)}), a point cloud "
+            f"({', '.join(point_clouds.ENDINGS)}) or a mesh ({', '.join(mesh_files.ENDINGS)}).",
+        ),
+    ],
+    unknown: Annotated[
+        str | None,
+        typer.Option(
+            metavar="|".join(octomaps.MEANINGS),
+            help="What cells of an OctoMap count as that were never seen; free by default.",
+        ),
+    ] = None,
+    resolution: Annotated[
+        float | None,
+        typer.Option(help="Side of the cells of a point cloud in metres, which it has to have."),
+    ] = None,
+    scale: Annotated[
+        float | None, typer.Option(help="Length of the unit of a mesh in metres; 1 by default.")
+    ] = None,
+    figure: Annotated[
+        str | None,
+        typer.Option(metavar="FILE", help="Draw the map to this file (.png, .pdf or .svg)."),
+    ] = None,
+) -> int:
+    """Say what the file of a map holds, and draw it."""
+    check_writable(figure, _FIGURES, "--figure")
+    leaves = None
+    with working("reading") as work:
+        kind = _kind_of(file, unknown, resolution, scale)
+        if kind == "octomap":
+            work("reading the octree")
+            leaves = read_leaves(file)
+            found: Map = Voxels.from_octomap(file, _meaning(unknown))
+        elif kind == "points":
+            found = Voxels.from_points(file, _needed(file, resolution))
+        else:
+            found = Mesh.load(file, 1.0 if scale is None else scale)
+        work("covering by convex parts")
+        document = _document(file, kind, found, leaves, figure)
+    if figure is not None:
+        # importing matplotlib takes longer than most commands
+        from drake_rho.display.plots.maps import map_figure
+        from drake_rho.display.plots.publish import save_figure
+
+        with working("drawing"):
+            save_figure(map_figure(found), figure)
+    written = [] if figure is None else [f"drawn in {figure}"]
+    return answer(document, _table(document), *written)
+
+
+def _kind_of(
+    file: str, unknown: str | None, resolution: float | None, scale: float | None
+) -> Literal["octomap", "points", "mesh"]:
+    """Return the kind of a map by its ending; a PLY file with a resolution is a point cloud.
+
+    Raises:
+        ValueError: the ending is that of no map, or an option is for maps of another kind.
+    """
+    ending = Path(file).suffix.lower()
+    kind: Literal["octomap", "points", "mesh"]
+    if ending in octomaps.ENDINGS:
+        kind = "octomap"
+    elif ending in mesh_files.ENDINGS and (ending != ".ply" or resolution is None):
+        kind = "mesh"
+    elif ending in point_clouds.ENDINGS:
+        kind = "points"
+    else:
+        raise ValueError(f"{file!r}: got no map, expected a file ending in {', '.join(_ENDINGS)}")
+    of_kinds = (("--unknown", unknown, "octomap"), ("--scale", scale, "mesh"))
+    for option, given, of in (*of_kinds, ("--resolution", resolution, "points")):
+        if given is not None and of != kind:
+            raise ValueError(f"{option}: got {given}, expected {_KINDS[of]}, not {file!r}")
+    return kind
+
+
+def _meaning(unknown: str | None) -> Literal["free", "occupied"]:
+    """Return what unknown cells count as.
+
+    Raises:
+        ValueError: the option has another value.
+    """
+    if unknown in (None, "free"):
+        return "free"
+    if unknown == "occupied":
+        return "occupied"
+    raise ValueError(f"--unknown: got {unknown!r}, expected free or occupied")
+
+
+def _needed(file: str, resolution: float | None) -> float:
+    """Return the resolution of a point cloud.
+
+    Raises:
+        ValueError: the option is missing.
+    """
+    if resolution is None:
+        expected = "--resolution, the side of the cells that are to hold the points"
+        raise ValueError(f"{file!r}: got no --resolution, expected {expected}")
+    return resolution
+
+
+def _document(
+    file: str, kind: str, found: Map, leaves: Leaves | None, figure: str | None
+) -> Mapped:
+    """Return the description of a map."""
+    voxels = found if isinstance(found, Voxels) else None
+    mesh = found if isinstance(found, Mesh) else None
+    return Mapped(
+        file=file,
+        kind=kind,
+        lower_m=(found.center - found.extent).tolist(),
+        upper_m=(found.center + found.extent).tolist(),
+        resolution_m=None if voxels is None else voxels.resolution,
+        cells=None if voxels is None else len(voxels.occupied),
+        occupied_cells=None if leaves is None else leaves.occupied,
+        free_cells=None if leaves is None else leaves.free,
+        unknown_cells=None if leaves is None else leaves.unknown,
+        triangles=None if mesh is None else len(mesh.triangles),
+        vertices=None if mesh is None else len(mesh.vertices),
+        watertight=None if mesh is None else mesh.is_watertight,
+        parts=len(found.cover) if isinstance(found.cover, Parts) else 1,
+        beyond_m=found.cover_excess,
+        figure=figure,
+    )
+
+
+def _table(document: Mapped) -> Table:
+    """Return the description as a table of two columns."""
+    table = Table(box=None, show_header=False, padding=(0, 2, 0, 0), pad_edge=False)
+    for name, text in _rows(document).items():
+        table.add_row(name, text)
+    return table
+
+
+def _rows(document: Mapped) -> dict[str, str]:
+    corners = zip(document.lower_m, document.upper_m, strict=True)
+    spans = ", ".join(f"{low:g} to {high:g}" for low, high in corners)
+    rows = {"extent": f"{spans} m"}
+    if document.cells is not None:
+        rows["obstacle"] = f"{document.cells} cells of {document.resolution_m:g} m"
+    if document.unknown_cells is not None:
+        known = f"{document.occupied_cells} occupied, {document.free_cells} free"
+        rows["bounding box"] = f"{known} and {document.unknown_cells} unknown cells"
+    if document.triangles is not None:
+        kind = "watertight, a solid" if document.watertight else "not watertight, a surface"
+        rows["obstacle"] = f"{document.triangles} triangles, {document.vertices} vertices; {kind}"
+    beyond = f"up to {document.beyond_m:.3g} m beyond the map" if document.beyond_m else "exact"
+    rows["cover"] = f"{document.parts} convex part{'s'[: document.parts != 1]}, {beyond}"
+    return rows

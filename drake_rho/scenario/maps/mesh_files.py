@@ -1,0 +1,108 @@
+"""Triangles of mesh files: OBJ, STL, PLY and glTF."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from typing import Any, NamedTuple
+from urllib.parse import unquote
+
+import numpy as np
+
+from drake_rho.scenario.errors import Description, ScenarioError
+from drake_rho.scenario.fields import FloatArray, IntArray
+from drake_rho.scenario.maps.libraries import library
+from drake_rho.scenario.maps.source import checked_file, named, unreadable
+from drake_rho.scenario.maps.stored import MOST
+
+ENDINGS = (".obj", ".stl", ".ply", ".gltf", ".glb")
+"""Endings of mesh files."""
+
+_EXPECTED = "a mesh of triangles"
+
+
+class MeshFile(NamedTuple):
+    """Triangles of all geometries of a file, each where the file places it."""
+
+    vertices: FloatArray
+    """positions, in the unit of the file, shape (V, 3)"""
+    triangles: IntArray
+    """numbers of the vertices of each triangle, shape (F, 3)"""
+    beside: tuple[str, ...]
+    """names of further files that were read, relative to the file's folder"""
+
+
+def read_mesh(path: str | Path) -> MeshFile:
+    """Return the triangles of a mesh file, without colours and textures.
+
+    A glTF file may keep its numbers in further files; those have to be in its folder.
+
+    Raises:
+        ScenarioError: the file cannot be read, is damaged or has no triangles, or the extra `maps`
+            is not installed.
+    """
+    path = checked_file(path, ENDINGS)
+    trimesh = library("trimesh")
+    beside = _Beside(path)
+    try:
+        with np.errstate(all="ignore"):  # numbers that are not finite are refused below
+            scene = trimesh.load_scene(
+                io.BytesIO(path.read_bytes()),
+                file_type=path.suffix[1:].lower(),
+                resolver=beside,
+                process=False,  # which would merge vertices and remove those that are not numbers
+                skip_materials=True,
+            )
+            vertices, triangles = _merged(scene, trimesh.Trimesh)
+    except ScenarioError:
+        raise
+    except Exception as error:  # readers of damaged files may raise almost anything
+        raise unreadable(path, error, _EXPECTED) from None
+    if len(triangles) == 0:
+        raise ScenarioError(named(path), Description("no triangles"), _EXPECTED)
+    if not np.isfinite(vertices).all():
+        row = int(np.argmin(np.isfinite(vertices).all(axis=1)))
+        given = Description(f"vertex {row + 1} at {vertices[row].tolist()}")
+        raise ScenarioError(named(path), given, "finite coordinates")
+    return MeshFile(vertices, triangles, tuple(sorted(beside.read)))
+
+
+def _merged(scene: Any, kind: Any) -> tuple[FloatArray, IntArray]:
+    """Return the vertices and triangles of all meshes of a scene, placed by its nodes."""
+    vertices, triangles = [np.zeros((0, 3))], [np.zeros((0, 3), dtype=np.int64)]
+    count = total = 0
+    for node in scene.graph.nodes_geometry:
+        matrix, name = scene.graph[node]
+        mesh = scene.geometry[name]
+        if not isinstance(mesh, kind):  # points and lines
+            continue
+        total += len(mesh.faces)
+        if max(total, count + len(mesh.vertices)) > MOST:
+            raise ValueError(f"it has more than {MOST} triangles or vertices")
+        placed = np.asarray(mesh.vertices) @ matrix[:3, :3].T + matrix[:3, 3]
+        vertices.append(placed)
+        triangles.append(np.asarray(mesh.faces, dtype=np.int64) + count)
+        count += len(placed)
+    return np.concatenate(vertices), np.concatenate(triangles)
+
+
+class _Beside:
+    """Files of numbers in the folder of a mesh; trimesh asks for them by name."""
+
+    def __init__(self, path: Path) -> None:
+        self._folder = path.parent
+        self.read = set[str]()
+
+    def __getitem__(self, name: str) -> bytes:
+        """Return the content of a file.
+
+        Raises:
+            ScenarioError: it is outside of the folder, no buffer, or cannot be read.
+        """
+        path = (self._folder / unquote(name)).resolve()
+        if not path.is_relative_to(self._folder):
+            given = Description("a reference to a file elsewhere")
+            raise ScenarioError(named(name), given, f"only files in {named(self._folder)}")
+        content = checked_file(path, (".bin", ".glbin")).read_bytes()
+        self.read.add(path.relative_to(self._folder).as_posix())
+        return content
