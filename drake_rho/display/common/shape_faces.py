@@ -105,6 +105,24 @@ def unit_sphere() -> FloatArray:
     return np.stack(corners, axis=2).reshape(-1, 4, 3)
 
 
+def clipped(face: FloatArray, lower: FloatArray, upper: FloatArray) -> FloatArray:
+    """Return the part of a convex polygon (n, 3) inside a box, of the same orientation."""
+    for axis in range(3):
+        for sign, bound in ((-1.0, -lower[axis]), (1.0, upper[axis])):
+            beyond = sign * face[:, axis] - bound
+            if np.all(beyond <= 0.0):
+                continue
+            corners = []
+            for k, excess in enumerate(beyond):
+                if (before := beyond[k - 1]) * excess < 0.0:
+                    part = before / (before - excess)
+                    corners.append(face[k - 1] + part * (face[k] - face[k - 1]))
+                if excess <= 0.0:
+                    corners.append(face[k])
+            face = np.reshape(corners, (-1, 3))
+    return face
+
+
 def _ring(points: FloatArray, normal: FloatArray) -> FloatArray:
     """Order the corners of a planar convex polygon counter-clockwise, without duplicates."""
     corners = np.unique(points, axis=0)

@@ -28,6 +28,9 @@ FORBIDDEN = "#888888"
 """Colour of regions that vehicles must not enter."""
 ALLOWED = "#2E8B57"
 """Colour of sets in which vehicles must stay."""
+LOWEST, HIGHEST = "#3D4B60", "#DCCFB4"
+"""Colours of the lowest and the highest parts of a map, apart from all vehicles'; heights between
+have the colours between in RGB, so that a long wall has the right ones with two at its ends."""
 PLENTY_LEFT, NOTHING_LEFT = "#9AA0AA", "#FF2020"
 """Colours of a link of which much is left, and of one of which nothing is."""
 CONFLICT = "#D00000"
@@ -77,6 +80,16 @@ def reddened(part: float) -> str:
     """Return the colour of a link, from grey at 1, where plenty is left, to red at 0."""
     grey, red = (np.array(to_rgb(each)) for each in (PLENTY_LEFT, NOTHING_LEFT))
     return to_hex(red + float(np.clip(part, 0.0, 1.0)) * (grey - red))
+
+
+def height_colours(heights: FloatArray, lowest: float, highest: float) -> FloatArray:
+    """Return colours of heights [m], shape (..., 3), the middle one where all heights are equal."""
+    low, high = (np.array(to_rgb(each)) for each in (LOWEST, HIGHEST))
+    parts = np.full(heights.shape, 0.5)
+    if highest > lowest:
+        parts = np.clip((heights - lowest) / (highest - lowest), 0.0, 1.0)
+    colours: FloatArray = low + parts[..., None] * (high - low)
+    return colours
 
 
 def view() -> tuple[FloatArray, FloatArray, FloatArray]:
