@@ -15,11 +15,10 @@ from drake_rho.scenario.maps.cells import exposed, joined, unique
 from drake_rho.scenario.maps.map import Map
 from drake_rho.scenario.maps.mesh import Mesh
 from drake_rho.scenario.maps.voxels import Voxels
+from drake_rho.scenario.records import Scenario
 
 _MOST_FACES = 60_000
 """Largest number of faces that are drawn; of larger maps, cells or vertices are merged."""
-_MOST_FLAT = 20_000
-"""Largest number of triangles that are shaded flat, for which their vertices are not shared."""
 _FINEST = 256
 """Number of cells along the longest side of a mesh, at which its vertices are merged first."""
 
@@ -61,23 +60,13 @@ class MapFaces:
         return self.colours(self.corners.mean(axis=1))
 
     def mesh(self) -> tuple[FloatArray, IntArray]:
-        """Return vertices (V, 3) [m] and triangles of their numbers (T, 3).
-
-        Faces share vertices where their normals are equal, so that each is shaded flat. Very many
-        triangles share all vertices and are shaded as if smooth.
-        """
-        count = self.corners.shape[1]
+        """Return vertices (V, 3) [m], which faces share, and triangles of their numbers (T, 3)."""
         points = self.corners.reshape(-1, 3)
-        if count == 4 or len(self.corners) <= _MOST_FLAT:
-            size = float(np.abs(points).max()) or 1.0
-            lengths = np.linalg.norm(self.normals, axis=1, keepdims=True)
-            units = self.normals / np.where(lengths > 0.0, lengths, 1.0)
-            points = np.hstack([points, np.repeat(size * units, count, axis=0)])
         numbers = _same(points)
         firsts = np.unique(numbers, return_index=True)[1]
-        of = numbers.reshape(-1, count)
-        fans = [of[:, [0, k, k + 1]] for k in range(1, count - 1)]
-        return self.corners.reshape(-1, 3)[firsts], np.concatenate(fans)
+        of = numbers.reshape(-1, self.corners.shape[1])
+        fans = [of[:, [0, k, k + 1]] for k in range(1, of.shape[1] - 1)]
+        return points[firsts], np.concatenate(fans)
 
 
 def _same(rows: FloatArray) -> IntArray:
@@ -89,6 +78,11 @@ def _same(rows: FloatArray) -> IntArray:
         pairs = numbers * (int(values.max()) + 1) + values
         numbers = np.unique(pairs, return_inverse=True)[1].reshape(-1)
     return numbers
+
+
+def has_map(scenario: Scenario) -> bool:
+    """Return whether any obstacle is a map."""
+    return any(isinstance(obstacle.shape, Map) for obstacle in scenario.bodies)
 
 
 def map_faces(solid: Map, between: tuple[float, float] | None = None) -> MapFaces:

@@ -8,7 +8,7 @@ from functools import singledispatch
 import numpy as np
 
 from drake_rho.scenario.fields import FloatArray
-from drake_rho.scenario.shapes.base import Shape
+from drake_rho.scenario.shapes.base import Solid
 from drake_rho.scenario.shapes.cylinders import Cylinder
 from drake_rho.scenario.shapes.polyhedra import Box, Polytope
 from drake_rho.scenario.shapes.quadrics import Ellipsoid, Sphere
@@ -32,11 +32,11 @@ class Surface:
 
 
 @singledispatch
-def surface(shape: Shape) -> Surface:
+def surface(shape: Solid) -> Surface:
     """Approximate the surface of a bounded shape by flat faces with their corners on it.
 
     A shape without a function of its own, which has to contain its centre, is drawn as smooth: its
-    corners are on rays from the centre, at distances found by bisection of `Shape.signed_distance`.
+    corners are on rays from the centre, at distances found by bisection of `Solid.signed_distance`.
     """
     rays = shape.extent * unit_sphere()
     inside, outside = np.zeros(rays.shape[:-1]), np.full(rays.shape[:-1], 2.0)

@@ -45,6 +45,8 @@ EXTREMUM_STYLE: dict[str, Any] = {
 """Style of the ring around the overall minimum or maximum."""
 VIEW_ELEVATION, VIEW_AZIMUTH = 22.0, -58.0
 """Viewpoint of a scene: angle above the horizon and around the vertical axis [deg]."""
+STEEP_ELEVATION = 62.0
+"""Elevation of the viewpoint of an animated scene whose flights are hidden by maps otherwise."""
 PER_STEP = 12
 """Least number of points at which the exact motion is drawn in each step."""
 MAX_NAMED = len(COLOURS)
@@ -92,9 +94,16 @@ def height_colours(heights: FloatArray, lowest: float, highest: float) -> FloatA
     return colours
 
 
-def view() -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return unit vectors to the right and up on the screen, and from the scene to the viewer."""
-    azimuth, elevation = np.radians(VIEW_AZIMUTH), np.radians(VIEW_ELEVATION)
+def view(
+    elevation: float = VIEW_ELEVATION, azimuth: float = VIEW_AZIMUTH
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return unit vectors to the right and up on the screen, and from the scene to the viewer.
+
+    Args:
+        elevation: angle of the viewpoint above the horizon [deg].
+        azimuth: angle around the vertical axis [deg].
+    """
+    azimuth, elevation = np.radians(azimuth), np.radians(elevation)
     right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
     to_viewer = np.array(
         [

@@ -53,13 +53,16 @@ class Area:
     max_height: float
 
 
-def frame_scene(ax: Axes3D, positions: FloatArray, shown: Sequence[Snapshot]) -> None:
+def frame_scene(
+    ax: Axes3D, positions: FloatArray, shown: Sequence[Snapshot], *, from_above: bool = False
+) -> None:
     """Set equal axes around the positions and the obstacles, and label them with units.
 
     Args:
         ax: axes to set.
         positions: of everything drawn except the obstacles [m], shape (..., 3).
         shown: the obstacles.
+        from_above: whether x and y are seen from above, rather than all three from the side.
     """
     positions = positions.reshape(-1, 3)
     bounds = [each.bounds for each in shown]
@@ -76,9 +79,11 @@ def frame_scene(ax: Axes3D, positions: FloatArray, shown: Sequence[Snapshot]) ->
     # of sight. Matplotlib's own order compares centres, which can hide objects in front.
     ax.computed_zorder = False
     ax.set_proj_type("ortho")
-    ax.view_init(elev=VIEW_ELEVATION, azim=VIEW_AZIMUTH)
-    right, up, _ = view()
-    for index, axis in enumerate((ax.xaxis, ax.yaxis, ax.zaxis)):
+    elevation, azimuth = (90.0, -90.0) if from_above else (VIEW_ELEVATION, VIEW_AZIMUTH)
+    ax.view_init(elev=elevation, azim=azimuth)
+    ax.zaxis.set_visible(not from_above)
+    right, up, _ = view(elevation, azimuth)
+    for index, axis in enumerate((ax.xaxis, ax.yaxis, ax.zaxis)[: 2 if from_above else 3]):
         # Matplotlib's offset of ticks and labels is proportional to the other two sides. Beside
         # thin boxes it would be less than the height of a letter.
         along = sides[index] * np.array([right[index], up[index]])

@@ -46,6 +46,10 @@ _MAX_LARGE = 14
 """Largest number of vehicles with large starts and goals, and of obstacles with large labels."""
 _MIN_NUMBERED = 0.02
 """Least size of a numbered obstacle over that of the axes, if there are many obstacles."""
+_MOST_VECTORS = 2000
+"""Largest number of faces of a map that are drawn as vectors."""
+_FAINT_MAP = 0.15
+"""Opacity of maps at secondary positions."""
 _TOP = 1000
 """Layer above all obstacles."""
 
@@ -58,6 +62,9 @@ def draw_obstacles(ax: Axes3D, shown: Sequence[Snapshot]) -> list[Poly3DCollecti
     lower, upper = np.array([ax.get_xlim(), ax.get_ylim(), ax.get_zlim()]).T
     bodies = []
     for each, rank in zip(shown, ranks(shown), strict=True):
+        if each.faces is not None:
+            bodies.append(draw_map(ax, each, zorder=2 * rank + 2))
+            continue
         cut = each.truncated(lower, upper)
         skin, layer = surface(cut.shape), 2 * rank + 2
         body = Poly3DCollection(
@@ -81,6 +88,29 @@ def draw_obstacles(ax: Axes3D, shown: Sequence[Snapshot]) -> list[Poly3DCollecti
     return bodies
 
 
+def draw_map(ax: Axes3D, shown: Snapshot, *, zorder: float = 0.0) -> Poly3DCollection:
+    """Draw a map, coloured by height, opaque unless it is faint.
+
+    In files of vector graphics a map of many faces is a picture.
+    """
+    faces = shown.faces
+    if faces is None:
+        raise ValueError(f"shown: got {shown.shape}, expected a map")
+    colours = faces.face_colours()
+    body = Poly3DCollection(
+        shown.center + faces.corners,
+        facecolors=colours,
+        edgecolors=colours,  # which hide seams between faces
+        shade=shown.between is None,
+        linewidth=0.3,
+        alpha=_FAINT_MAP if shown.faint else None,
+        zorder=zorder,
+        rasterized=len(faces.corners) > _MOST_VECTORS,
+    )
+    ax.add_collection3d(body)
+    return body
+
+
 def draw_obstacle_labels(ax: Axes3D, shown: Sequence[Snapshot]) -> list[Text]:
     """Draw the obstacles' numbers in their centres, and names and times above them.
 
@@ -91,18 +121,19 @@ def draw_obstacle_labels(ax: Axes3D, shown: Sequence[Snapshot]) -> list[Text]:
     many = len(shown) > _MAX_LARGE
     for each in shown:
         cut, number = each.truncated(lower, upper), each.label.isdecimal()
-        narrow = cut.shape.size < _MIN_NUMBERED * np.max(upper - lower)
+        middle = number and each.faces is None
+        narrow = cut.shape.extent.max() < _MIN_NUMBERED * np.max(upper - lower)
         if not each.label or (many and number and narrow):
             continue
-        above = 0.0 if number else cut.shape.extent[2]
+        above = 0.0 if middle else cut.shape.extent[2]
         top = cut.center + above * np.eye(3)[2]
         style: dict[str, Any] = {
             "fontsize": 6 if many else 7,
             "color": "#555555" if each.faint else "#222222",
         }
-        if number:
+        if middle:
             style["bbox"] = None
-        spots = around(ax, *top, middle=number, rows=1 if many else 4)
+        spots = around(ax, *top, middle=middle, rows=1 if many else 4)
         artists.append(Labels.of(ax).add(each.label, spots, rank=2 if number else 1, **style))
     return artists
 
@@ -187,7 +218,8 @@ def draw_conflicts(
     for each in shown:
         if each.number in numbers:
             cut = each.truncated(lower, upper)
-            faces = [cut.center + face for face in surface(cut.shape).faces]
+            skin = surface(cut.shape).faces if cut.faces is None else cut.faces.corners
+            faces = [cut.center + face for face in skin]
             body = Poly3DCollection(faces, facecolors=CONFLICT, alpha=0.25, linewidth=0)
             ax.add_collection3d(body)
             artists.append(body)
