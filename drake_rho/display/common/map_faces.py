@@ -19,6 +19,8 @@ from drake_rho.scenario.records import Scenario
 
 _MOST_FACES = 60_000
 """Largest number of faces that are drawn; of larger maps, cells or vertices are merged."""
+_BANDS = 12
+"""Number of bands of height in which a tall rectangle has a colour each."""
 _FINEST = 256
 """Number of cells along the longest side of a mesh, at which its vertices are merged first."""
 
@@ -55,9 +57,28 @@ class MapFaces:
         """Return the colours of positions relative to the centre (..., 3), by height, (..., 3)."""
         return height_colours(corners[..., 2], self.lowest, self.highest)
 
-    def face_colours(self) -> FloatArray:
-        """Return the colour of the middle of each face, shape (F, 3)."""
-        return self.colours(self.corners.mean(axis=1))
+    def in_bands(self) -> FloatArray:
+        """Return the faces with tall rectangles cut at some heights, for colours of one per face.
+
+        Returns:
+            Corners relative to the centre [m], shape (F, C, 3).
+        """
+        corners = self.corners
+        if corners.shape[1] != 4 or len(corners) == 0 or self.highest <= self.lowest:
+            return corners
+        rises = np.abs(corners[:, [1, 3], 2] - corners[:, :1, 2])
+        turned = rises[:, 1] > rises[:, 0]  # so that the first side is the steeper one
+        corners = np.where(turned[:, None, None], np.roll(corners, 1, axis=1), corners)
+        parts = rises.max(axis=1) / (self.highest - self.lowest) * _BANDS
+        counts = np.maximum(np.ceil(parts - 1e-9).astype(np.int64), 1)
+        face = np.repeat(np.arange(len(corners)), counts)
+        number = np.arange(len(face)) - np.repeat(np.cumsum(counts) - counts, counts)
+        begin, end = ((number + more) / counts[face] for more in (0.0, 1.0))
+        first, second, third, fourth = np.moveaxis(corners[face], 1, 0)
+        one, other = second - first, third - fourth
+        at = (first + begin[:, None] * one, first + end[:, None] * one)
+        opposite = (fourth + end[:, None] * other, fourth + begin[:, None] * other)
+        return np.stack([*at, *opposite], axis=1)
 
     def mesh(self) -> tuple[FloatArray, IntArray]:
         """Return vertices (V, 3) [m], which faces share, and triangles of their numbers (T, 3)."""

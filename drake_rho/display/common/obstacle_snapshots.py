@@ -54,7 +54,10 @@ class Snapshot:
         """Faces of a map, relative to its centre; None of a shape."""
         if not isinstance(self.shape, Map):
             return None
-        heights = self.between and (self.between[0] - self.center[2], self.between[1] - self.center[2])
+        heights = self.between and (
+            self.between[0] - self.center[2],
+            self.between[1] - self.center[2],
+        )
         return map_faces(self.shape, heights)
 
     @property

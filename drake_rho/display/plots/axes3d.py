@@ -81,9 +81,11 @@ def frame_scene(
     ax.set_proj_type("ortho")
     elevation, azimuth = (90.0, -90.0) if from_above else (VIEW_ELEVATION, VIEW_AZIMUTH)
     ax.view_init(elev=elevation, azim=azimuth)
-    ax.zaxis.set_visible(not from_above)
-    right, up, _ = view(elevation, azimuth)
-    for index, axis in enumerate((ax.xaxis, ax.yaxis, ax.zaxis)[: 2 if from_above else 3]):
+    if from_above:
+        _without_heights(ax)
+        return
+    right, up, _ = view()
+    for index, axis in enumerate((ax.xaxis, ax.yaxis, ax.zaxis)):
         # Matplotlib's offset of ticks and labels is proportional to the other two sides. Beside
         # thin boxes it would be less than the height of a letter.
         along = sides[index] * np.array([right[index], up[index]])
@@ -92,6 +94,20 @@ def frame_scene(
         factor = max(1.0, _MIN_REACH / reach)
         axis.set_tick_params(pad=_TICKS * (factor - 1.0))
         axis.labelpad = 3.0 * factor + _LABEL * (factor - 1.0)
+
+
+def _without_heights(ax: Axes3D) -> None:
+    """Remove the axis of heights, which is not seen from above, and put labels near the others."""
+    ax.set(zticks=[], zlabel="")
+    ax.zaxis.set_visible(False)
+    for axis, tick, label in ((ax.xaxis, -4.0, -6.0), (ax.yaxis, 0.0, 0.0)):
+        axis.set_tick_params(pad=tick)
+        axis.labelpad = label
+
+
+def _axes_of(ax: Axes3D) -> list[Any]:
+    """Return the axes that are shown, untyped in matplotlib."""
+    return [axis for axis in (ax.xaxis, ax.yaxis, ax.zaxis) if axis.get_visible()]
 
 
 def fit_scene(figure: Figure, ax: Axes3D, area: Area) -> Bbox:
@@ -135,7 +151,7 @@ def _extents(figure: Figure, ax: Axes3D) -> tuple[Bbox, Bbox]:
     x, y, _ = proj3d.proj_transform(*np.array(list(product(*ends))).T, ax.get_proj())
     corners = ax.transData.transform(np.stack([x, y], axis=1)) / figure.dpi
     box = Bbox([corners.min(axis=0), corners.max(axis=0)])
-    for index, axis in enumerate((ax.xaxis, ax.yaxis, ax.zaxis)):
+    for index, axis in enumerate(_axes_of(ax)):
         line = np.stack([ends[:, 0]] * 2)
         line[1, index] = ends[index, 1]
         x, y, _ = proj3d.proj_transform(*line.T, ax.get_proj())
@@ -144,7 +160,7 @@ def _extents(figure: Figure, ax: Axes3D) -> tuple[Bbox, Bbox]:
         axis.set_major_locator(MaxNLocator(intervals, steps=[1, 2, 5, 10]))
     figure.draw_without_rendering()
     renderer = renderer_of(figure)
-    parts = [axis.get_tightbbox(renderer) for axis in (ax.xaxis, ax.yaxis, ax.zaxis)]
+    parts = [axis.get_tightbbox(renderer) for axis in _axes_of(ax)]
     labels = [each.transformed(figure.dpi_scale_trans.inverted()) for each in parts if each]
     return box, Bbox.union([box, *labels])
 
@@ -152,7 +168,7 @@ def _extents(figure: Figure, ax: Axes3D) -> tuple[Bbox, Bbox]:
 def _drop_overlapping_ticks(figure: Figure, ax: Axes3D) -> None:
     """Leave out ticks whose numbers would overlap others, of any axis."""
     renderer, occupied = renderer_of(figure), list[Bbox]()
-    for axis in (ax.xaxis, ax.yaxis, ax.zaxis):
+    for axis in _axes_of(ax):
         low, high = sorted(axis.get_view_interval())
         remaining = []
         for tick in axis.get_major_ticks():

@@ -19,7 +19,7 @@ from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.shapes.base import Shape
 
 
-_FAINT = 0.3
+FAINT = 0.3
 """Opacity of lines behind a map, over that of lines in front of it."""
 
 
@@ -90,7 +90,7 @@ def draw_line(
     over, behind = layers(points, shown), hidden(points, shown)
     cuts = [0, *(np.flatnonzero(np.diff(2 * over + behind)) + 1), len(points) - 1]
     pieces = [(first, last) for first, last in pairwise(cuts) if last > first]
-    faint = {"alpha": _FAINT * style.get("alpha", 1.0)}
+    faint = {"alpha": FAINT * style.get("alpha", 1.0)}
     return [
         ax.plot(
             *points[first : last + 1].T,

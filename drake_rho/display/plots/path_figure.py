@@ -260,14 +260,13 @@ class _Content:
             notes.append(as_text(str(self.conflicts)))
         return [line for note in notes for line in in_width(figure, note, width).split("\n")][::-1]
 
-
     def _note_of_maps(self) -> str:
         if self.heights is None:
             return "maps: paler the higher; paths behind them are faint"
         lower, upper = self.heights
         return (
-            "seen from above, since maps hide the paths from the side; shown of maps: what is "
-            f"between the heights {lower:.2f} and {upper:.2f} m of the flights, paler the higher"
+            "seen from above, since maps hide the paths from the side; of maps, only what is at the "
+            f"heights of the flights, {lower:.2f} to {upper:.2f} m"
         )
 
 

@@ -18,7 +18,7 @@ from mpl_toolkits.mplot3d.axes3d import Axes3D
 
 from drake_rho.display.common.drawable import Drawn, StraightLines, drawn, planned
 from drake_rho.display.common.names import as_text, brief
-from drake_rho.display.common.obstacle_snapshots import Snapshot
+from drake_rho.display.common.obstacle_snapshots import Snapshot, hidden
 from drake_rho.display.common.shape_faces import surface
 from drake_rho.display.common.style import (
     CONFLICT,
@@ -30,7 +30,7 @@ from drake_rho.display.common.style import (
     vehicle_marker,
     window_colours,
 )
-from drake_rho.display.plots.draw_order import draw_line, layers, ranks
+from drake_rho.display.plots.draw_order import FAINT, draw_line, layers, ranks
 from drake_rho.display.plots.labels import Labels, around
 from drake_rho.display.plots.legends import width_of
 from drake_rho.display.plots.overlapping_curves import marks_every, overlapping_pieces
@@ -46,7 +46,7 @@ _MAX_LARGE = 14
 """Largest number of vehicles with large starts and goals, and of obstacles with large labels."""
 _MIN_NUMBERED = 0.02
 """Least size of a numbered obstacle over that of the axes, if there are many obstacles."""
-_MOST_VECTORS = 2000
+MOST_VECTORS = 2000
 """Largest number of faces of a map that are drawn as vectors."""
 _FAINT_MAP = 0.15
 """Opacity of maps at secondary positions."""
@@ -96,16 +96,17 @@ def draw_map(ax: Axes3D, shown: Snapshot, *, zorder: float = 0.0) -> Poly3DColle
     faces = shown.faces
     if faces is None:
         raise ValueError(f"shown: got {shown.shape}, expected a map")
-    colours = faces.face_colours()
+    polygons = faces.in_bands()
+    colours = faces.colours(polygons.mean(axis=1))
     body = Poly3DCollection(
-        shown.center + faces.corners,
+        shown.center + polygons,
         facecolors=colours,
         edgecolors=colours,  # which hide seams between faces
         shade=shown.between is None,
         linewidth=0.3,
         alpha=_FAINT_MAP if shown.faint else None,
         zorder=zorder,
-        rasterized=len(faces.corners) > _MOST_VECTORS,
+        rasterized=len(polygons) > MOST_VECTORS,
     )
     ax.add_collection3d(body)
     return body
@@ -317,12 +318,16 @@ def _draw_knots(
     ax: Axes3D, knots: FloatArray, index: int, shown: Sequence[Snapshot], **style: Any
 ) -> None:
     knots = knots[:: marks_every(len(knots), width_of(ax))]
-    over = layers(knots, shown)
+    over, behind = layers(knots, shown), hidden(knots, shown)
     for layer in np.unique(over):
-        ax.plot(
-            *knots[over == layer].T,
-            linestyle="none",
-            marker=vehicle_marker(index),
-            zorder=2 * layer + 1,
-            **style,
-        )
+        for which, alpha in ((~behind, None), (behind, FAINT)):
+            if not np.any(here := which & (over == layer)):
+                continue
+            ax.plot(
+                *knots[here].T,
+                linestyle="none",
+                marker=vehicle_marker(index),
+                zorder=2 * layer + 1,
+                alpha=alpha,
+                **style,
+            )
