@@ -113,7 +113,8 @@ def _near_box(
     w = durations[:, None]  # a coordinate that turns round moves at most as far as v/2 does in w
     moved = w * np.maximum(np.abs(v + w / 2 * a), np.abs(v) / 2)
     reach = extent + within[:, None, None] + moved
-    return np.all(np.abs(p) < reach, axis=2)
+    near: BoolArray = np.all(np.abs(p) < reach, axis=2)
+    return near
 
 
 def _near_parts(

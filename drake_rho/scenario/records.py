@@ -11,6 +11,7 @@ from pydantic import Field, ValidationInfo, model_validator
 
 from drake_rho.scenario.consistency import (
     check_ends,
+    check_maps,
     check_names,
     check_obstacles,
     check_requirements,
@@ -128,6 +129,7 @@ class Scenario(ShownInNotebooks):
         under_way = bool(info.context)  # the starts of a flight under way are given, not chosen
         check_names(self.vehicles)
         check_obstacles(self.obstacles, self.grid)
+        check_maps(self.bodies, self.fleet)
         if self.disturbance is not None:
             self.disturbance.check(self.grid)
         self.check_ends(under_way=under_way)

@@ -20,16 +20,16 @@ from drake_rho.motion.scenario_tube import tube_of
 from drake_rho.motion.tube import Maximum
 from drake_rho.scenario.fields import BoolArray, FloatArray
 from drake_rho.scenario.limits import GRAVITY
-from drake_rho.scenario.parts import Quantity
 from drake_rho.scenario.maps.map import Map
+from drake_rho.scenario.parts import Quantity
 from drake_rho.scenario.records import TOLERANCE, Scenario
 from drake_rho.verification.boxes import check_boxes
 from drake_rho.verification.check import PRECISION, Check, Column
 from drake_rho.verification.closest_pairs import ellipsoid_distance
 from drake_rho.verification.continuous_time import AnyLower, least_over_time
 from drake_rho.verification.kinds import refuse_unknown
-from drake_rho.verification.norms import check_norms
 from drake_rho.verification.maps import encounters
+from drake_rho.verification.norms import check_norms
 from drake_rho.verification.obstacles import check_obstacle, relative_to
 from drake_rho.verification.requirements import check_requirements
 from drake_rho.verification.separation import check_separation

@@ -17,7 +17,6 @@ from drake_rho.scenario.maps.map import Map
 from drake_rho.scenario.maps.parts import Boxes, Parts, Triangles, nearest_on_triangles
 from drake_rho.verification.steps import Steps
 
-
 _ROUNDING = 1e-9
 """Relative rounding of a distance, so that the nearest part counts as near."""
 

@@ -19,6 +19,7 @@ from drake_rho.scenario.kinds import BOXES
 from drake_rho.scenario.maps.parts import Parts
 from drake_rho.scenario.norms import NORMS
 from drake_rho.scenario.records import Scenario
+from drake_rho.scenario.shapes.base import Solid
 
 
 def convex_constraints(scenario: Scenario, margins: PlanMargins) -> list[Constraint]:
@@ -42,10 +43,11 @@ def obstacles_of(
     inner_knots = EvaluationPoints.at_inner_knots(reference)
     constraints: list[KeepOutOfObstacle] = []
     for number, obstacle in known:
-        kind = KeepOutOfMap if isinstance(obstacle.shape, Parts) else KeepOutOfShape
+        shape: Solid = obstacle.shape
+        kind = KeepOutOfMap if isinstance(shape, Parts) else KeepOutOfShape
         constraints.append(
             kind(
-                shape=obstacle.shape,
+                shape=shape,  # type: ignore[arg-type]  # of that kind
                 kind="obstacles",
                 key=("obstacle", number),
                 obstacle_number=number,

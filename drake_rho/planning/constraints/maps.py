@@ -19,7 +19,7 @@ from drake_rho.planning.constraints.base import VIOLATED, HalfSpaces
 from drake_rho.planning.constraints.keep_out import EvaluationPoints
 from drake_rho.planning.constraints.obstacles import KeepOutOfObstacle
 from drake_rho.planning.constraints.stretches import with_neighbours
-from drake_rho.scenario.fields import FloatArray, IntArray
+from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.maps.parts import Parts
 
 
@@ -40,11 +40,18 @@ class KeepOutOfMap(KeepOutOfObstacle):
     def rows(self, points: EvaluationPoints) -> HalfSpaces:
         """Return the rows n · p >= n · c + h(n) + r of the parts at points.
 
-        The normal n points from the nearest point of the part to the reference.
+        The normal n points from the nearest point of the part to the reference. Where the reference
+        is inside the map, all parts push it the same way, to the nearest point of the surface: each
+        by itself would push it into the next.
         """
         assert points.parts is not None  # noqa: S101  # points of maps have them
-        shape, parts = self.shape, points.parts
-        inner = shape.measured(parts, shape.in_frame(self.offsets(self.reference, points)))[1]
+        shape, parts, x = self.shape, points.parts, self.offsets(self.reference, points)
+        inner = shape.measured(parts, shape.in_frame(x))[1]
+        close = np.flatnonzero(self._comes_close[points.vehicles])
+        if shape.solid is not None and len(close) > 0:
+            distances, ways_out = shape.solid.local_measured(x[close])
+            inside = distances < 0.0
+            inner[close[inside]] = shape.in_frame(ways_out[inside])
         normals = shape.in_world(inner)
         centers = self.obstacle.centers(points.times)
         beyond = shape.supports(parts, inner) + self.radius(points)
@@ -110,6 +117,15 @@ class KeepOutOfMap(KeepOutOfObstacle):
         marked = with_neighbours(marked, self._nearest_rows.vehicles, neighbours)
         nearby = self._nearest_rows.select(marked & self.holds_at(self._nearest_rows.times))
         return rows.union(nearby)
+
+    @cached_property
+    def _comes_close(self) -> BoolArray:
+        """Whether each vehicle's reference is closer than required at an inner knot, shape (N,)."""
+        x = self.offsets(self.reference, self.inner_knots)
+        required = self.radius(self.inner_knots)
+        distances = self.shape.distance_up_to(x, float(required.max()))
+        close = (distances < required).reshape(len(self.required), -1)
+        return np.asarray(close.any(axis=1))
 
     @cached_property
     def _nearest_rows(self) -> HalfSpaces:

@@ -73,6 +73,15 @@ def unique(cells: IntArray) -> IntArray:
     return found
 
 
+def difference(cells: IntArray, others: IntArray) -> IntArray:
+    """Return those of some different cells that are not among others, shape (D, 3)."""
+    if len(cells) == 0 or len(others) == 0:
+        return cells
+    keys = _keys(np.concatenate([cells, others]))
+    left: IntArray = cells[~np.isin(keys[: len(cells)], keys[len(cells) :])]
+    return left
+
+
 def _keys(cells: IntArray) -> IntArray:
     """Return one number for each cell, in the order of x, y and z, shape (M,)."""
     lower = cells.min(axis=0)

@@ -5,8 +5,6 @@ from __future__ import annotations
 import abc
 from functools import cached_property
 
-import numpy as np
-
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.maps.parts import Parts
 from drake_rho.scenario.shapes.base import Solid
@@ -30,7 +28,7 @@ class Map(Solid):
         """
 
     @cached_property
-    def center(self) -> FloatArray:  # type: ignore[override]  # derived here
+    def center(self) -> FloatArray:
         """Centre of the bounding box of its parts [m]."""
         return self.parts.center
 
@@ -53,9 +51,22 @@ class Map(Solid):
         """Return distances from the surface, negative inside."""
         return self._inside(x, self.parts.local_distance(x))
 
+    @abc.abstractmethod
+    def _way_out(self, x: FloatArray) -> FloatArray:
+        """Return unit vectors towards the nearest point of the surface, for x (P, 3) inside."""
+
     def local_outward(self, x: FloatArray) -> FloatArray:
-        """Return unit vectors from the nearest points of the nearest parts."""
-        return self.parts.local_outward(x)
+        """Return unit vectors from the nearest point; inside, to the nearest of the surface."""
+        return self.local_measured(x)[1]
+
+    def local_measured(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return distances from the surface, negative inside, and the vectors of `outward`."""
+        distances, outward = self.parts.local_measured(x)
+        distances = self._inside(x, distances)
+        inside = distances < 0.0
+        if inside.any():
+            outward[inside] = self._way_out(x[inside])
+        return distances, outward
 
     def check_solid(self) -> None:
         """Accept every map: a surface is kept clear of by vehicles with a radius."""
