@@ -28,7 +28,7 @@ AROUND = 0.5
 _APART = 0.2
 """Least displacement at which an obstacle is drawn a second time, over its largest extent."""
 _MOST_HIDDEN = 0.4
-"""Largest part of the flights that maps may hide; if they hide more, flights are seen from above."""
+"""Largest part of the flights that maps may hide; if they hide more, the view is from above."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -18,7 +18,6 @@ from drake_rho.display.common.style import view
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.shapes.base import Shape
 
-
 FAINT = 0.3
 """Opacity of lines behind a map, over that of lines in front of it."""
 

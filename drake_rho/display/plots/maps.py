@@ -1,4 +1,4 @@
-"""Figure of a map alone: in space and from above, coloured by height."""
+"""Maps drawn on given axes, in space and from above, and the figure of a map alone."""
 
 from __future__ import annotations
 
@@ -11,6 +11,8 @@ from matplotlib.collections import PolyCollection
 from matplotlib.colors import LinearSegmentedColormap, Normalize
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
+from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+from mpl_toolkits.mplot3d.axes3d import Axes3D
 
 from drake_rho.display.common.names import as_text, brief
 from drake_rho.display.common.obstacle_snapshots import Snapshot
@@ -19,11 +21,14 @@ from drake_rho.display.plots.axes3d import Area, SceneAxes, fit_scene, frame_sce
 from drake_rho.display.plots.formats import DOUBLE_COLUMN, check_width
 from drake_rho.display.plots.layout import EDGE, add_title, grow
 from drake_rho.display.plots.publish import styled
-from drake_rho.display.plots.space import MOST_VECTORS, draw_map
 from drake_rho.scenario.maps.map import Map
 from drake_rho.scenario.maps.mesh import Mesh
 from drake_rho.scenario.maps.voxels import Voxels
 
+_MOST_VECTORS = 2000
+"""Largest number of faces of a map that are drawn as vectors."""
+_FAINT_MAP = 0.15
+"""Opacity of maps at secondary positions."""
 _LEFT = 0.5
 """Part of the figure's width with the picture in space."""
 _LABELS = 0.5
@@ -69,8 +74,33 @@ def map_figure(solid: Map, *, width: float = DOUBLE_COLUMN) -> Figure:
     draw_from_above(above, shown)
     place[[0, 2]] = width - _BAR - _BESIDE, _BAR
     _add_bar(figure, figure.add_axes(tuple(place / size)), solid)
+    grow(figure, above=2 * EDGE)
     add_title(figure, _described(shown))
     return figure
+
+
+def draw_map(ax: Axes3D, shown: Snapshot, *, zorder: float = 0.0) -> Poly3DCollection:
+    """Draw a map, coloured by height, opaque unless it is faint.
+
+    In files of vector graphics a map of many faces is a picture.
+    """
+    faces = shown.faces
+    if faces is None:
+        raise ValueError(f"shown: got {shown.shape}, expected a map")
+    polygons = faces.in_bands()
+    colours = faces.colours(polygons.mean(axis=1))
+    body = Poly3DCollection(
+        shown.center + polygons,
+        facecolors=colours,
+        edgecolors=colours,
+        shade=shown.between is None,
+        linewidth=0.0 if shown.faint else 0.3,  # which hides seams between faces
+        alpha=_FAINT_MAP if shown.faint else None,
+        zorder=zorder,
+        rasterized=len(polygons) > _MOST_VECTORS,
+    )
+    ax.add_collection3d(body)
+    return body
 
 
 def draw_from_above(ax: Axes, shown: Snapshot) -> PolyCollection:
@@ -82,11 +112,11 @@ def draw_from_above(ax: Axes, shown: Snapshot) -> PolyCollection:
     order = np.argsort(middles[:, 2], kind="stable")
     colours = faces.colours(middles[order])
     body = PolyCollection(
-        (shown.center + faces.corners[order])[..., :2],
+        list((shown.center + faces.corners[order])[..., :2]),
         facecolors=colours,
         edgecolors=colours,  # which show walls that are seen as lines
         linewidth=0.3,
-        rasterized=len(colours) > MOST_VECTORS,
+        rasterized=len(colours) > _MOST_VECTORS,
     )
     ax.add_collection(body)
     extent = np.maximum(shown.shape.extent[:2], _THINNEST * shown.shape.extent.max())

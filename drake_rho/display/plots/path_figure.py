@@ -265,8 +265,8 @@ class _Content:
             return "maps: paler the higher; paths behind them are faint"
         lower, upper = self.heights
         return (
-            "seen from above, since maps hide the paths from the side; of maps, only what is at the "
-            f"heights of the flights, {lower:.2f} to {upper:.2f} m"
+            "seen from above, since maps hide the paths from the side; of maps, only what is at "
+            f"the heights of the flights, {lower:.2f} to {upper:.2f} m"
         )
 
 

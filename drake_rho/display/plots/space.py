@@ -33,6 +33,7 @@ from drake_rho.display.common.style import (
 from drake_rho.display.plots.draw_order import FAINT, draw_line, layers, ranks
 from drake_rho.display.plots.labels import Labels, around
 from drake_rho.display.plots.legends import width_of
+from drake_rho.display.plots.maps import draw_map
 from drake_rho.display.plots.overlapping_curves import marks_every, overlapping_pieces
 from drake_rho.motion.flown import Flown
 from drake_rho.planning.errors import InfeasibleError
@@ -46,10 +47,6 @@ _MAX_LARGE = 14
 """Largest number of vehicles with large starts and goals, and of obstacles with large labels."""
 _MIN_NUMBERED = 0.02
 """Least size of a numbered obstacle over that of the axes, if there are many obstacles."""
-MOST_VECTORS = 2000
-"""Largest number of faces of a map that are drawn as vectors."""
-_FAINT_MAP = 0.15
-"""Opacity of maps at secondary positions."""
 _TOP = 1000
 """Layer above all obstacles."""
 
@@ -86,30 +83,6 @@ def draw_obstacles(ax: Axes3D, shown: Sequence[Snapshot]) -> list[Poly3DCollecti
             )
             ax.add_collection3d(lines)
     return bodies
-
-
-def draw_map(ax: Axes3D, shown: Snapshot, *, zorder: float = 0.0) -> Poly3DCollection:
-    """Draw a map, coloured by height, opaque unless it is faint.
-
-    In files of vector graphics a map of many faces is a picture.
-    """
-    faces = shown.faces
-    if faces is None:
-        raise ValueError(f"shown: got {shown.shape}, expected a map")
-    polygons = faces.in_bands()
-    colours = faces.colours(polygons.mean(axis=1))
-    body = Poly3DCollection(
-        shown.center + polygons,
-        facecolors=colours,
-        edgecolors=colours,  # which hide seams between faces
-        shade=shown.between is None,
-        linewidth=0.3,
-        alpha=_FAINT_MAP if shown.faint else None,
-        zorder=zorder,
-        rasterized=len(polygons) > MOST_VECTORS,
-    )
-    ax.add_collection3d(body)
-    return body
 
 
 def draw_obstacle_labels(ax: Axes3D, shown: Sequence[Snapshot]) -> list[Text]:
