@@ -17,8 +17,9 @@ from pydrake.geometry import Meshcat
 import drake_rho as rho
 from drake_rho.display.common import map_faces as module
 from drake_rho.display.common.clearances import closest_approaches
+from drake_rho.display.common.hidden_by_maps import hidden
 from drake_rho.display.common.map_faces import map_faces
-from drake_rho.display.common.obstacle_snapshots import Snapshot, as_obstacles, hidden
+from drake_rho.display.common.obstacle_snapshots import Snapshot, as_obstacles
 from drake_rho.display.common.style import HIGHEST, LOWEST, STEEP_ELEVATION, height_colours, view
 from drake_rho.display.meshcat.animation import Stage, draw, start_meshcat
 from drake_rho.display.meshcat.obstacles import add_obstacles

@@ -13,7 +13,7 @@ from drake_rho.display.common.drawable import Drawn
 from drake_rho.display.common.map_faces import MapFaces, map_faces
 from drake_rho.display.common.names import as_text, brief
 from drake_rho.scenario.clock import clock_number, clock_time
-from drake_rho.scenario.fields import BoolArray, FloatArray
+from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.maps.map import Map
 from drake_rho.scenario.obstacles import Obstacle
 from drake_rho.scenario.shapes.base import Solid
@@ -27,8 +27,6 @@ AROUND = 0.5
 """Margin around a scene in which moving obstacles and sets enlarge it, over its longest side."""
 _APART = 0.2
 """Least displacement at which an obstacle is drawn a second time, over its largest extent."""
-_MOST_HIDDEN = 0.4
-"""Largest part of the flights that maps may hide; if they hide more, the view is from above."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -90,23 +88,6 @@ def truncated_centers(
 ) -> FloatArray:
     """Return the centres of a shape cut off at these coordinates [m], shape (..., 3)."""
     return np.where(np.isinf(shape.extent), (lower + upper) / 2.0, centers)
-
-
-def hidden(points: FloatArray, shown: Sequence[Snapshot]) -> BoolArray:
-    """Return which positions (M, 3) are behind maps, from the viewpoint of all pictures.
-
-    Slices of maps, which are seen from above, hide nothing.
-    """
-    behind = np.zeros(len(points), dtype=np.bool_)
-    for each in shown:
-        if each.faces is not None and each.between is None and not each.faint:
-            behind |= each.faces.occlusion.hides(points - each.center)
-    return behind
-
-
-def best_from_above(points: FloatArray, shown: Sequence[Snapshot]) -> bool:
-    """Return whether maps would hide so many of the flights' positions (M, 3) from the side."""
-    return bool(hidden(points, shown).mean() > _MOST_HIDDEN)
 
 
 def as_obstacles(obstacles: Sequence[Solid | Obstacle]) -> tuple[Obstacle, ...]:

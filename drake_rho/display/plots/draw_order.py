@@ -13,7 +13,8 @@ import numpy as np
 from mpl_toolkits.mplot3d.art3d import Line3D
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 
-from drake_rho.display.common.obstacle_snapshots import Snapshot, hidden
+from drake_rho.display.common.hidden_by_maps import hidden
+from drake_rho.display.common.obstacle_snapshots import Snapshot
 from drake_rho.display.common.style import view
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.shapes.base import Shape

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -101,6 +102,21 @@ def draw_map(ax: Axes3D, shown: Snapshot, *, zorder: float = 0.0) -> Poly3DColle
     )
     ax.add_collection3d(body)
     return body
+
+
+def map_notes(shown: Sequence[Snapshot]) -> list[str]:
+    """Return notes that explain how maps are drawn, one line each; none without maps."""
+    maps = [(each, each.faces) for each in shown if each.faces is not None]
+    if not maps:
+        return []
+    notes = ["maps: paler the higher; paths behind them are faint"]
+    if (between := maps[0][0].between) is not None:
+        notes = [
+            "seen from above, since maps hide the paths from the side; of maps, only what is at "
+            f"the heights of the flights, {between[0]:.2f} to {between[1]:.2f} m"
+        ]
+    merged = max(faces.merged for _, faces in maps)
+    return notes + ([f"maps are drawn in cells of {merged:.2g} m"] if merged > 0.0 else [])
 
 
 def draw_from_above(ax: Axes, shown: Snapshot) -> PolyCollection:

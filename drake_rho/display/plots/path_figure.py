@@ -16,12 +16,12 @@ from matplotlib.lines import Line2D
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 
 from drake_rho.display.common.drawable import StraightLines, drawn, planned
+from drake_rho.display.common.hidden_by_maps import best_from_above
 from drake_rho.display.common.names import as_text
 from drake_rho.display.common.obstacle_snapshots import (
     Snapshot,
     approaches,
     as_obstacles,
-    best_from_above,
     obstacle_notes,
     obstacle_paths,
     snapshots,
@@ -42,6 +42,7 @@ from drake_rho.display.plots.legends import (
     vehicle_handles,
     width_beside,
 )
+from drake_rho.display.plots.maps import map_notes
 from drake_rho.display.plots.overlapping_curves import marks_every
 from drake_rho.display.plots.publish import styled
 from drake_rho.display.plots.requirements import draw_links, draw_sets
@@ -247,8 +248,7 @@ class _Content:
         words += ["red: in conflict"] if self.conflicts is not None else []
         width = figure.get_figwidth() - 2 * EDGE
         notes = ["; ".join(words), *obstacle_notes(plan, self.bodies)]
-        if any(each.faces is not None for each in self.shown):
-            notes.append(self._note_of_maps())
+        notes += map_notes(self.shown)
         kept = list(kept_positions(plan.scenario))
         if not all(each.is_link for each in kept):
             notes.append("green: sets in which vehicles stay")
@@ -259,15 +259,6 @@ class _Content:
         if self.conflicts is not None:
             notes.append(as_text(str(self.conflicts)))
         return [line for note in notes for line in in_width(figure, note, width).split("\n")][::-1]
-
-    def _note_of_maps(self) -> str:
-        if self.heights is None:
-            return "maps: paler the higher; paths behind them are faint"
-        lower, upper = self.heights
-        return (
-            "seen from above, since maps hide the paths from the side; of maps, only what is at "
-            f"the heights of the flights, {lower:.2f} to {upper:.2f} m"
-        )
 
 
 def _add_window_bar(figure: Figure, count: int, place: tuple[float, ...]) -> None:

@@ -17,8 +17,9 @@ from mpl_toolkits.mplot3d.art3d import Line3D, Line3DCollection, Poly3DCollectio
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 
 from drake_rho.display.common.drawable import Drawn, StraightLines, drawn, planned
+from drake_rho.display.common.hidden_by_maps import hidden
 from drake_rho.display.common.names import as_text, brief
-from drake_rho.display.common.obstacle_snapshots import Snapshot, hidden
+from drake_rho.display.common.obstacle_snapshots import Snapshot
 from drake_rho.display.common.shape_faces import surface
 from drake_rho.display.common.style import (
     CONFLICT,

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from matplotlib.colors import to_hex
 
-from drake_rho.display.common.map_faces import has_map
+from drake_rho.display.common.map_faces import has_map, map_faces
 from drake_rho.display.common.names import as_path, brief
 from drake_rho.display.common.requirements import Kept, kept_positions
 from drake_rho.display.common.style import (
@@ -27,6 +27,7 @@ from drake_rho.display.viewer.readings import Curve, Readings
 from drake_rho.motion.simulation import Simulation
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.maps.map import Map
+from drake_rho.scenario.records import Scenario
 from drake_rho.scenario.shapes.base import TOLERANCE
 
 _DIGITS = 7
@@ -219,7 +220,7 @@ def _legend(stage: Stage) -> list[dict[str, str]]:
     if any(not isinstance(each.shape, Map) for each in scenario.bodies):
         entries.append(("obstacle", "obstacle"))
     if has_map(scenario):
-        entries.append(("map", "map, paler the higher; Show can hide it"))
+        entries.append(("map", f"map, paler the higher{_merged(scenario)}; Show can hide it"))
     if any(obstacle.known_from > max(scenario.grid.start, 0.0) for obstacle in scenario.bodies):
         entries.append(("unknown", "obstacle that is not known yet"))
     if any(obstacle.active is not None for obstacle in scenario.bodies):
@@ -233,6 +234,13 @@ def _legend(stage: Stage) -> list[dict[str, str]]:
     if stage.flown.simulation is not None and detailed:
         entries += _disturbed(stage, stage.flown.simulation)
     return [{"sign": sign, "text": text} for sign, text in entries]
+
+
+def _merged(scenario: Scenario) -> str:
+    """Return how coarsely very large maps are drawn; nothing if they are drawn exactly."""
+    maps = [each.shape for each in scenario.bodies if isinstance(each.shape, Map)]
+    merged = max(map_faces(each).merged for each in maps)
+    return f", drawn in cells of {merged:.2g} m" if merged > 0.0 else ""
 
 
 def _of_requirements(kept: list[Kept]) -> list[tuple[str, str]]:
