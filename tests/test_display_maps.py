@@ -136,7 +136,8 @@ def test_slices_are_cells_at_heights_and_triangles_cut_off() -> None:
     assert _volume(slice_.corners) == pytest.approx(76 * 3 * SIDE**3)
     assert (slice_.lowest, slice_.highest) == (-2.0, 2.0)  # colours do not change
     block = map_faces(_block((0, 0, 0), (2, 3, 4)), (-1.0, 0.5))
-    assert _area(block.corners) == pytest.approx(10.0 * 1.5)
+    assert _area(block.corners) == pytest.approx(10.0 * 1.5 + 2 * 3, rel=0.01)  # filled above
+    assert np.all(block.normals[np.ptp(block.corners[..., 2], axis=1) == 0.0] @ [0, 0, 1] > 0.0)
     assert block.corners[..., 2].min() == pytest.approx(-1.0)
     assert block.corners[..., 2].max() == pytest.approx(0.5)
     assert len(map_faces(_walls(), (5.0, 6.0)).corners) == 0

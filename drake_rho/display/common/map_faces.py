@@ -22,7 +22,8 @@ _MOST_FACES = 60_000
 _BANDS = 12
 """Number of bands of height in which a tall rectangle has a colour each."""
 _FINEST = 256
-"""Number of cells along the longest side of a mesh, at which its vertices are merged first."""
+"""Number of cells along the longest side of a mesh in which its vertices are merged at first, and
+with which its inside is filled where it is cut."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -111,8 +112,8 @@ def map_faces(solid: Map, between: tuple[float, float] | None = None) -> MapFace
 
     Args:
         solid: the map.
-        between: lower and upper height over its centre [m]; of cells, all that reach between them
-            are in the slice, while triangles are cut off.
+        between: lower and upper height over its centre [m]. Of cells, all that reach between them
+            are in the slice. Triangles are cut off, and the inside is filled at the upper height.
     """
     lowest, highest = -float(solid.extent[2]), float(solid.extent[2])
     corners, merged = _faces(solid, between or (lowest, highest))
@@ -179,7 +180,27 @@ def _(solid: Mesh, between: tuple[float, float]) -> tuple[FloatArray, float]:
     fans = [
         each[[[0, k, k + 1] for k in range(1, len(each) - 1)]] for each in polygons if len(each) > 2
     ]
-    return np.concatenate([corners[whole], *fans]), merged
+    caps = [] if high.max() <= between[1] else [_cap(solid, between[1])]
+    return np.concatenate([corners[whole], *fans, *caps]), merged
+
+
+def _cap(solid: Mesh, height: float) -> FloatArray:
+    """Return the inside of a watertight mesh at a height over its centre, in squares: (F, 3, 3)."""
+    if not solid.is_watertight:
+        return np.zeros((0, 3, 3))
+    side = 2.0 * float(solid.extent[:2].max()) / _FINEST
+    counts = np.maximum(np.ceil(2.0 * solid.extent[:2] / side - 1e-9), 1).astype(np.int64)
+    cells = np.array(list(np.ndindex(*counts, 1)))
+    corner = np.append(-solid.extent[:2], height)
+    middles = corner + side * (cells + np.array([0.5, 0.5, 0.0]))
+    cells = cells[solid.local_distance(middles) < 0.0]
+    if len(cells) == 0:
+        return np.zeros((0, 3, 3))
+    low, high = (corner + side * each * [1, 1, 0] for each in joined(cells, (0, 1)))
+    right = np.where([True, False, True], high, low)
+    left = np.where([False, True, True], high, low)
+    halves = (np.stack(each, axis=1) for each in ((low, right, high), (low, high, left)))
+    return np.concatenate(list(halves))
 
 
 def _fewer_triangles(solid: Mesh) -> tuple[FloatArray, float]:
