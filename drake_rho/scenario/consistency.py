@@ -187,9 +187,10 @@ def check_outside(
             required = f"at least {margin:g} m from" if margin > 0.0 else "outside"
             actual = f"{d:g} m from" if d > 0.0 else f"{-d:g} m in"
             when = f" at {clock_time(float(times[i]))}" if not obstacle.is_steady else ""
+            relative = positions[i] - obstacle.centers(times[i : i + 1])[0]
             expected = (
                 f"a position {required} {obstacle.called(number)}, not {actual} it{when} "
-                f"({obstacle.shape})"
+                f"({obstacle.shape.described_near(relative)})"
             )
             raise ScenarioError(f"vehicles[{i}].{where}", positions[i].tolist(), expected)
 

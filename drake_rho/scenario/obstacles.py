@@ -145,10 +145,6 @@ class Obstacle:
         active: BoolArray = (times >= first - slack) & (times <= last + slack)
         return active
 
-    def is_over(self, time: float) -> bool:
-        """Return whether it is avoided no more from a time on the scenario's clock on [s]."""
-        return self.active is not None and self.active[1] < time
-
     def is_always_active(self, grid: Grid) -> bool:
         """Return whether it is avoided all through a flight, at whose first knot its clock is 0."""
         first, last = self.active or (0.0, grid.duration)

@@ -21,9 +21,13 @@ from drake_rho.scenario.maps.map import Map
 from drake_rho.scenario.maps.voxels import Voxels
 from drake_rho.scenario.obstacles import AnyObstacle, Obstacle
 from drake_rho.scenario.records import Scenario
+from drake_rho.scenario.shapes.base import Solid
 
 _JUST_BEFORE = 1e-6
 """Time before the present until which cells count that are seen to be gone, in steps."""
+
+_LONGEST = 50
+"""Characters of a map's name that the names of what it gains and loses begin with."""
 
 
 class SeenMaps:
@@ -51,32 +55,40 @@ class SeenMaps:
         Raises:
             ValueError: the scenario has no such map, or several and it is not said which one.
         """
-        bodies, now, step = list(scenario.bodies), float(time), scenario.grid.step
+        bodies = list(scenario.bodies)
         for number, latest in self._numbered(scenario, newer):
             parts = self._parts.setdefault(number, [])
             name = (bodies[number - 1].name if number <= len(bodies) else None) or "map"
-            rest = latest
+            name, at, rest = name[:_LONGEST], clock_time(time), _Rest(latest)
             for each in list(parts):
                 body = bodies[each - 1]
-                stays, goes, rest = _compared(body.shape, rest)
+                stays, goes = rest.compared(body.shape)
                 if goes is None:
                     continue
-                first = scenario.grid.start if body.active is None else body.active[0]
-                until = (min(first, now) - step, now - _JUST_BEFORE * step)
-                parts.remove(each)
-                gone = unchecked(
-                    body, shape=goes, active=until, name=f"{name} until {clock_time(now)}"
-                )
+                gone = self._until(time, scenario, body, goes, f"{name} until {at}")
                 if stays is None:
+                    parts.remove(each)
                     bodies[each - 1] = unchecked(gone, name=body.name)
                 else:
                     bodies[each - 1] = unchecked(body, shape=stays)
                     bodies.append(gone)
-                    parts.append(each)
-            if rest is not None:
-                bodies.append(Obstacle(rest, known_from=now, name=f"{name} from {clock_time(now)}"))
+            if rest.left is not None:
+                bodies.append(Obstacle(rest.left, known_from=time, name=f"{name} from {at}"))
                 parts.append(len(bodies))
         return with_obstacles(scenario, tuple(bodies))
+
+    def _until(
+        self, time: float, scenario: Scenario, body: Obstacle, goes: Solid, name: str
+    ) -> Obstacle:
+        """Return what is gone of an obstacle, active from when it was known until now.
+
+        It is no news, so it counts as known from the start.
+        """
+        step, begin = scenario.grid.step, scenario.grid.start - scenario.grid.step
+        if body.known_from > 0.0:
+            begin = body.known_from
+        active = (begin, time - _JUST_BEFORE * step)
+        return unchecked(body, shape=goes, known_from=0.0, active=active, name=name)
 
     def _numbered(
         self, scenario: Scenario, newer: Map | Mapping[str, Map]
@@ -103,26 +115,37 @@ def with_obstacles(scenario: Scenario, obstacles: tuple[AnyObstacle, ...]) -> Sc
     return scenario.derived(obstacles=obstacles, fleet=scenario.fleet)
 
 
-def _compared(older: Map, newer: Map | None) -> tuple[Map | None, Map | None, Map | None]:
-    """Return what stays of a map, what goes, and what a newer one has beside it; None for nothing.
+@dataclasses.dataclass
+class _Rest:
+    """What is left of a newer map beside the older parts that it was compared with."""
 
-    Only cells of the same grid are compared one by one.
-    """
-    if newer is None:
-        return None, older, None
-    if not (isinstance(older, Voxels) and isinstance(newer, Voxels)):
-        return (older, None, None) if older == newer else (None, older, newer)
-    shift = _shift(older, newer)
-    if shift is None:
-        return None, older, newer
-    cells = newer.occupied + shift
-    goes, more = difference(older.occupied, cells), difference(cells, older.occupied)
-    stays = difference(older.occupied, goes)
-    return _of(older, stays), None if len(goes) == 0 else _of(older, goes), _of(older, more)
+    left: Map | None
+
+    def compared(self, older: Solid) -> tuple[Solid | None, Solid | None]:
+        """Return what stays of an older part and what is gone, None for nothing.
+
+        Only cells of the same grid are compared one by one.
+        """
+        newer = self.left
+        if newer is None:
+            return None, older
+        shift = None
+        if isinstance(older, Voxels) and isinstance(newer, Voxels):
+            shift = _shift(older, newer)
+        if shift is None or not (isinstance(older, Voxels) and isinstance(newer, Voxels)):
+            same = older == newer
+            self.left = None if same else newer
+            return (older, None) if same else (None, older)
+        cells = newer.occupied + shift
+        goes = difference(older.occupied, cells)
+        self.left = _of(older, difference(cells, older.occupied))
+        if len(goes) == 0:
+            return older, None
+        return _of(older, difference(older.occupied, goes)), _of(older, goes)
 
 
 def _of(like: Voxels, cells: IntArray) -> Voxels | None:
-    """Return some cells of a map's grid; the map itself if they are all of its cells."""
+    """Return some cells of a map's grid; None for no cells."""
     if len(cells) == 0:
         return None
     return dataclasses.replace(like, occupied=cells, source=None)
@@ -130,10 +153,9 @@ def _of(like: Voxels, cells: IntArray) -> Voxels | None:
 
 def _shift(one: Voxels, other: Voxels) -> IntArray | None:
     """Return by how many cells the indices of two grids differ; None if the grids differ."""
-    turned = (np.eye(3) if each.rotation is None else each.rotation for each in (one, other))
-    if one.resolution != other.resolution or not np.array_equal(*turned):
+    frame, turned = (np.eye(3) if each.rotation is None else each.rotation for each in (one, other))
+    if one.resolution != other.resolution or not np.array_equal(frame, turned):
         return None
-    frame = np.eye(3) if one.rotation is None else one.rotation
     shift = (other.origin - one.origin) @ frame / one.resolution
     whole = np.rint(shift)
     return whole.astype(np.int64) if np.allclose(shift, whole, rtol=0.0, atol=1e-9) else None

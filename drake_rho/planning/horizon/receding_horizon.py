@@ -301,12 +301,7 @@ def _with_sightings(window: Window, before: Window) -> Window:
         before: previous window.
     """
     scenario = window.plan.scenario
-    bodies, now = scenario.bodies, scenario.grid.start
-    late = {
-        number
-        for number, _ in scenario.known
-        if bodies[number - 1].known_from > 0.0 and not bodies[number - 1].is_over(now)
-    }
+    late = {number for number, _ in scenario.known if scenario.bodies[number - 1].known_from > 0.0}
     if not late:
         return window
     known = {number for number, _ in before.plan.scenario.known}

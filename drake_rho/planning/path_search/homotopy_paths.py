@@ -133,7 +133,7 @@ class SpacePathSearch:
         reach = 2.0 * float(self._lattice.raster.spacing.max())
         points = []
         for obstacle, side in zip(self._obstacles, path.sides, strict=True):
-            if not isinstance(obstacle.shape, Shape):  # a map has no sides
+            if not isinstance(obstacle.shape, Shape):  # other sides of a map are not looked for
                 continue
             x = path.positions - obstacle.first_center
             required = required_distance(obstacle, self._radius)

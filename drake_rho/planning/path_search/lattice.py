@@ -24,6 +24,7 @@ from drake_rho.planning.path_search.swept_clearance import (
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.maps.parts import Parts
 from drake_rho.scenario.records import Obstacle
+from drake_rho.scenario.shapes.base import Shape, Solid
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -295,7 +296,9 @@ def _block_part(
     low, high = window
     halves = [np.arange(2 * a, 2 * b - 1) / 2.0 for a, b in zip(low, high, strict=True)]
     x = raster.at(np.stack(np.meshgrid(*halves, indexing="ij"), axis=-1)) - body.first_center
-    clearance = body.shape.local_distance(x) - required
+    shape: Solid = body.shape
+    assert isinstance(shape, Shape)  # noqa: S101  # callers treat maps by themselves
+    clearance = shape.local_distance(x) - required
     every, none = high - low, np.zeros(3, dtype=np.int64)
     free[_block_of(low, every)] &= clearance[_halves(none, every)] >= 0.0
     for u in range(STAY + 1, len(MOVES)):
@@ -307,7 +310,7 @@ def _block_part(
             )
             starts, step = x[_halves(2 * first, count)], move * raster.spacing
             clear[u][_block_of(low + first, count)] &= moves_are_clear(
-                body.shape, required, starts, step, clearances
+                shape, required, starts, step, clearances
             )
 
 

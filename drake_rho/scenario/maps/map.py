@@ -28,7 +28,7 @@ class Map(Solid):
         """
 
     @cached_property
-    def center(self) -> FloatArray:
+    def center(self) -> FloatArray:  # type: ignore[override]  # derived here
         """Centre of the bounding box of its parts [m]."""
         return self.parts.center
 
@@ -37,8 +37,8 @@ class Map(Solid):
         """Half the sides of the bounding box [m]."""
         return self.parts.extent
 
-    @property
-    def size(self) -> float:  # type: ignore[override]  # derived here
+    @cached_property
+    def size(self) -> float:
         """Length to which the tolerance refers [m]."""
         return self.parts.size
 

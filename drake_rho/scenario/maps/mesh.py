@@ -64,6 +64,10 @@ class Mesh(Map):
         center = np.round(self.center, 3).tolist()
         return f"{kind} of {len(self.triangles)} triangles around {center}"
 
+    def described_near(self, x: FloatArray) -> str:
+        """Return a description that names the nearest triangle."""
+        return f"triangle {int(self.parts.nearest(x))} of a {self}"
+
     @cached_property
     def corners(self) -> FloatArray:
         """Positions of the corners of the triangles [m], shape (F, 3, 3)."""

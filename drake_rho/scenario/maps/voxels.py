@@ -70,6 +70,11 @@ class Voxels(Map):
         center = np.round(self.center, 3).tolist()
         return f"{len(self.occupied)} cells of {self.resolution:g} m around {center}"
 
+    def described_near(self, x: FloatArray) -> str:
+        """Return a description that names the nearest cell."""
+        cell = self.occupied[self.parts.nearest(x)].tolist()
+        return f"cell {cell} of {self}"
+
     @cached_property
     def parts(self) -> Boxes:
         """The cells themselves."""

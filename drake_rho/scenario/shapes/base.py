@@ -94,6 +94,10 @@ class Solid(abc.ABC):
         """Return `local_distance` and `local_outward` of x, together where that is faster."""
         return self.local_distance(x), self.local_outward(x)
 
+    def described_near(self, x: FloatArray) -> str:
+        """Return a description that names the part nearest to a position relative to the centre."""
+        return str(self)
+
     @abc.abstractmethod
     def __str__(self) -> str:
         """Return a description: kind, position and dimensions."""
