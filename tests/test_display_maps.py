@@ -16,7 +16,6 @@ from pydrake.geometry import Meshcat
 
 import drake_rho as rho
 from drake_rho.display.common import map_faces as module
-from drake_rho.display.common.clearances import closest_approaches
 from drake_rho.display.common.hidden_by_maps import hidden
 from drake_rho.display.common.map_faces import map_faces
 from drake_rho.display.common.obstacle_snapshots import Snapshot, as_obstacles
@@ -27,7 +26,7 @@ from drake_rho.display.plots.draw_order import FAINT, draw_line
 from drake_rho.display.plots.figures import write_figures
 from drake_rho.display.plots.maps import map_figure
 from drake_rho.display.viewer.payload import payload
-from drake_rho.motion.obstacle_clearances import distances
+from drake_rho.motion.obstacle_clearances import closest, distances
 from drake_rho.planning.path_search.continuation import piecewise_linear
 from drake_rho.scenario.fields import FloatArray, unchecked
 from drake_rho.scenario.maps.map import Map
@@ -265,7 +264,7 @@ def test_the_closest_approach_to_a_map_is_found_inside_and_outside() -> None:
         obstacle = plan.scenario.bodies[0]
         times = np.linspace(0.0, 8.0, 20_001)
         exact = distances(plan, obstacle, times).min(axis=1)
-        found = closest_approaches(plan, obstacle)
+        found = closest(plan, obstacle)
         assert np.allclose(found.distances, exact, atol=0.01)  # one sample in 0.04 s, 1 m/s
         assert np.allclose(found.distances[exact > 0], exact[exact > 0], atol=1e-6)
         figure = rho.distances_figure(plan)

@@ -11,12 +11,17 @@ import numpy as np
 from drake_rho.motion.dynamics import Motion
 from drake_rho.motion.penetration import deepest, pieces_near
 from drake_rho.scenario.fields import FloatArray, IntArray
+from drake_rho.scenario.maps.map import Map
 from drake_rho.scenario.obstacles import Obstacle
 from drake_rho.scenario.records import Scenario
 
 _SLACK = 1e-9
 """Tolerance above the least distance at the knots up to which pieces are searched, as a fraction
 of the obstacle's size."""
+
+
+_SAMPLES = 32
+"""Samples in each step of a motion that enters a map."""
 
 
 class Moving(Protocol):
@@ -88,7 +93,8 @@ def closest(plan: Moving, obstacle: Obstacle) -> ClosestApproaches:
     motion, start = plan.motion(), plan.scenario.grid.start
     knots: FloatArray = np.float64(motion.step) * np.arange(motion.positions.shape[1])
     slack = _SLACK * obstacle.shape.size
-    below = distances(plan, obstacle, knots).min(axis=1) + slack  # reached by at least one piece
+    at_knots = distances(plan, obstacle, knots)
+    below = at_knots.min(axis=1) + slack  # reached by at least one piece
     pieces = pieces_near(motion, obstacle.since(start), np.maximum(below, slack))
     tolerances = np.full(len(pieces.owners), obstacle.shape.tolerance)
     which, times = deepest(obstacle.shape, pieces, below[pieces.owners], tolerances)
@@ -98,7 +104,28 @@ def closest(plan: Moving, obstacle: Obstacle) -> ClosestApproaches:
     near, firsts = np.unique(owners[order], return_index=True)
     least = ClosestApproaches(np.zeros(len(below)), np.full(len(below), np.inf))  # if not active
     least.times[near], least.distances[near] = times[order[firsts]], found[order[firsts]]
+    if isinstance(obstacle.shape, Map) and np.any(np.minimum(least.distances, below) <= slack):
+        return _deeper(least, _deepest_sampled(plan, obstacle, knots))
     return least
+
+
+def _deeper(one: ClosestApproaches, other: ClosestApproaches) -> ClosestApproaches:
+    """Return the closer of two approaches of each vehicle."""
+    closer = other.distances < one.distances
+    times = np.where(closer, other.times, one.times)
+    return ClosestApproaches(times, np.where(closer, other.distances, one.distances))
+
+
+def _deepest_sampled(plan: Moving, obstacle: Obstacle, knots: FloatArray) -> ClosestApproaches:
+    """Return the closest approaches to a map that a motion enters, among samples.
+
+    The depth in a map is no depth in one of its parts, and no convex function of the position.
+    """
+    parts = np.linspace(0.0, 1.0, _SAMPLES, endpoint=False)
+    times = np.append((knots[:-1, None] + parts * np.diff(knots)[:, None]).reshape(-1), knots[-1])
+    found = distances(plan, obstacle, times)
+    k = np.argmin(found, axis=1)
+    return ClosestApproaches(times[k], found[np.arange(len(found)), k])
 
 
 def nearest_obstacles(
