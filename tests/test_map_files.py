@@ -355,6 +355,7 @@ def test_a_scenario_refers_to_maps_beside_it_and_is_saved_so(yard: Path, tmp_pat
     scenario = rho.load_scenario(yard)
     tree, cloud, pyramid, roof, *inline = scenario.obstacles
     assert isinstance(tree, rho.Voxels)
+    assert tree.rotation is not None
     np.testing.assert_allclose(tree.rotation, RollPitchYaw(0, 0, 0.3).ToRotationMatrix().matrix())
     assert isinstance(cloud, rho.Obstacle)
     assert cloud.shape == rho.Voxels.from_points(
