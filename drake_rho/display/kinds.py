@@ -17,7 +17,7 @@ TREATMENT = {
     "waypoints": "marks in `paths_figure` and in the scene",
     "requirements": "of positions: sets, and lines that redden, in `paths_figure` and the scene, "
     "and curves in `distances_figure`; of other quantities: not drawn, `verify` tells them",
-    "obstacles": "their shapes, and distances from them",
+    "obstacles": "their shapes, of maps the surfaces by height, and distances from them",
     "moving obstacles": "shapes at the closest approach, and moving in the scene",
     "late obstacles": "a line where they become known, and faint in the scene before",
     "active obstacles": "shaded times, and in the scene while they are active",

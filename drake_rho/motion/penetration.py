@@ -21,8 +21,10 @@ import numpy as np
 from drake_rho.motion.dynamics import Motion, step_at
 from drake_rho.motion.extremes import nearest_moments
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
+from drake_rho.scenario.maps.map import Map
+from drake_rho.scenario.maps.parts import Parts
 from drake_rho.scenario.obstacles import Obstacle
-from drake_rho.scenario.shapes.base import Shape
+from drake_rho.scenario.shapes.base import Solid
 from drake_rho.scenario.shapes.quadrics import Sphere
 
 _PARTS = 8
@@ -51,6 +53,8 @@ class Pieces:
     """relative velocities [m/s], shape (M, 3)"""
     a: FloatArray
     """relative accelerations [m/s²], shape (M, 3)"""
+    parts: IntArray
+    """number of the part of a map that each is near, in whose frame it is; 0 for a shape, (M,)"""
 
     def at(self, s: FloatArray) -> FloatArray:
         """Return positions [m], shape (M, 3), at times s [s] since each piece's beginning, (M,)."""
@@ -84,23 +88,69 @@ def pieces_near(motion: Motion, obstacle: Obstacle, within: FloatArray) -> Piece
     durations: FloatArray = np.diff(times, append=h * count)
     middles = times + durations / 2.0  # away from corners, which rounding could shift
     p, v = p - obstacle.centers(times), v - obstacle.velocities(middles)
+    if (parts := _parts_of(obstacle.shape)) is not None:
+        p, v, a = (parts.in_frame(each) for each in (p, v, a))
+        owners, k, numbers = _near_parts(parts, p, v, a, durations, within)
+    else:
+        owners, k = np.nonzero(_near_box(obstacle.shape.extent, p, v, a, durations, within))
+        numbers = np.zeros(len(k), dtype=np.int64)
+    if obstacle.active is not None:
+        active = obstacle.is_active(middles)[k]
+        owners, k, numbers = owners[active], k[active], numbers[active]
+    of = (p[owners, k], v[owners, k], a[owners, k])
+    return Pieces(owners, times[k], durations[k], *of, parts=numbers)
+
+
+def _near_box(
+    extent: FloatArray,
+    p: FloatArray,
+    v: FloatArray,
+    a: FloatArray,
+    durations: FloatArray,
+    within: FloatArray,
+) -> BoolArray:
+    """Return which pieces (N, K) may come within a distance (N,) of a box around the origin."""
     w = durations[:, None]  # a coordinate that turns round moves at most as far as v/2 does in w
     moved = w * np.maximum(np.abs(v + w / 2 * a), np.abs(v) / 2)
-    reach = obstacle.shape.extent + within[:, None, None] + moved
-    near = np.all(np.abs(p) < reach, axis=2)
-    if obstacle.active is not None:
-        near &= obstacle.is_active(middles)
-    owners, k = np.nonzero(near)
-    return Pieces(owners, times[k], durations[k], p[owners, k], v[owners, k], a[owners, k])
+    reach = extent + within[:, None, None] + moved
+    near: BoolArray = np.all(np.abs(p) < reach, axis=2)
+    return near
+
+
+def _near_parts(
+    parts: Parts,
+    p: FloatArray,
+    v: FloatArray,
+    a: FloatArray,
+    durations: FloatArray,
+    within: FloatArray,
+) -> tuple[IntArray, IntArray, IntArray]:
+    """Return the vehicle, the piece and the part of every piece that may come near a part.
+
+    A piece is within norm(a) w²/8 of the straight line between its ends.
+    """
+    w = durations[:, None]
+    ends = p + w * (v + w / 2 * a)
+    beside = np.linalg.norm(a, axis=2) * durations**2 / 8.0
+    reach = beside + within[:, None]
+    lower, upper = np.minimum(p, ends).reshape(-1, 3), np.maximum(p, ends).reshape(-1, 3)
+    pieces, numbers = parts.tree.pairs(lower, upper, reach.reshape(-1))
+    owners, k = np.divmod(pieces, len(durations))
+    return owners, k, numbers
+
+
+def _parts_of(solid: Solid) -> Parts | None:
+    """Return the parts of a map, or of its cover; None for a shape."""
+    return solid.parts if isinstance(solid, Map) else solid if isinstance(solid, Parts) else None
 
 
 def deepest(
-    shape: Shape, pieces: Pieces, below: FloatArray, tolerances: FloatArray
+    shape: Solid, pieces: Pieces, below: FloatArray, tolerances: FloatArray
 ) -> tuple[IntArray, FloatArray]:
     """Return the pieces that come below a signed distance from a shape, with their lowest instants.
 
     Args:
-        shape: the shape.
+        shape: the shape; of a map, each piece is seen from its own part alone.
         pieces: M pieces.
         below: signed distance of each piece [m], shape (M,).
         tolerances: accepted depth in the shape [m], shape (M,); the depth of the instants returned
@@ -117,7 +167,7 @@ def deepest(
 
 @singledispatch
 def _deepest(
-    shape: Shape, pieces: Pieces, below: FloatArray, tolerances: FloatArray
+    shape: Solid, pieces: Pieces, below: FloatArray, tolerances: FloatArray
 ) -> tuple[IntArray, FloatArray]:
     """Return pieces, and times since their beginnings, by branch and bound."""
     search = _Search(shape, pieces, below, _PRECISION * tolerances)
@@ -145,9 +195,9 @@ class _Search:
     """
 
     def __init__(
-        self, shape: Shape, pieces: Pieces, below: FloatArray, precision: FloatArray
+        self, shape: Solid, pieces: Pieces, below: FloatArray, precision: FloatArray
     ) -> None:
-        self._shape, self._pieces = shape, pieces
+        self._shape, self._parts, self._pieces = shape, _parts_of(shape), pieces
         self._below, self._precision = below, precision
         self._curvatures = np.linalg.norm(pieces.a, axis=1)
         self.lowest = np.full(len(below), np.inf)
@@ -180,7 +230,10 @@ class _Search:
     def _sample(self, which: IntArray, s: FloatArray) -> FloatArray:
         """Return signed distances and their slopes at times in pieces, shape (2, P)."""
         pieces = self._pieces.select(which)
-        d, n = self._shape.local_measured(pieces.at(s))
+        if self._parts is None:
+            d, n = self._shape.local_measured(pieces.at(s))
+        else:
+            d, n = self._parts.measured(pieces.parts, pieces.at(s))
         slope = np.einsum("pi,pi->p", n, pieces.v + s[:, None] * pieces.a)
         order = np.argsort(-d, kind="stable")  # the lowest instant of a piece is assigned last
         order = order[d[order] < self.lowest[which[order]]]

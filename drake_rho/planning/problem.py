@@ -13,10 +13,10 @@ from drake_rho.motion.close_pairs import CloseApproaches
 from drake_rho.motion.dynamics import Motion
 from drake_rho.motion.plan import Plan
 from drake_rho.planning.constraints.base import Constraint
-from drake_rho.planning.constraints.catalogue import convex_constraints
+from drake_rho.planning.constraints.catalogue import convex_constraints, obstacles_of
 from drake_rho.planning.constraints.coupling import Coupling
 from drake_rho.planning.constraints.margins import PlanMargins, margins_of
-from drake_rho.planning.constraints.obstacles import KeepOutOfObstacle, obstacles_of
+from drake_rho.planning.constraints.obstacles import KeepOutOfObstacle
 from drake_rho.planning.constraints.separation import KeepApart, pairs_of
 from drake_rho.planning.constraints.tightening import (
     NO_SLACK,

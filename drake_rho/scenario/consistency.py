@@ -10,11 +10,15 @@ from drake_rho.scenario.clock import clock_time
 from drake_rho.scenario.errors import Description, ScenarioError, one_of
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.fleet import Fleet
+from drake_rho.scenario.maps.map import Map
 from drake_rho.scenario.obstacles import AnyObstacle, Obstacle
 from drake_rho.scenario.pairs import check_separation
 from drake_rho.scenario.parts import UNITS, Grid, Quantity, Separation, Vehicle
 from drake_rho.scenario.requirements import KeepIn
 from drake_rho.scenario.waypoints import is_during_flight
+
+_TIMES = 10.0
+"""Least radius of a vehicle among maps, as a multiple of their tolerance."""
 
 
 def check_names(vehicles: Sequence[Vehicle]) -> None:
@@ -47,6 +51,25 @@ def check_obstacles(obstacles: Sequence[AnyObstacle], grid: Grid) -> None:
         if known_from > max(grid.end, 0.0):  # 0 stands for the start
             expected = f"a time in the flight, which ends at {grid.end:g} s"
             raise ScenarioError(f"obstacles[{index}].known_from", known_from, expected)
+
+
+def check_maps(obstacles: Sequence[Obstacle], fleet: Fleet) -> None:
+    """Check that vehicles have a radius where there are maps.
+
+    A map is a surface, or cells side by side. A point may come as near to it as it likes, and so
+    pass a wall between two cells, or through a sheet.
+
+    Raises:
+        ScenarioError: a vehicle has none, or one within the map's tolerance.
+    """
+    for number, obstacle in enumerate(obstacles, start=1):
+        if isinstance(obstacle.shape, Map):
+            least = _TIMES * obstacle.shape.tolerance
+            small = np.flatnonzero(fleet.radii < least)
+            if len(small) > 0:
+                expected = f"at least {least:.3g} m, since {obstacle.called(number)} is a map"
+                radius = float(fleet.radii[small[0]])
+                raise ScenarioError(f"vehicles[{small[0]}].radius", radius, expected)
 
 
 def check_ends(
@@ -164,9 +187,10 @@ def check_outside(
             required = f"at least {margin:g} m from" if margin > 0.0 else "outside"
             actual = f"{d:g} m from" if d > 0.0 else f"{-d:g} m in"
             when = f" at {clock_time(float(times[i]))}" if not obstacle.is_steady else ""
+            relative = positions[i] - obstacle.centers(times[i : i + 1])[0]
             expected = (
                 f"a position {required} {obstacle.called(number)}, not {actual} it{when} "
-                f"({obstacle.shape})"
+                f"({obstacle.shape.described_near(relative)})"
             )
             raise ScenarioError(f"vehicles[{i}].{where}", positions[i].tolist(), expected)
 

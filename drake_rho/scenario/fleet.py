@@ -13,7 +13,7 @@ from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.limits import Limits
 from drake_rho.scenario.norms import NORMS, Norm, NormLimit
 from drake_rho.scenario.parts import Grid, Quantity, Vehicle
-from drake_rho.scenario.shapes.base import TOLERANCE, Shape
+from drake_rho.scenario.shapes.base import TOLERANCE, Solid
 from drake_rho.scenario.shapes.polyhedra import Box
 from drake_rho.scenario.waypoints import Waypoints, waypoints_of
 
@@ -147,7 +147,7 @@ class Fleet:
                 centers = body.centers(np.concatenate([[0.0], corners, [T]]))
                 moved = float(np.linalg.norm(np.diff(centers, axis=0), axis=1).sum())
                 moved = moved if body.active is None else np.inf
-                most = np.minimum(body.shape.extent.min() + required, moved)
+                most = np.minimum(body.shape.thickness + required, moved)
                 evasion[met] = np.maximum(evasion, most)[met]
         return evasion
 
@@ -170,7 +170,7 @@ class Fleet:
         distances: FloatArray = np.linalg.norm(nearest, axis=2).min(axis=1)
         return distances
 
-    def obstacle_tolerances(self, shape: Shape) -> FloatArray:
+    def obstacle_tolerances(self, shape: Solid) -> FloatArray:
         """Return the depth in an obstacle that still counts as outside, per vehicle [m], (N,).
 
         It is `TOLERANCE` times the obstacle's size or the motion's length scale, if that is less:

@@ -11,6 +11,7 @@ from pydantic import Field, ValidationInfo, model_validator
 
 from drake_rho.scenario.consistency import (
     check_ends,
+    check_maps,
     check_names,
     check_obstacles,
     check_requirements,
@@ -130,6 +131,7 @@ class Scenario(ShownInNotebooks):
         under_way = context_of(info).under_way
         check_names(self.vehicles)
         check_obstacles(self.obstacles, self.grid)
+        check_maps(self.bodies, self.fleet)
         if self.disturbance is not None:
             self.disturbance.check(self.grid)
         if not under_way:

@@ -20,6 +20,7 @@ from drake_rho.motion.scenario_tube import tube_of
 from drake_rho.motion.tube import Maximum
 from drake_rho.scenario.fields import BoolArray, FloatArray
 from drake_rho.scenario.limits import GRAVITY
+from drake_rho.scenario.maps.map import Map
 from drake_rho.scenario.parts import Quantity
 from drake_rho.scenario.records import TOLERANCE, Scenario
 from drake_rho.verification.boxes import check_boxes
@@ -27,6 +28,7 @@ from drake_rho.verification.check import PRECISION, Check, Column
 from drake_rho.verification.closest_pairs import ellipsoid_distance
 from drake_rho.verification.continuous_time import AnyLower, least_over_time
 from drake_rho.verification.kinds import refuse_unknown
+from drake_rho.verification.maps import encounters
 from drake_rho.verification.norms import check_norms
 from drake_rho.verification.obstacles import check_obstacle, relative_to
 from drake_rho.verification.requirements import check_requirements
@@ -215,8 +217,12 @@ class _PlanCheck:
         low = ~(seen.lowest_at_least(shape, least) >= least)
         owners, pieces = np.nonzero(low & seen.active_pieces)
         some, precision = seen.pieces.select(owners * len(radii) + pieces), PRECISION * tolerances
-        asked = least[owners, pieces]
-        return not _is_below(some, shape.local_distance, asked, precision[owners]).any()
+        asked, distance = least[owners, pieces], shape.local_distance
+        if isinstance(shape, Map):
+            met = encounters(shape, some, asked)
+            some, distance = met.steps, met.distance
+            owners, asked = owners[met.pieces], asked[met.pieces]
+        return not _is_below(some, distance, asked, precision[owners]).any()
 
     def _all_keep_apart(self) -> bool:
         """Return whether all pairs keep their separation plus both vehicles' error radii.

@@ -13,10 +13,12 @@ from collections.abc import Iterator
 import numpy as np
 
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
+from drake_rho.scenario.maps.map import Map
 from drake_rho.scenario.obstacles import Obstacle
-from drake_rho.scenario.shapes.base import Shape
+from drake_rho.scenario.shapes.base import Solid
 from drake_rho.verification.check import AT_ALL_TIMES, AT_KNOTS, PRECISION, Column
 from drake_rho.verification.continuous_time import Least, least_over_time
+from drake_rho.verification.maps import encounters
 from drake_rho.verification.steps import Steps
 from drake_rho.verification.trajectory import PiecewiseTrajectory
 
@@ -89,7 +91,7 @@ class RelativeMotion:
     pieces: Steps
     """relative motions in the pieces, vehicle by vehicle, J of each"""
 
-    def lowest_at_least(self, shape: Shape, enough: FloatArray) -> FloatArray:
+    def lowest_at_least(self, shape: Solid, enough: FloatArray) -> FloatArray:
         """Return lower bounds of distances from the shape in the pieces [m], shape (N, J).
 
         Args:
@@ -100,7 +102,7 @@ class RelativeMotion:
         outside = _outside_of_box(self.positions, shape.extent)
         lowest = self._between(outside)
         near = np.flatnonzero(~(lowest >= enough).all(axis=1))
-        if len(near) > 0:
+        if len(near) > 0 and not isinstance(shape, Map):  # encounters are compared with its parts
             outside[near] = shape.local_distance(self.positions[near])
             lowest = self._between(outside)
         return lowest
@@ -120,7 +122,7 @@ class RelativeMotion:
         lowest: FloatArray = (distances[:, :-1] + distances[:, 1:] - lengths) / 2.0
         return lowest
 
-    def closest(self, shape: Shape, since: float, *, known: bool) -> tuple[_Closest, _Closest]:
+    def closest(self, shape: Solid, since: float, *, known: bool) -> tuple[_Closest, _Closest]:
         """Return the least clearances from the shape: at the knots, and at all times.
 
         The exact distance is not computed where the distance from the bounding box shows that
@@ -148,11 +150,21 @@ class RelativeMotion:
         during &= self.active_pieces
         lowest = self._between(outside) - trajectory.errors_over
         owners, piece = np.nonzero(~(lowest >= values[:, None]) & during)  # what is no number too
+        near = self.pieces.select(owners * len(during) + piece)
+        distance = shape.local_distance
+        if isinstance(shape, Map):
+            met = encounters(shape, near, values[owners] + trajectory.errors_over[piece])
+            owners, piece, near, distance = (
+                owners[met.pieces],
+                piece[met.pieces],
+                met.steps,
+                met.distance,
+            )
         error_radii = trajectory.error_radii(piece)
         least = least_over_time(
-            self.pieces.select(owners * len(during) + piece),
+            near,
             owners[:, None],
-            shape.local_distance,
+            distance,
             PRECISION * trajectory.scenario.fleet.obstacle_tolerances(shape)[owners],
             Least.unknown(values),
             error_radii,
@@ -187,7 +199,7 @@ def relative_to(
 
 
 def _least_at(
-    shape: Shape, x: FloatArray, at_least: FloatArray, errors: FloatArray
+    shape: Solid, x: FloatArray, at_least: FloatArray, errors: FloatArray
 ) -> tuple[IntArray, FloatArray]:
     """Return the index of each vehicle's closest position to a shape, and its distance there.
 

@@ -11,11 +11,14 @@ from drake_rho.display.common.drawable import Drawn
 from drake_rho.display.common.style import dense_times
 from drake_rho.motion.nearest_vehicles import nearest_vehicles
 from drake_rho.motion.obstacle_clearances import (
+    ClosestApproaches,
     closest,
+    distances,
     nearest_obstacles,
     required_distances,
 )
 from drake_rho.scenario.fields import FloatArray, IntArray
+from drake_rho.scenario.maps.map import Map
 from drake_rho.scenario.obstacles import Obstacle
 
 
@@ -46,9 +49,28 @@ class Clearances:
     """index of the nearest obstacle, shape (N, M)"""
 
 
+def closest_approaches(plan: Drawn, obstacle: Obstacle) -> ClosestApproaches:
+    """Return the closest approach of each vehicle to an obstacle, exact also between the knots.
+
+    Inside a map, where the depth is that of the nearest free position and not that in one of its
+    parts, it is the deepest of many samples.
+    """
+    found = closest(plan, obstacle)
+    if not isinstance(obstacle.shape, Map):
+        return found
+    times = sample_times(plan, [obstacle])
+    sampled = distances(plan, obstacle, times)
+    deepest, vehicles = np.argmin(sampled, axis=1), np.arange(len(sampled))
+    least = sampled[vehicles, deepest]
+    lower = least < np.minimum(found.distances, 0.0)
+    return ClosestApproaches(
+        np.where(lower, times[deepest], found.times), np.where(lower, least, found.distances)
+    )
+
+
 def nearest(plan: Drawn, obstacle: Obstacle) -> Approach:
     """Find the vehicle and the time with the least clearance from an obstacle."""
-    found = closest(plan, obstacle)
+    found = closest_approaches(plan, obstacle)
     vehicle = int(np.argmin(found.distances - required_distances(plan.scenario, obstacle)))
     return Approach(vehicle, float(found.times[vehicle]))
 
@@ -102,7 +124,7 @@ def _with_exact_minima(
     which = sampled.nearest[vehicles, np.argmin(sampled.clearances, axis=1)]
     times, least = np.zeros(len(which)), np.zeros(len(which))
     for index in np.unique(which):
-        of, found = which == index, closest(plan, obstacles[index])
+        of, found = which == index, closest_approaches(plan, obstacles[index])
         times[of] = found.times[of]
         least[of] = (found.distances - required_distances(plan.scenario, obstacles[index]))[of]
     merged = [

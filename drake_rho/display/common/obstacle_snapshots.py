@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
+from functools import cached_property
 
 import numpy as np
 
 from drake_rho.display.common.clearances import nearest, sample_times
 from drake_rho.display.common.drawable import Drawn
+from drake_rho.display.common.map_faces import MapFaces, map_faces
 from drake_rho.display.common.names import as_text, brief
 from drake_rho.scenario.clock import clock_number, clock_time
 from drake_rho.scenario.fields import FloatArray
+from drake_rho.scenario.maps.map import Map
 from drake_rho.scenario.obstacles import Obstacle
-from drake_rho.scenario.shapes.base import Shape
+from drake_rho.scenario.shapes.base import Solid
 from drake_rho.scenario.shapes.cylinders import Cylinder
 
 MAX_FOLLOWED = 6
@@ -23,14 +26,14 @@ _MAX_NUMBERED = 60
 AROUND = 0.5
 """Margin around a scene in which moving obstacles and sets enlarge it, over its longest side."""
 _APART = 0.2
-"""Least displacement at which an obstacle is drawn a second time, over its size."""
+"""Least displacement at which an obstacle is drawn a second time, over its largest extent."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Snapshot:
     """An obstacle at one instant."""
 
-    shape: Shape
+    shape: Solid
     """shape of the obstacle"""
     center: FloatArray
     """centre of its bounding box at that instant [m], shape (3,)"""
@@ -41,6 +44,19 @@ class Snapshot:
     faint: bool = False
     """true of a secondary snapshot, at the first or last position of a moving obstacle, and of an
     obstacle that is not active in the flight"""
+    between: tuple[float, float] | None = None
+    """lower and upper height of the slice of a map that is shown [m]; all of it if not given"""
+
+    @cached_property
+    def faces(self) -> MapFaces | None:
+        """Faces of a map, relative to its centre; None of a shape."""
+        if not isinstance(self.shape, Map):
+            return None
+        heights = self.between and (
+            self.between[0] - self.center[2],
+            self.between[1] - self.center[2],
+        )
+        return map_faces(self.shape, heights)
 
     @property
     def bounds(self) -> tuple[FloatArray, FloatArray]:
@@ -57,7 +73,7 @@ class Snapshot:
         return dataclasses.replace(self, shape=truncated(self.shape, lower, upper), center=center)
 
 
-def truncated(shape: Shape, lower: FloatArray, upper: FloatArray) -> Shape:
+def truncated(shape: Solid, lower: FloatArray, upper: FloatArray) -> Solid:
     """Return the shape, with an infinite cylinder cut off at these coordinates [m].
 
     `truncated_centers` returns the new centre.
@@ -68,13 +84,13 @@ def truncated(shape: Shape, lower: FloatArray, upper: FloatArray) -> Shape:
 
 
 def truncated_centers(
-    shape: Shape, centers: FloatArray, lower: FloatArray, upper: FloatArray
+    shape: Solid, centers: FloatArray, lower: FloatArray, upper: FloatArray
 ) -> FloatArray:
     """Return the centres of a shape cut off at these coordinates [m], shape (..., 3)."""
     return np.where(np.isinf(shape.extent), (lower + upper) / 2.0, centers)
 
 
-def as_obstacles(obstacles: Sequence[Shape | Obstacle]) -> tuple[Obstacle, ...]:
+def as_obstacles(obstacles: Sequence[Solid | Obstacle]) -> tuple[Obstacle, ...]:
     """Return each shape as an `Obstacle`, and obstacles unchanged."""
     return tuple(each if isinstance(each, Obstacle) else Obstacle(each) for each in obstacles)
 
@@ -122,7 +138,7 @@ def snapshots(plan: Drawn, obstacles: Sequence[Obstacle]) -> list[Snapshot]:
             times = np.append(times, clock[near][[0, -1]])
         centers = obstacle.centers(times)
         for index, (time, center) in enumerate(zip(times, centers, strict=True)):
-            moved = np.linalg.norm(center - centers[0]) > _APART * obstacle.shape.size
+            moved = np.linalg.norm(center - centers[0]) > _APART * _largest(obstacle)
             when = clock_time(round(time, 2)) if few else ""
             if index == 0:
                 words = ", ".join(filter(None, (label, when, active_in_words(obstacle.active))))
@@ -195,6 +211,12 @@ def obstacle_notes(plan: Drawn, obstacles: Sequence[Obstacle]) -> list[str]:
     if any(not each.moves and _is_never_active(plan, each) for each in obstacles):
         notes.append("faint: obstacles at rest that are not active in the flight")
     return notes
+
+
+def _largest(obstacle: Obstacle) -> float:
+    """Return the largest finite extent of an obstacle [m]."""
+    extent = obstacle.shape.extent
+    return float(np.max(extent, where=np.isfinite(extent), initial=0.0))
 
 
 def _is_never_active(plan: Drawn, obstacle: Obstacle) -> bool:

@@ -15,7 +15,7 @@ import numpy as np
 from drake_rho.display.common.drawable import Drawn
 from drake_rho.display.common.obstacle_snapshots import AROUND, Snapshot
 from drake_rho.display.common.requirements import kept_positions
-from drake_rho.display.common.shape_faces import Surface, surface, unit_sphere
+from drake_rho.display.common.shape_faces import Surface, clipped, surface, unit_sphere
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.sets import ConvexSet
 from drake_rho.scenario.shapes.base import Shape
@@ -53,7 +53,7 @@ def surface_within(convex_set: ConvexSet, lower: FloatArray, upper: FloatArray) 
     Nothing is known of a set of a user's own but its functions: it is drawn if it is bounded.
     """
     whole = _whole(convex_set, lower, upper)
-    faces = [_cut(face, lower, upper) for face in whole.faces]
+    faces = [clipped(face, lower, upper) for face in whole.faces]
     edges = [piece for edge in whole.edges for piece in _pieces(edge, lower, upper)]
     if isinstance(convex_set, HalfSpace):
         edges = [face[[*range(len(face)), 0]] for face in faces if len(face) > 0]
@@ -144,24 +144,6 @@ def _across(normal: FloatArray) -> tuple[FloatArray, FloatArray]:
     one = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
     one /= np.linalg.norm(one)
     return one, np.cross(normal, one)
-
-
-def _cut(face: FloatArray, lower: FloatArray, upper: FloatArray) -> FloatArray:
-    """Return the part of a convex polygon (n, 3) inside a box, of the same orientation."""
-    for axis in range(3):
-        for sign, bound in ((-1.0, -lower[axis]), (1.0, upper[axis])):
-            beyond = sign * face[:, axis] - bound
-            if np.all(beyond <= 0.0):
-                continue
-            corners = []
-            for k, excess in enumerate(beyond):
-                if (before := beyond[k - 1]) * excess < 0.0:
-                    part = before / (before - excess)
-                    corners.append(face[k - 1] + part * (face[k] - face[k - 1]))
-                if excess <= 0.0:
-                    corners.append(face[k])
-            face = np.reshape(corners, (-1, 3))
-    return face
 
 
 def _pieces(edge: FloatArray, lower: FloatArray, upper: FloatArray) -> list[FloatArray]:

@@ -8,7 +8,7 @@ from functools import singledispatch
 import numpy as np
 
 from drake_rho.scenario.fields import FloatArray
-from drake_rho.scenario.shapes.base import Shape
+from drake_rho.scenario.shapes.base import Solid
 from drake_rho.scenario.shapes.cylinders import Cylinder
 from drake_rho.scenario.shapes.polyhedra import Box, Polytope
 from drake_rho.scenario.shapes.quadrics import Ellipsoid, Sphere
@@ -32,11 +32,11 @@ class Surface:
 
 
 @singledispatch
-def surface(shape: Shape) -> Surface:
+def surface(shape: Solid) -> Surface:
     """Approximate the surface of a bounded shape by flat faces with their corners on it.
 
     A shape without a function of its own, which has to contain its centre, is drawn as smooth: its
-    corners are on rays from the centre, at distances found by bisection of `Shape.signed_distance`.
+    corners are on rays from the centre, at distances found by bisection of `Solid.signed_distance`.
     """
     rays = shape.extent * unit_sphere()
     inside, outside = np.zeros(rays.shape[:-1]), np.full(rays.shape[:-1], 2.0)
@@ -103,6 +103,24 @@ def unit_sphere() -> FloatArray:
     points = np.stack([np.cos(u) * np.sin(v), np.sin(u) * np.sin(v), np.cos(v)], axis=-1)
     corners = (points[:-1, :-1], points[:-1, 1:], points[1:, 1:], points[1:, :-1])
     return np.stack(corners, axis=2).reshape(-1, 4, 3)
+
+
+def clipped(face: FloatArray, lower: FloatArray, upper: FloatArray) -> FloatArray:
+    """Return the part of a convex polygon (n, 3) inside a box, of the same orientation."""
+    for axis in range(3):
+        for sign, bound in ((-1.0, -lower[axis]), (1.0, upper[axis])):
+            beyond = sign * face[:, axis] - bound
+            if np.all(beyond <= 0.0):
+                continue
+            corners = []
+            for k, excess in enumerate(beyond):
+                if (before := beyond[k - 1]) * excess < 0.0:
+                    part = before / (before - excess)
+                    corners.append(face[k - 1] + part * (face[k] - face[k - 1]))
+                if excess <= 0.0:
+                    corners.append(face[k])
+            face = np.reshape(corners, (-1, 3))
+    return face
 
 
 def _ring(points: FloatArray, normal: FloatArray) -> FloatArray:

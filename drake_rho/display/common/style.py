@@ -28,6 +28,9 @@ FORBIDDEN = "#888888"
 """Colour of regions that vehicles must not enter."""
 ALLOWED = "#2E8B57"
 """Colour of sets in which vehicles must stay."""
+LOWEST, HIGHEST = "#3D4B60", "#DCCFB4"
+"""Colours of the lowest and the highest parts of a map, apart from all vehicles'; heights between
+have the colours between in RGB, so that a long wall has the right ones with two at its ends."""
 PLENTY_LEFT, NOTHING_LEFT = "#9AA0AA", "#FF2020"
 """Colours of a link of which much is left, and of one of which nothing is."""
 CONFLICT = "#D00000"
@@ -42,6 +45,8 @@ EXTREMUM_STYLE: dict[str, Any] = {
 """Style of the ring around the overall minimum or maximum."""
 VIEW_ELEVATION, VIEW_AZIMUTH = 22.0, -58.0
 """Viewpoint of a scene: angle above the horizon and around the vertical axis [deg]."""
+STEEP_ELEVATION = 62.0
+"""Elevation of the viewpoint of an animated scene whose flights are hidden by maps otherwise."""
 PER_STEP = 12
 """Least number of points at which the exact motion is drawn in each step."""
 MAX_NAMED = len(COLOURS)
@@ -79,9 +84,26 @@ def reddened(part: float) -> str:
     return to_hex(red + float(np.clip(part, 0.0, 1.0)) * (grey - red))
 
 
-def view() -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return unit vectors to the right and up on the screen, and from the scene to the viewer."""
-    azimuth, elevation = np.radians(VIEW_AZIMUTH), np.radians(VIEW_ELEVATION)
+def height_colours(heights: FloatArray, lowest: float, highest: float) -> FloatArray:
+    """Return colours of heights [m], shape (..., 3), the middle one where all heights are equal."""
+    low, high = (np.array(to_rgb(each)) for each in (LOWEST, HIGHEST))
+    parts = np.full(heights.shape, 0.5)
+    if highest > lowest:
+        parts = np.clip((heights - lowest) / (highest - lowest), 0.0, 1.0)
+    colours: FloatArray = low + parts[..., None] * (high - low)
+    return colours
+
+
+def view(
+    elevation: float = VIEW_ELEVATION, azimuth: float = VIEW_AZIMUTH
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return unit vectors to the right and up on the screen, and from the scene to the viewer.
+
+    Args:
+        elevation: angle of the viewpoint above the horizon [deg].
+        azimuth: angle around the vertical axis [deg].
+    """
+    azimuth, elevation = np.radians(azimuth), np.radians(elevation)
     right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
     to_viewer = np.array(
         [

@@ -2,7 +2,8 @@
 
 In the scene tree, /flight/obstacles/<number> is the obstacle's pose. Its children are `known`, the
 obstacle itself, `unknown`, a fainter copy shown until an obstacle with a later `known_from` becomes
-known, and `edges`, if the shape has edges.
+known, and `edges`, if a shape has edges. Maps are coloured by height; where one is not known yet,
+its bounding box is shown.
 """
 
 from __future__ import annotations
@@ -18,11 +19,14 @@ from drake_rho.display.common.shape_faces import surface
 from drake_rho.display.common.style import CONFLICT
 from drake_rho.display.meshcat.playback import Playback
 from drake_rho.display.meshcat.scene import ROOT, Scene
-from drake_rho.display.meshcat.shape_objects import put
+from drake_rho.display.meshcat.shape_objects import put, put_map
 from drake_rho.display.meshcat.trails import segments, show_between
 from drake_rho.planning.errors import InfeasibleError
 from drake_rho.scenario.fields import BoolArray, FloatArray
+from drake_rho.scenario.maps.map import Map
 from drake_rho.scenario.obstacles import Obstacle
+from drake_rho.scenario.shapes.base import Solid
+from drake_rho.scenario.shapes.polyhedra import Box
 
 _SOLID = Rgba(0.6, 0.63, 0.7, 0.5)
 _GHOST = Rgba(0.6, 0.63, 0.7, 0.12)
@@ -43,16 +47,32 @@ def add_obstacles(
     for number, obstacle in enumerate(bodies, start=1):
         path = _path(number)
         shape = truncated(obstacle.shape, scene.lower, scene.upper)
-        put(shape, meshcat, f"{path}/known", _IN_CONFLICT if number in marked else _SOLID)
-        if _known_late(plan, obstacle):
-            put(shape, meshcat, f"{path}/unknown", _GHOST)
-        if edges := surface(shape).edges:
-            meshcat.SetLineSegments(f"{path}/edges", *segments(edges), rgba=_EDGES)
+        colour = _IN_CONFLICT if number in marked else None
+        _add_solid(meshcat, path, shape, colour, late=_known_late(plan, obstacle))
         (place,) = _places(scene, obstacle, np.array([start]))
         meshcat.SetTransform(path, RigidTransform(place))
     for number, line in enumerate(obstacle_paths(plan, bodies), start=1):
         path = f"{ROOT}/obstacle_paths/{number}"
         meshcat.SetLineSegments(path, *segments([line]), rgba=_PATH)
+
+
+def _add_solid(
+    meshcat: Meshcat, path: str, solid: Solid, colour: Rgba | None, *, late: bool
+) -> None:
+    """Add an obstacle in a colour or in its own, and a fainter copy if it becomes known late."""
+    ghost = solid
+    if isinstance(solid, Map):
+        ghost = Box(solid.center - solid.extent, solid.center + solid.extent)
+        if colour is None:
+            put_map(solid, meshcat, f"{path}/known")
+        else:
+            put(solid, meshcat, f"{path}/known", colour)
+    else:
+        put(solid, meshcat, f"{path}/known", colour or _SOLID)
+        if edges := surface(solid).edges:
+            meshcat.SetLineSegments(f"{path}/edges", *segments(edges), rgba=_EDGES)
+    if late:
+        put(ghost, meshcat, f"{path}/unknown", _GHOST)
 
 
 def record_obstacles(meshcat: Meshcat, scene: Scene, plan: Drawn, playback: Playback) -> None:

@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 
 from drake_rho.display.common.drawable import Drawn
+from drake_rho.display.common.map_faces import has_map
 from drake_rho.display.common.requirements import kept_positions
 from drake_rho.display.meshcat.meshes import nice_step
 from drake_rho.scenario.fields import FloatArray
@@ -15,8 +16,9 @@ _FRAMES = 32.0
 """Recorded poses per second of playback."""
 _LONGEST = 60.0
 """Longest default playback [s]; flights of up to this duration run in real time."""
-_MAX_POSES = 50_000
-"""Largest number of recorded poses, of all that moves together."""
+_MAX_POSES, _MAX_POSES_IN_MAPS = 50_000, 6_500
+"""Largest number of recorded poses, of all that moves together. There are fewer where a map is in
+the scene, so that a page of both is not too large; Meshcat interpolates between poses."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -43,7 +45,8 @@ class Playback:
         playback = duration / rate
         moving = sum(obstacle.moves for obstacle in plan.scenario.bodies)
         moving += sum(len(each.members) for each in kept_positions(plan.scenario) if each.is_link)
-        most = _MAX_POSES / (objects_per_vehicle * len(plan.positions) + moving)
+        poses = _MAX_POSES_IN_MAPS if has_map(plan.scenario) else _MAX_POSES
+        most = poses / (objects_per_vehicle * len(plan.positions) + moving)
         frames_per_second = min(_FRAMES, max(4.0, most / playback))
         frames = int(np.ceil(playback * frames_per_second))
         times = np.minimum(np.arange(frames + 1) * rate / frames_per_second, duration)

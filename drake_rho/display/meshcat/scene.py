@@ -17,10 +17,18 @@ from pydrake.geometry import Sphere as Ball
 from pydrake.math import RigidTransform
 
 from drake_rho.display.common.drawable import Drawn, StraightLines
+from drake_rho.display.common.hidden_by_maps import best_from_above
 from drake_rho.display.common.names import as_path
 from drake_rho.display.common.obstacle_snapshots import snapshots
 from drake_rho.display.common.set_surfaces import requirements_near
-from drake_rho.display.common.style import CONFLICT, palette, vehicle_colours, view
+from drake_rho.display.common.style import (
+    CONFLICT,
+    STEEP_ELEVATION,
+    VIEW_ELEVATION,
+    palette,
+    vehicle_colours,
+    view,
+)
 from drake_rho.display.meshcat.meshes import box_edges, ground_grid, octahedron, scattered
 from drake_rho.planning.errors import InfeasibleError
 from drake_rho.scenario.fields import FloatArray
@@ -58,6 +66,8 @@ class Scene:
     outline: FloatArray
     """points that the camera is fitted to, positions of vehicles and corners of the bounding
     boxes of obstacles and of requirements [m], shape (M, 3)"""
+    elevation: float = VIEW_ELEVATION
+    """angle of the viewpoint above the horizon [deg]"""
 
     @classmethod
     def of(cls, plan: Drawn) -> Scene:
@@ -67,17 +77,19 @@ class Scene:
         """
         scenario = plan.scenario
         bounds = [(plan.positions.min(axis=(0, 1)), plan.positions.max(axis=(0, 1)))]
-        bounds += [each.bounds for each in snapshots(plan, scenario.bodies)]
+        shown = snapshots(plan, scenario.bodies)
+        bounds += [each.bounds for each in shown]
         bounds += requirements_near(plan, bounds)
         ends = [each for each in bounds if np.all(np.isfinite(each))]
         flown = plan.positions.reshape(-1, 3)
         flown = flown[:: max(1, len(flown) // _MAX_OUTLINE)]
+        elevation = STEEP_ELEVATION if best_from_above(flown, shown) else VIEW_ELEVATION
         outline = np.concatenate([flown, *(_corners(*each) for each in ends[1:])])
         bounds += [(box.lower, box.upper) for box in flyable_boxes(scenario)]
         lower = np.min([low for low, _ in bounds], axis=0)
         upper = np.max([high for _, high in bounds], axis=0)
         margin = 0.05 * float(np.max(upper - lower)) or 1.0
-        return cls(lower - margin, upper + margin, len(scenario.vehicles), outline)
+        return cls(lower - margin, upper + margin, len(scenario.vehicles), outline, elevation)
 
     @property
     def size(self) -> float:
@@ -111,13 +123,13 @@ def _corners(lower: FloatArray, upper: FloatArray) -> FloatArray:
 
 
 def set_camera(meshcat: Meshcat, scene: Scene) -> None:
-    """Show the whole scene, from the viewpoint of the figures."""
+    """Show the whole scene, from the viewpoint of the figures or from higher up."""
     centre = (scene.lower + scene.upper) / 2
     camera = Meshcat.PerspectiveCamera(
         fov=_FIELD_OF_VIEW, near=scene.size / 1e3, far=scene.size * 1e2
     )
     meshcat.SetCamera(camera)
-    right, up, to_viewer = view()
+    right, up, to_viewer = view(scene.elevation)
     corners = _corners(scene.lower, scene.upper) - centre
     half = np.tan(np.radians(_FIELD_OF_VIEW / 2))
     # From a distance d a corner at a depth z towards the camera is visible if its offset is at most

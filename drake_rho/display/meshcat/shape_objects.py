@@ -1,4 +1,4 @@
-"""Shapes as objects in Meshcat, around the origin of their paths."""
+"""Shapes and maps as objects in Meshcat, around the origin of their paths."""
 
 from __future__ import annotations
 
@@ -6,24 +6,57 @@ from collections.abc import Sequence
 from functools import singledispatch
 
 import numpy as np
+import numpy.typing as npt
 from pydrake import geometry
 from pydrake.geometry import Meshcat, Rgba
 from pydrake.math import RigidTransform, RotationMatrix
 
+from drake_rho.display.common.map_faces import map_faces
 from drake_rho.display.common.shape_faces import surface
-from drake_rho.scenario.fields import FloatArray
-from drake_rho.scenario.shapes.base import Shape
+from drake_rho.scenario.fields import FloatArray, IntArray
+from drake_rho.scenario.maps.map import Map
+from drake_rho.scenario.shapes.base import Shape, Solid
 from drake_rho.scenario.shapes.cylinders import Cylinder
 from drake_rho.scenario.shapes.polyhedra import Box
 from drake_rho.scenario.shapes.quadrics import Ellipsoid, Sphere
 
 
+def put_map(solid: Map, meshcat: Meshcat, path: str) -> None:
+    """Add the surface of a map at a path of the scene tree, coloured by height."""
+    faces = map_faces(solid)
+    vertices, triangles = faces.mesh()
+    colours = np.asfortranarray(faces.colours(vertices).T)
+    meshcat.SetTriangleColorMesh(path, *_columns(vertices, triangles), colours)
+    _shade_flat(meshcat, path)
+
+
+def _columns(vertices: FloatArray, triangles: IntArray) -> tuple[FloatArray, npt.NDArray[np.int32]]:
+    """Return a mesh in the order that Drake requires."""
+    return np.asfortranarray(vertices.T), np.asfortranarray(triangles.T.astype(np.int32))
+
+
+def _shade_flat(meshcat: Meshcat, path: str) -> None:
+    """Shade an object's faces flat although they share vertices, which keeps pages small."""
+    meshcat.SetProperty(f"{path}/<object>", "material.flatShading", True)
+
+
 @singledispatch
-def put(shape: Shape, meshcat: Meshcat, path: str, colour: Rgba) -> None:
+def put(shape: Solid, meshcat: Meshcat, path: str, colour: Rgba) -> None:
     """Add a bounded shape at a path of the scene tree, with its centre at the path's origin.
 
     Shapes without an object of Drake's are drawn by the faces of their `surface`.
     """
+    raise NotImplementedError(f"shape: got a {type(shape).__name__}, expected a shape or a map")
+
+
+@put.register
+def _(shape: Map, meshcat: Meshcat, path: str, colour: Rgba) -> None:
+    meshcat.SetTriangleMesh(path, *_columns(*map_faces(shape).mesh()), rgba=colour)
+    _shade_flat(meshcat, path)
+
+
+@put.register
+def _(shape: Shape, meshcat: Meshcat, path: str, colour: Rgba) -> None:
     put_faces(surface(shape).faces, meshcat, path, colour)
 
 

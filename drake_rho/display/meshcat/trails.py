@@ -14,6 +14,7 @@ from matplotlib.colors import to_rgb
 from pydrake.geometry import Meshcat, Rgba
 
 from drake_rho.display.common.drawable import Drawn
+from drake_rho.display.common.map_faces import has_map
 from drake_rho.display.common.names import as_path
 from drake_rho.display.common.style import palette, window_colours
 from drake_rho.display.meshcat.meshes import tube
@@ -22,17 +23,22 @@ from drake_rho.display.meshcat.scene import ROOT, Scene, coloured
 from drake_rho.motion.flight import Window
 from drake_rho.scenario.fields import FloatArray, IntArray
 
-_MAX_PIECES = 1200
-"""Largest number of pieces of trail in a scene."""
+_MAX_PIECES, _MAX_PIECES_IN_MAPS = 1200, 600
+"""Largest number of pieces of trail in a scene, and in one with a map, whose page is large."""
 _PER_STEP = 4
 """Straight segments of a curve in each step."""
+_MAX_SEGMENTS_IN_MAPS = 7000
+"""Largest number of segments of all trails in a scene with a map, unless steps are more."""
 
 
 def record_trails(meshcat: Meshcat, scene: Scene, plan: Drawn, playback: Playback) -> None:
     """Add trails as tubes of a few steps each, visible once they have been flown."""
+    per_step, steps = _PER_STEP, len(plan.positions) * (plan.scenario.grid.knots - 1)
+    if has_map(plan.scenario):
+        per_step = int(np.clip(_MAX_SEGMENTS_IN_MAPS // steps, 1, _PER_STEP))
     for first, last in _pieces(plan, len(plan.positions)):
         for (vehicle, colour), path in zip(
-            coloured(plan.scenario), _paths(plan, first, last, _PER_STEP), strict=True
+            coloured(plan.scenario), _paths(plan, first, last, per_step), strict=True
         ):
             name = f"{ROOT}/trails/{as_path(vehicle.name)}/{first}"
             meshcat.SetTriangleMesh(name, *tube(path, scene.trail_radius), rgba=colour)
@@ -80,7 +86,8 @@ def first_times(windows: Sequence[Window]) -> list[float]:
 def _pieces(plan: Drawn, trails: int) -> list[tuple[int, int]]:
     """Return the first and last knots of a trail's pieces: one step each, or more to limit them."""
     steps = plan.scenario.grid.knots - 1
-    count = max(1, min(steps, _MAX_PIECES // trails))
+    pieces = _MAX_PIECES_IN_MAPS if has_map(plan.scenario) else _MAX_PIECES
+    count = max(1, min(steps, pieces // trails))
     knots: IntArray = np.unique(np.linspace(0, steps, count + 1).round().astype(int))
     return list(pairwise(knots.tolist()))
 

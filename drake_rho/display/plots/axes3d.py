@@ -53,13 +53,16 @@ class Area:
     max_height: float
 
 
-def frame_scene(ax: Axes3D, positions: FloatArray, shown: Sequence[Snapshot]) -> None:
+def frame_scene(
+    ax: Axes3D, positions: FloatArray, shown: Sequence[Snapshot], *, from_above: bool = False
+) -> None:
     """Set equal axes around the positions and the obstacles, and label them with units.
 
     Args:
         ax: axes to set.
         positions: of everything drawn except the obstacles [m], shape (..., 3).
         shown: the obstacles.
+        from_above: whether x and y are seen from above, rather than all three from the side.
     """
     positions = positions.reshape(-1, 3)
     bounds = [each.bounds for each in shown]
@@ -76,7 +79,11 @@ def frame_scene(ax: Axes3D, positions: FloatArray, shown: Sequence[Snapshot]) ->
     # of sight. Matplotlib's own order compares centres, which can hide objects in front.
     ax.computed_zorder = False
     ax.set_proj_type("ortho")
-    ax.view_init(elev=VIEW_ELEVATION, azim=VIEW_AZIMUTH)
+    elevation, azimuth = (90.0, -90.0) if from_above else (VIEW_ELEVATION, VIEW_AZIMUTH)
+    ax.view_init(elev=elevation, azim=azimuth)
+    if from_above:
+        _without_heights(ax)
+        return
     right, up, _ = view()
     for index, axis in enumerate((ax.xaxis, ax.yaxis, ax.zaxis)):
         # Matplotlib's offset of ticks and labels is proportional to the other two sides. Beside
@@ -87,6 +94,20 @@ def frame_scene(ax: Axes3D, positions: FloatArray, shown: Sequence[Snapshot]) ->
         factor = max(1.0, _MIN_REACH / reach)
         axis.set_tick_params(pad=_TICKS * (factor - 1.0))
         axis.labelpad = 3.0 * factor + _LABEL * (factor - 1.0)
+
+
+def _without_heights(ax: Axes3D) -> None:
+    """Remove the axis of heights, which is not seen from above, and put labels near the others."""
+    ax.set(zticks=[], zlabel="")
+    ax.zaxis.set_visible(False)
+    for axis, tick, label in ((ax.xaxis, -4.0, -6.0), (ax.yaxis, 0.0, 0.0)):
+        axis.set_tick_params(pad=tick)
+        axis.labelpad = label
+
+
+def _axes_of(ax: Axes3D) -> list[Any]:
+    """Return the axes that are shown, untyped in matplotlib."""
+    return [axis for axis in (ax.xaxis, ax.yaxis, ax.zaxis) if axis.get_visible()]
 
 
 def fit_scene(figure: Figure, ax: Axes3D, area: Area) -> Bbox:
@@ -130,7 +151,7 @@ def _extents(figure: Figure, ax: Axes3D) -> tuple[Bbox, Bbox]:
     x, y, _ = proj3d.proj_transform(*np.array(list(product(*ends))).T, ax.get_proj())
     corners = ax.transData.transform(np.stack([x, y], axis=1)) / figure.dpi
     box = Bbox([corners.min(axis=0), corners.max(axis=0)])
-    for index, axis in enumerate((ax.xaxis, ax.yaxis, ax.zaxis)):
+    for index, axis in enumerate(_axes_of(ax)):
         line = np.stack([ends[:, 0]] * 2)
         line[1, index] = ends[index, 1]
         x, y, _ = proj3d.proj_transform(*line.T, ax.get_proj())
@@ -139,7 +160,7 @@ def _extents(figure: Figure, ax: Axes3D) -> tuple[Bbox, Bbox]:
         axis.set_major_locator(MaxNLocator(intervals, steps=[1, 2, 5, 10]))
     figure.draw_without_rendering()
     renderer = renderer_of(figure)
-    parts = [axis.get_tightbbox(renderer) for axis in (ax.xaxis, ax.yaxis, ax.zaxis)]
+    parts = [axis.get_tightbbox(renderer) for axis in _axes_of(ax)]
     labels = [each.transformed(figure.dpi_scale_trans.inverted()) for each in parts if each]
     return box, Bbox.union([box, *labels])
 
@@ -147,7 +168,7 @@ def _extents(figure: Figure, ax: Axes3D) -> tuple[Bbox, Bbox]:
 def _drop_overlapping_ticks(figure: Figure, ax: Axes3D) -> None:
     """Leave out ticks whose numbers would overlap others, of any axis."""
     renderer, occupied = renderer_of(figure), list[Bbox]()
-    for axis in (ax.xaxis, ax.yaxis, ax.zaxis):
+    for axis in _axes_of(ax):
         low, high = sorted(axis.get_view_interval())
         remaining = []
         for tick in axis.get_major_ticks():

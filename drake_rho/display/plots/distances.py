@@ -14,7 +14,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
-from drake_rho.display.common.clearances import Clearances, least_clearances
+from drake_rho.display.common.clearances import Clearances, closest_approaches, least_clearances
 from drake_rho.display.common.drawable import Drawn, planned
 from drake_rho.display.common.names import as_text, brief
 from drake_rho.display.common.obstacle_snapshots import short_label
@@ -83,7 +83,7 @@ def draw_distances(
         draw_limit(ax, most, words, bottom)
     ax.set(ylabel="distance from the obstacle [m]", ylim=(bottom, None))
     finish(ax, plan, lines)
-    _mark_least(ax, plan, obstacle, closest(plan, obstacle), title)
+    _mark_least(ax, plan, obstacle, closest_approaches(plan, obstacle), title)
     return lines
 
 

@@ -1,4 +1,7 @@
-"""Drawing order of lines and obstacles: lines in front of obstacles are drawn over them."""
+"""Drawing order of lines and obstacles: lines in front of obstacles are drawn over them.
+
+Maps are below everything else. Parts of lines behind a map are drawn over it, but faintly.
+"""
 
 from __future__ import annotations
 
@@ -10,15 +13,20 @@ import numpy as np
 from mpl_toolkits.mplot3d.art3d import Line3D
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 
+from drake_rho.display.common.hidden_by_maps import hidden
 from drake_rho.display.common.obstacle_snapshots import Snapshot
 from drake_rho.display.common.style import view
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
+from drake_rho.scenario.shapes.base import Shape
+
+FAINT = 0.3
+"""Opacity of lines behind a map, over that of lines in front of it."""
 
 
 def ranks(shown: Sequence[Snapshot]) -> IntArray:
-    """Return the position of each obstacle in the drawing order, the farthest first."""
+    """Return the position of each obstacle in the drawing order, the farthest first after maps."""
     _, _, to_viewer = view()
-    depths = np.array([each.center @ to_viewer for each in shown])
+    depths = np.array([each.center @ to_viewer if _is_convex(each) else -np.inf for each in shown])
     order: IntArray = np.argsort(np.argsort(depths, kind="stable"), kind="stable")
     return order
 
@@ -33,13 +41,19 @@ def layers(points: FloatArray, shown: Sequence[Snapshot]) -> IntArray:
         points: positions [m], shape (M, 3).
         shown: the obstacles.
     """
-    if not shown:
-        return np.zeros(len(points), dtype=np.int64)
-    order = np.argsort(ranks(shown))
+    maps = sum(not _is_convex(each) for each in shown)
+    over: IntArray = np.full(len(points), maps)
+    order = np.argsort(ranks(shown), kind="stable")[maps:]
+    if len(order) == 0:
+        return over
     gains = np.stack([_gains(points, shown[index], len(shown)) for index in order], axis=1)
     sums = np.concatenate([np.zeros((len(points), 1)), np.cumsum(gains, axis=1)], axis=1)
-    chosen: IntArray = np.argmax(sums, axis=1)
-    return chosen
+    over += np.argmax(sums, axis=1)
+    return over
+
+
+def _is_convex(each: Snapshot) -> bool:
+    return isinstance(each.shape, Shape)
 
 
 def _gains(points: FloatArray, each: Snapshot, count: int) -> FloatArray:
@@ -47,7 +61,8 @@ def _gains(points: FloatArray, each: Snapshot, count: int) -> FloatArray:
     right, up, _ = view()
     x = points - each.center
     sides = np.stack([right, up])
-    overlaps = np.all(np.abs(x @ sides.T) <= each.shape.local_support(sides), axis=1)
+    extent = each.shape.local_support(sides) if isinstance(each.shape, Shape) else 0.0
+    overlaps = np.all(np.abs(x @ sides.T) <= extent, axis=1)
     weights = np.where(overlaps, count + 1.0, 1.0)
     return np.where(before(points, each), weights, -weights)
 
@@ -68,11 +83,19 @@ def before(points: FloatArray, each: Snapshot) -> BoolArray:
 def draw_line(
     ax: Axes3D, points: FloatArray, shown: Sequence[Snapshot], **style: Any
 ) -> list[Line3D]:
-    """Draw a line in pieces, each over the obstacles behind it and under those in front of it."""
-    over = layers(points, shown)
-    cuts = [0, *(np.flatnonzero(np.diff(over)) + 1), len(points) - 1]
+    """Draw a line in pieces, each over the obstacles behind it and under those in front of it.
+
+    The first piece is a visible one, if there is any, since legends show it.
+    """
+    over, behind = layers(points, shown), hidden(points, shown)
+    cuts = [0, *(np.flatnonzero(np.diff(2 * over + behind)) + 1), len(points) - 1]
+    pieces = [(first, last) for first, last in pairwise(cuts) if last > first]
+    faint = {"alpha": FAINT * style.get("alpha", 1.0)}
     return [
-        ax.plot(*points[first : last + 1].T, zorder=2 * over[first] + 1, **style)[0]
-        for first, last in pairwise(cuts)
-        if last > first
+        ax.plot(
+            *points[first : last + 1].T,
+            zorder=2 * over[first] + 1,
+            **(style | faint if behind[first] else style),
+        )[0]
+        for first, last in sorted(pieces, key=lambda piece: bool(behind[piece[0]]))
     ]

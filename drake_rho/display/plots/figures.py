@@ -35,7 +35,7 @@ from drake_rho.motion.simulation import Simulation
 from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.obstacles import Obstacle
 from drake_rho.scenario.parts import Quantity
-from drake_rho.scenario.shapes.base import Shape
+from drake_rho.scenario.shapes.base import Solid
 
 _ONE_ROW = 0.25
 """Height of a one-row legend, for which the figure need not grow [in]."""
@@ -46,7 +46,7 @@ _ONE_ROW = 0.25
 def distances_figure(
     flown: Flown,
     *,
-    obstacles: Sequence[Shape | Obstacle] | None = None,
+    obstacles: Sequence[Solid | Obstacle] | None = None,
     ax: Axes | Sequence[Axes] | None = None,
     width: float = DOUBLE_COLUMN,
 ) -> Figure:

@@ -16,6 +16,7 @@ from matplotlib.lines import Line2D
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 
 from drake_rho.display.common.drawable import StraightLines, drawn, planned
+from drake_rho.display.common.hidden_by_maps import best_from_above
 from drake_rho.display.common.names import as_text
 from drake_rho.display.common.obstacle_snapshots import (
     Snapshot,
@@ -27,7 +28,7 @@ from drake_rho.display.common.obstacle_snapshots import (
 )
 from drake_rho.display.common.requirements import kept_positions
 from drake_rho.display.common.set_surfaces import requirements_near
-from drake_rho.display.common.style import MAX_NAMED, window_colours
+from drake_rho.display.common.style import MAX_NAMED, dense_times, window_colours
 from drake_rho.display.plots.axes3d import Area, SceneAxes, fit_scene, frame_scene
 from drake_rho.display.plots.formats import DOUBLE_COLUMN, check_width
 from drake_rho.display.plots.given_axes import given_axes_in_space
@@ -41,6 +42,7 @@ from drake_rho.display.plots.legends import (
     vehicle_handles,
     width_beside,
 )
+from drake_rho.display.plots.maps import map_notes
 from drake_rho.display.plots.overlapping_curves import marks_every
 from drake_rho.display.plots.publish import styled
 from drake_rho.display.plots.requirements import draw_links, draw_sets
@@ -61,7 +63,7 @@ from drake_rho.planning.errors import InfeasibleError
 from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.obstacles import Obstacle
 from drake_rho.scenario.records import Scenario
-from drake_rho.scenario.shapes.base import Shape
+from drake_rho.scenario.shapes.base import Solid
 
 _LINE = 0.135
 """Height of a line of notes [in]."""
@@ -73,6 +75,8 @@ _MAX_TICKS = 12
 """Largest number of windows that are numbered."""
 _MIN_BESIDE = 5.0
 """Least width of a figure with a legend beside its scene [in]."""
+_MAX_SAMPLES = 4000
+"""Number of positions on paths of which it is determined whether maps hide them."""
 _HIGHEST = (1.1, 0.45)
 """Largest height of a scene: a constant [in] plus a fraction of the figure's width."""
 
@@ -83,7 +87,7 @@ def paths_figure(
     flown: Flown | Scenario,
     *,
     conflicts: InfeasibleError | None = None,
-    obstacles: Sequence[Shape | Obstacle] | None = None,
+    obstacles: Sequence[Solid | Obstacle] | None = None,
     ax: Axes | None = None,
     width: float = DOUBLE_COLUMN,
 ) -> Figure:
@@ -91,6 +95,10 @@ def paths_figure(
 
     A plan has no windows; each of its vehicles has a colour of its own. A scenario is drawn before
     it is planned, with straight lines from starts through waypoints to goals.
+
+    Maps are coloured by height, and paths behind them are faint. If maps would hide too much of the
+    paths, as a building does, the figure shows x and y from above, and of the maps only what is at
+    the heights of the flights.
 
     Args:
         flown: plan, flight, simulation or scenario to draw.
@@ -151,18 +159,27 @@ class _Content:
     bodies: tuple[Obstacle, ...]
     shown: list[Snapshot]
     conflicts: InfeasibleError | None
+    heights: tuple[float, float] | None
+    """lower and upper height between which maps are shown, from above [m]; None from the side"""
 
     @classmethod
     def of(
         cls,
         flown: Flown | Scenario,
-        obstacles: Sequence[Shape | Obstacle] | None,
+        obstacles: Sequence[Solid | Obstacle] | None,
         conflicts: InfeasibleError | None,
     ) -> Self:
         """Return the content of a figure, with the scenario's obstacles if none are given."""
         given = StraightLines(flown) if isinstance(flown, Scenario) else flown
         bodies = as_obstacles(given.scenario.obstacles if obstacles is None else obstacles)
-        return cls(given, bodies, snapshots(drawn(given), bodies), conflicts)
+        plan = drawn(given)
+        shown, heights = snapshots(plan, bodies), None
+        paths = plan.motion().at("position", dense_times(plan)).reshape(-1, 3)
+        if best_from_above(paths[:: max(1, len(paths) // _MAX_SAMPLES)], shown):
+            beside = float(plan.scenario.fleet.radii.max())
+            heights = (float(paths[:, 2].min()) - beside, float(paths[:, 2].max()) + beside)
+            shown = [dataclasses.replace(each, between=heights) for each in shown]
+        return cls(given, bodies, shown, conflicts, heights)
 
     @property
     def in_windows(self) -> bool:
@@ -190,7 +207,8 @@ class _Content:
         bounds = [(drawn_here.min(axis=0), drawn_here.max(axis=0))]
         bounds += [each.bounds for each in self.shown]
         near = np.reshape(requirements_near(drawn(self.flown), bounds), (-1, 3))
-        frame_scene(ax, np.concatenate([drawn_here, near]), self.shown)
+        from_above = self.heights is not None
+        frame_scene(ax, np.concatenate([drawn_here, near]), self.shown, from_above=from_above)
 
     def draw(self, ax: Axes3D) -> None:
         """Draw obstacles, paths, starts and goals, and mark conflicts."""
@@ -230,6 +248,7 @@ class _Content:
         words += ["red: in conflict"] if self.conflicts is not None else []
         width = figure.get_figwidth() - 2 * EDGE
         notes = ["; ".join(words), *obstacle_notes(plan, self.bodies)]
+        notes += map_notes(self.shown)
         kept = list(kept_positions(plan.scenario))
         if not all(each.is_link for each in kept):
             notes.append("green: sets in which vehicles stay")

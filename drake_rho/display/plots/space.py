@@ -17,6 +17,7 @@ from mpl_toolkits.mplot3d.art3d import Line3D, Line3DCollection, Poly3DCollectio
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 
 from drake_rho.display.common.drawable import Drawn, StraightLines, drawn, planned
+from drake_rho.display.common.hidden_by_maps import hidden
 from drake_rho.display.common.names import as_text, brief
 from drake_rho.display.common.obstacle_snapshots import Snapshot
 from drake_rho.display.common.shape_faces import surface
@@ -30,9 +31,10 @@ from drake_rho.display.common.style import (
     vehicle_marker,
     window_colours,
 )
-from drake_rho.display.plots.draw_order import draw_line, layers, ranks
+from drake_rho.display.plots.draw_order import FAINT, draw_line, layers, ranks
 from drake_rho.display.plots.labels import Labels, around
 from drake_rho.display.plots.legends import width_of
+from drake_rho.display.plots.maps import draw_map
 from drake_rho.display.plots.overlapping_curves import marks_every, overlapping_pieces
 from drake_rho.motion.flown import Flown
 from drake_rho.planning.errors import InfeasibleError
@@ -58,6 +60,9 @@ def draw_obstacles(ax: Axes3D, shown: Sequence[Snapshot]) -> list[Poly3DCollecti
     lower, upper = np.array([ax.get_xlim(), ax.get_ylim(), ax.get_zlim()]).T
     bodies = []
     for each, rank in zip(shown, ranks(shown), strict=True):
+        if each.faces is not None:
+            bodies.append(draw_map(ax, each, zorder=2 * rank + 2))
+            continue
         cut = each.truncated(lower, upper)
         skin, layer = surface(cut.shape), 2 * rank + 2
         body = Poly3DCollection(
@@ -91,18 +96,19 @@ def draw_obstacle_labels(ax: Axes3D, shown: Sequence[Snapshot]) -> list[Text]:
     many = len(shown) > _MAX_LARGE
     for each in shown:
         cut, number = each.truncated(lower, upper), each.label.isdecimal()
-        narrow = cut.shape.size < _MIN_NUMBERED * np.max(upper - lower)
+        middle = number and each.faces is None
+        narrow = cut.shape.extent.max() < _MIN_NUMBERED * np.max(upper - lower)
         if not each.label or (many and number and narrow):
             continue
-        above = 0.0 if number else cut.shape.extent[2]
+        above = 0.0 if middle else cut.shape.extent[2]
         top = cut.center + above * np.eye(3)[2]
         style: dict[str, Any] = {
             "fontsize": 6 if many else 7,
             "color": "#555555" if each.faint else "#222222",
         }
-        if number:
+        if middle:
             style["bbox"] = None
-        spots = around(ax, *top, middle=number, rows=1 if many else 4)
+        spots = around(ax, *top, middle=middle, rows=1 if many else 4)
         artists.append(Labels.of(ax).add(each.label, spots, rank=2 if number else 1, **style))
     return artists
 
@@ -187,7 +193,8 @@ def draw_conflicts(
     for each in shown:
         if each.number in numbers:
             cut = each.truncated(lower, upper)
-            faces = [cut.center + face for face in surface(cut.shape).faces]
+            skin = surface(cut.shape).faces if cut.faces is None else cut.faces.corners
+            faces = [cut.center + face for face in skin]
             body = Poly3DCollection(faces, facecolors=CONFLICT, alpha=0.25, linewidth=0)
             ax.add_collection3d(body)
             artists.append(body)
@@ -285,12 +292,16 @@ def _draw_knots(
     ax: Axes3D, knots: FloatArray, index: int, shown: Sequence[Snapshot], **style: Any
 ) -> None:
     knots = knots[:: marks_every(len(knots), width_of(ax))]
-    over = layers(knots, shown)
+    over, behind = layers(knots, shown), hidden(knots, shown)
     for layer in np.unique(over):
-        ax.plot(
-            *knots[over == layer].T,
-            linestyle="none",
-            marker=vehicle_marker(index),
-            zorder=2 * layer + 1,
-            **style,
-        )
+        for which, alpha in ((~behind, None), (behind, FAINT)):
+            if not np.any(here := which & (over == layer)):
+                continue
+            ax.plot(
+                *knots[here].T,
+                linestyle="none",
+                marker=vehicle_marker(index),
+                zorder=2 * layer + 1,
+                alpha=alpha,
+                **style,
+            )

@@ -7,13 +7,15 @@ from typing import Any
 import numpy as np
 from matplotlib.colors import to_hex
 
+from drake_rho.display.common.map_faces import has_map, map_faces
 from drake_rho.display.common.names import as_path, brief
 from drake_rho.display.common.requirements import Kept, kept_positions
 from drake_rho.display.common.style import (
+    HIGHEST,
+    LOWEST,
     NOTHING_LEFT,
     PLENTY_LEFT,
     VIEW_AZIMUTH,
-    VIEW_ELEVATION,
     vehicle_colours,
 )
 from drake_rho.display.meshcat.animation import Stage
@@ -24,6 +26,8 @@ from drake_rho.display.meshcat.tubes_and_wind import has_tube, strongest_wind
 from drake_rho.display.viewer.readings import Curve, Readings
 from drake_rho.motion.simulation import Simulation
 from drake_rho.scenario.fields import FloatArray
+from drake_rho.scenario.maps.map import Map
+from drake_rho.scenario.records import Scenario
 from drake_rho.scenario.shapes.base import TOLERANCE
 
 _DIGITS = 7
@@ -58,11 +62,12 @@ def payload(stage: Stage) -> dict[str, object]:
         "tolerance": TOLERANCE * scene.size,
         "outline": np.round(scene.outline, decimals).tolist(),
         "seen": scene.seen,
-        "view": [VIEW_AZIMUTH, VIEW_ELEVATION],
+        "view": [VIEW_AZIMUTH, scene.elevation],
         "shell": None if apart is None else (apart.shape.semi_axes / 2.0).tolist(),
         "light": scene.light,
         "fleet": MAX_DETAILED,
         "ranges": _ranges(found),
+        "heights": [LOWEST, HIGHEST],
         "reddening": [NOTHING_LEFT, PLENTY_LEFT],
         "layers": _layers(stage),
         "legend": _legend(stage),
@@ -186,6 +191,7 @@ def _layers(stage: Stage) -> list[dict[str, object]]:
         ("Wind", ["wind"], simulation is not None and strongest_wind(simulation) > 0.0),
         ("Requirements", ["links", "points", "sets"], bool(list(kept_positions(scenario)))),
         ("Starts and goals", ["starts", "goals", "waypoints", "lines"], True),
+        ("Obstacles", ["obstacles"], has_map(scenario)),
         ("Radii", ["radii"], detailed and bool(np.any(scenario.fleet.radii > 0.0))),
         ("Shells", [], scenario.separation is not None),
         ("Names", [], True),
@@ -211,8 +217,10 @@ def _legend(stage: Stage) -> list[dict[str, str]]:
         entries.append(("goal", "goal"))
     if detailed and len(stage.flown.windows) > 0:
         entries.append(("prediction", "prediction of the current window"))
-    if scenario.bodies:
+    if any(not isinstance(each.shape, Map) for each in scenario.bodies):
         entries.append(("obstacle", "obstacle"))
+    if has_map(scenario):
+        entries.append(("map", f"map, paler the higher{_merged(scenario)}; Show can hide it"))
     if any(obstacle.known_from > max(scenario.grid.start, 0.0) for obstacle in scenario.bodies):
         entries.append(("unknown", "obstacle that is not known yet"))
     if any(obstacle.active is not None for obstacle in scenario.bodies):
@@ -226,6 +234,13 @@ def _legend(stage: Stage) -> list[dict[str, str]]:
     if stage.flown.simulation is not None and detailed:
         entries += _disturbed(stage, stage.flown.simulation)
     return [{"sign": sign, "text": text} for sign, text in entries]
+
+
+def _merged(scenario: Scenario) -> str:
+    """Return how coarsely very large maps are drawn; nothing if they are drawn exactly."""
+    maps = [each.shape for each in scenario.bodies if isinstance(each.shape, Map)]
+    merged = max(map_faces(each).merged for each in maps)
+    return f", drawn in cells of {merged:.2g} m" if merged > 0.0 else ""
 
 
 def _of_requirements(kept: list[Kept]) -> list[tuple[str, str]]:

@@ -73,7 +73,7 @@ class Options:
         if self.tolerance is not None:
             return self.tolerance
         shapes = [obstacle.shape for _, obstacle in scenario.avoided]
-        corners = any(shape.quadric_inside(0.0) is None for shape in shapes)
+        corners = any(shape.has_corners for shape in shapes)
         linked = any(each.leader is not None for each in scenario.requirements)
         if scenario.separation is None and not linked:
             return ALONE_AT_CORNERS if corners else ALONE

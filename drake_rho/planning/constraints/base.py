@@ -76,6 +76,8 @@ class Constraint(abc.ABC):
     """number of the obstacle to avoid, 0 for other vehicles; None for any other constraint"""
     active: tuple[float, float] | None = None
     """first and last active time since the first knot [s]; None if it is always active"""
+    of_parts: bool = False
+    """true if sides are numbers of a map's parts, of which a motion meets one after the other"""
     clock_rounding: float = 0.0
     """time by which an instant may lie outside the active interval and still count as inside [s]"""
     pieces: int = 1
@@ -205,7 +207,8 @@ class HalfSpaces:
             return self
         later = self.times[1:] - self.times[:-1]
         follows = (later > 0.0) & (later < gap)
-        alike = [self.vehicles, self.sides] + [self.partners] * bool(np.isfinite(gap))
+        alike = [self.vehicles] + [self.partners] * bool(np.isfinite(gap))
+        alike += [self.sides] * (not self.constraint.of_parts)
         for labels in alike:
             follows &= labels[1:] == labels[:-1]
         if not follows.any():

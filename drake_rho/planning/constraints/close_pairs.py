@@ -104,6 +104,7 @@ def _measured(
         motion.positions[one, k] - motion.positions[other, k],
         motion.velocities[one, k] - motion.velocities[other, k],
         motion.accelerations[one, k] - motion.accelerations[other, k],
+        parts=np.zeros(len(k), dtype=np.int64),
     )
     below = 2.0 * margins.steps["position"][k] - VIOLATED * separation.tolerance
     tolerances = np.full(len(k), separation.tolerance)

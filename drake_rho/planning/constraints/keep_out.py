@@ -24,6 +24,10 @@ from drake_rho.motion.dynamics import Motion
 from drake_rho.planning.constraints.base import END_MARGIN, VIOLATED, Constraint, HalfSpaces
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 
+_AROUND, _ZOOMS, _FINER = np.linspace(-1.0, 1.0, 17), 4, 8.0
+"""Search for the most violated row: offsets from a worst instant in steps, number of refinements,
+and the factor by which each refinement divides the offsets."""
+
 _MANY_NEIGHBOURS = 16
 """Number of requested neighbours from which on the most violated rows are searched for as well.
 Where normals along a reference turn abruptly, as at a box's edge, the worst instants of the motion
@@ -42,6 +46,8 @@ class EvaluationPoints:
     """times since the first knot [s], shape (R,)"""
     knots: IntArray | None = None
     """indices of the knots, shape (R,); None if some times are not those of knots"""
+    parts: IntArray | None = None
+    """numbers of the parts of a map to avoid, shape (R,); None for any other set"""
 
     @classmethod
     def at_inner_knots(cls, motion: Motion) -> EvaluationPoints:
@@ -65,8 +71,9 @@ class EvaluationPoints:
     def select(self, which: BoolArray | IntArray) -> EvaluationPoints:
         """Return a subset of the points."""
         knots = None if self.knots is None else self.knots[which]
+        parts = None if self.parts is None else self.parts[which]
         return EvaluationPoints(
-            self.vehicles[which], self.partners[which], self.times[which], knots
+            self.vehicles[which], self.partners[which], self.times[which], knots, parts
         )
 
 
@@ -111,6 +118,22 @@ class KeepOut(Constraint):
     def worst_nearby(self, motion: Motion, rows: HalfSpaces) -> HalfSpaces:
         """Return the most violated row within a step of each row; empty if those are the worst."""
         return self.none
+
+    def most_violated(self, motion: Motion, rows: HalfSpaces) -> HalfSpaces:
+        """Return the most violated row about the same pair and part within a step of each row."""
+        h, steps = motion.step, motion.accelerations.shape[1]
+        whose, others, parts = (
+            np.repeat(each, len(_AROUND)) for each in (rows.vehicles, rows.partners, rows.sides)
+        )
+        times, each = rows.times, np.arange(len(rows))
+        for finer in range(_ZOOMS):
+            around = times[:, None] + h * _AROUND[None] / _FINER**finer
+            around = np.clip(around, END_MARGIN * h, (steps - END_MARGIN) * h)
+            points = EvaluationPoints(whose, others, around.reshape(-1), parts=parts)
+            margins = self.rows(points).margins(motion)
+            margins[~self.holds_at(around.reshape(-1))] = np.inf
+            times = around[each, np.argmin(margins.reshape(around.shape), axis=1)]
+        return self.rows(EvaluationPoints(rows.vehicles, rows.partners, times, parts=rows.sides))
 
     @abc.abstractmethod
     def violated_at_knots(self, motion: Motion, vehicles: IntArray, neighbours: int) -> HalfSpaces:

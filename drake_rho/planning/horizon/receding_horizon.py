@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 from numbers import Integral
 
 import numpy as np
@@ -21,6 +22,7 @@ from drake_rho.planning.horizon.measured_states import (
     off_tube,
     renewed_tracking,
 )
+from drake_rho.planning.horizon.newer_maps import SeenMaps, with_obstacles
 from drake_rho.planning.horizon.windows import (
     Planner,
     Reference,
@@ -37,6 +39,7 @@ from drake_rho.planning.scp.violations import violations_of
 from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.clock import clock_number, clock_time
 from drake_rho.scenario.fields import LARGEST, FloatArray, unchecked
+from drake_rho.scenario.maps.map import Map
 from drake_rho.scenario.records import TOLERANCE, Scenario
 from drake_rho.system.threads import single_threaded_blas
 
@@ -95,6 +98,7 @@ class RecedingHorizon:
             reference = free_reference if scenario.separation is None else tail_reference
         self.scenario, self.replan_every = scenario, int(replan_every)
         self.windows: list[Window] = []
+        self._maps = SeenMaps(scenario)
         self._planner, self._progress = (
             WindowPlanner(
                 with_options(options, planner),
@@ -124,7 +128,13 @@ class RecedingHorizon:
         last = self.windows[-1]
         return last.plan.states(knot - last.first_knot)
 
-    def step(self, states: npt.ArrayLike, time: float) -> Window:
+    def step(
+        self,
+        states: npt.ArrayLike,
+        time: float,
+        *,
+        map: Map | Mapping[str, Map] | None = None,  # the field's word
+    ) -> Window:
         """Plan the next window.
 
         The starts of a scenario are exact. If the states of the first window equal them, so are
@@ -140,6 +150,10 @@ class RecedingHorizon:
                 have there.
             time: of a knot at which a step begins, after that of the previous window, on the
                 scenario's clock [s]. The first window starts at the first knot.
+            map: newer map, if there is one, by which windows plan from now on: cells are added,
+                others removed. It follows the scenario's map at rest; if there are several, a
+                mapping from their names. Afterwards `scenario` has what was added as an obstacle
+                known from this time, and what was removed as one active until then.
 
         Returns:
             The window. Its plan is flown until the next window.
@@ -150,6 +164,9 @@ class RecedingHorizon:
             ValueError: the states have another shape or are not numbers, or the time is not that
                 of a later knot.
         """
+        if map is not None:
+            self._knot(time)  # an impossible time changes nothing
+            self.scenario = self._maps.seen(self.scenario, map, time)
         with within_time(self._time_limit):
             self.windows.append(self._window(states, time))
         return self.windows[-1]
@@ -243,6 +260,9 @@ class RecedingHorizon:
         """Return a window after the first."""
         last = self.windows[-1]
         tail = last.plan.tail(knot - last.first_knot)
+        if tail.scenario.obstacles is not self.scenario.obstacles:  # a newer map was seen
+            now_known = with_obstacles(tail.scenario, self.scenario.obstacles)
+            tail = unchecked(tail, scenario=now_known)
         left, unseen = tail.scenario, np.isnan(states).any(axis=1)
         positions, velocities = _split(_completed(states, tail.states(0)))
         deviations = positions - tail.positions[:, 0], velocities - tail.velocities[:, 0]

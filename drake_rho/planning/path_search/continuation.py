@@ -96,6 +96,6 @@ def _is_clear(
     for _, body in scenario.avoided:
         tolerances = scenario.fleet.obstacle_tolerances(body.shape)[:, None]
         required = scenario.fleet.radii[:, None] + body.deviation + margin - tolerances
-        deepest = required - depth * float(body.shape.extent.min())
+        deepest = required - depth * body.shape.thickness
         clear &= body.distances(positions, times) >= deepest
     return clear

@@ -19,6 +19,7 @@ from drake_rho.planning.path_search.lattice import Lattice
 from drake_rho.planning.path_search.swept_clearance import required_distance
 from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.records import Obstacle
+from drake_rho.scenario.shapes.base import Shape
 
 _TURNS = np.radians([90.0, -90.0, 180.0, 45.0, -45.0, 135.0, -135.0])
 """Other sides of an obstacle: rotations about the direction of a path from its own side [rad]."""
@@ -132,6 +133,8 @@ class SpacePathSearch:
         reach = 2.0 * float(self._lattice.raster.spacing.max())
         points = []
         for obstacle, side in zip(self._obstacles, path.sides, strict=True):
+            if not isinstance(obstacle.shape, Shape):  # other sides of a map are not looked for
+                continue
             x = path.positions - obstacle.first_center
             required = required_distance(obstacle, self._radius)
             clearances = obstacle.shape.local_distance(x) - required
@@ -139,17 +142,17 @@ class SpacePathSearch:
             if clearances[k] > reach:
                 continue
             ahead = path.positions[min(k + 1, len(x) - 1)] - path.positions[max(k - 1, 0)]
-            places = obstacle.first_center + self._around(obstacle, side, ahead)
+            places = obstacle.first_center + self._around(obstacle.shape, side, ahead)
             points += [int(self._lattice.nearest(place)) for place in places]
         numbers = np.unique(np.array(points, dtype=np.int64))
         known: IntArray = numbers[numbers < len(self._lattice.points)]
         return known
 
-    def _around(self, obstacle: Obstacle, side: FloatArray, ahead: FloatArray) -> FloatArray:
+    def _around(self, shape: Shape, side: FloatArray, ahead: FloatArray) -> FloatArray:
         """Return positions just beside an obstacle on its other sides, shape (S, 3).
 
         Args:
-            obstacle: at rest.
+            shape: of the obstacle.
             side: unit vector from the obstacle towards the path, shape (3,).
             ahead: direction of the path there, of any length, shape (3,).
 
@@ -162,7 +165,7 @@ class SpacePathSearch:
         first = first / length if length > 1e-6 else across(ahead)
         second = np.cross(ahead, first)
         sides = np.cos(_TURNS)[:, None] * first + np.sin(_TURNS)[:, None] * second
-        far = obstacle.shape.local_support(sides)
+        far = shape.local_support(sides)
         sides, far = sides[np.isfinite(far)], far[np.isfinite(far)]
         far = far + self._radius + float(self._lattice.raster.spacing.max())
         places: FloatArray = far[:, None] * sides

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from drake_rho.planning.path_search.map_raster import colliding, segments_collide
 from drake_rho.planning.path_search.swept_clearance import (
     SAMPLES,
     convex_lower_bound,
@@ -21,7 +22,9 @@ from drake_rho.planning.path_search.swept_clearance import (
     required_distance,
 )
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
+from drake_rho.scenario.maps.parts import Parts
 from drake_rho.scenario.records import Obstacle
+from drake_rho.scenario.shapes.base import Shape, Solid
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -170,6 +173,11 @@ class Lattice:
         x, lengths = one + parts * (other - one), np.linalg.norm(other - one, axis=1)
         clear = np.ones(len(lengths), dtype=bool)
         for body in self._still:
+            if isinstance(body.shape, Parts):
+                ends = one[clear] - body.first_center, other[clear] - body.first_center
+                required = required_distance(body, self._radius)
+                clear[clear] = ~segments_collide(body.shape, required, *ends, samples)
+                continue
             at = x[:, clear] - body.first_center
             d = body.shape.local_distance(at) - required_distance(body, self._radius)
             clear[clear] = convex_lower_bound(d, lengths[clear]) >= 0.0
@@ -234,8 +242,31 @@ def _block(
     low, high = raster.window(center, body.shape.extent + required + 1.001 * raster.spacing)
     if np.any(low >= high):
         return
+    if isinstance(body.shape, Parts):
+        _block_map(raster, body, required, (low, high), free, clear)
+        return
     for first, past in _parts(low, high):
         _block_part(raster, body, required, (first, past), free, clear)
+
+
+def _block_map(
+    raster: Raster,
+    body: Obstacle,
+    required: float,
+    window: tuple[IntArray, IntArray],
+    free: BoolArray,
+    clear: BoolArray,
+) -> None:
+    """Mark the points and moves of a window of the raster that collide with a map."""
+    low, high = window
+    block = _block_of(low, high - low)
+    axes = [np.arange(a, b) for a, b in zip(low, high, strict=True)]
+    x = raster.at(np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)) - body.first_center
+    assert isinstance(body.shape, Parts)  # noqa: S101  # callers check this
+    inside, blocked = colliding(body.shape, required, x, MOVES[STAY + 1 :], raster.spacing)
+    free[block] &= ~inside
+    for u, hit in enumerate(blocked, start=STAY + 1):
+        clear[u][block] &= ~hit
 
 
 def _parts(low: IntArray, high: IntArray) -> Iterator[tuple[IntArray, IntArray]]:
@@ -265,7 +296,9 @@ def _block_part(
     low, high = window
     halves = [np.arange(2 * a, 2 * b - 1) / 2.0 for a, b in zip(low, high, strict=True)]
     x = raster.at(np.stack(np.meshgrid(*halves, indexing="ij"), axis=-1)) - body.first_center
-    clearance = body.shape.local_distance(x) - required
+    shape: Solid = body.shape
+    assert isinstance(shape, Shape)  # noqa: S101  # callers treat maps by themselves
+    clearance = shape.local_distance(x) - required
     every, none = high - low, np.zeros(3, dtype=np.int64)
     free[_block_of(low, every)] &= clearance[_halves(none, every)] >= 0.0
     for u in range(STAY + 1, len(MOVES)):
@@ -277,7 +310,7 @@ def _block_part(
             )
             starts, step = x[_halves(2 * first, count)], move * raster.spacing
             clear[u][_block_of(low + first, count)] &= moves_are_clear(
-                body.shape, required, starts, step, clearances
+                shape, required, starts, step, clearances
             )
 
 

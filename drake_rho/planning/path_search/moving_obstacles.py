@@ -12,7 +12,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from drake_rho.planning.path_search.lattice import BATCH_SIZE, MOVES, Lattice
-from drake_rho.planning.path_search.swept_clearance import convex_lower_bound, required_distance
+from drake_rho.planning.path_search.swept_clearance import lower_bound, required_distance
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.records import Obstacle, Separation
 
@@ -81,7 +81,7 @@ class MovingObstacle:
         for parts in (_PARTS, _FINE_PARTS):
             x = x0[near] + parts[:, None, None] * step[near]
             d = self._shape.local_distance(x) - margins[near]
-            collides[near] = convex_lower_bound(d, lengths[near]) < 0.0
+            collides[near] = lower_bound(self._shape, d, lengths[near]) < 0.0
             near = near[collides[near] & (d.min(axis=0) >= 0.0)]  # a point inside decides the check
         return collides
 

@@ -191,7 +191,7 @@ def _speeds(scenario: Scenario, reach: Reach, faster: float) -> FloatArray:
 def _scale(scenario: Scenario) -> float:
     """Return the length that a grid should resolve [m]."""
     radius = float(scenario.fleet.radii.min())
-    scales = [0.5 * (radius + float(body.shape.extent.min())) for _, body in scenario.avoided]
+    scales = [0.5 * (radius + body.shape.thickness) for _, body in scenario.avoided]
     if scenario.separation is not None:
         scales.append(scenario.separation.distance * 2.0 / 3.0)
     return max(min(scales, default=1.0), 1e-3 * float(scenario.fleet.lengths.max()))

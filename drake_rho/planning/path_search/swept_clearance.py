@@ -10,7 +10,7 @@ import numpy as np
 
 from drake_rho.scenario.fields import BoolArray, FloatArray
 from drake_rho.scenario.obstacles import Obstacle
-from drake_rho.scenario.shapes.base import Shape
+from drake_rho.scenario.shapes.base import Shape, Solid
 
 SAMPLES = 17
 """Points along a move at which distances are computed if three points leave the check undecided."""
@@ -44,6 +44,17 @@ def convex_lower_bound(values: FloatArray, length: FloatArray) -> FloatArray:
     crossing = np.clip((after - slopes) / change, 0.0, 1.0)
     least: FloatArray = np.min(np.minimum(values[:-1] + before * crossing, values[1:]), axis=0)
     return least
+
+
+def lower_bound(solid: Solid, values: FloatArray, length: FloatArray) -> FloatArray:
+    """Return a lower bound of the distance from a solid on a segment; see `convex_lower_bound`.
+
+    The distance from a map is not convex on a segment: it has only the Lipschitz constant.
+    """
+    if isinstance(solid, Shape):
+        return convex_lower_bound(values, length)
+    least: FloatArray = (values[:-1] + values[1:]).min(axis=0) - length / (len(values) - 1)
+    return least / 2.0
 
 
 def moves_are_clear(

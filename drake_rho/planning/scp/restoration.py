@@ -39,6 +39,10 @@ _ROUNDS_AMONG_OBSTACLES = 4
 """Rounds of rows in the first steps of a restoration that has to bring vehicles round obstacles.
 With fewer rounds, motions end inside some obstacles and pass others on the wrong side."""
 
+_SEARCHES_IN_MAPS = 3
+"""Searches for worst instants among the parts of a map, which have rows only where a motion meets
+them: a motion that gives way to one part may meet another."""
+
 _RETRY = 0.5
 """Fraction of the last violation at which hard rows failed; below it they are tried again."""
 
@@ -100,7 +104,8 @@ class SoftRows:
         rounds += 1 if found.is_of_pairs_only else _ROUNDS_AMONG_OBSTACLES
         constraints = list(problem.convex) if self._limits is None else self._limits(penalty)
         for each in problem.obstacles_around(motion):
-            soft = dataclasses.replace(each.softened(penalty), rounds=rounds, searches=1)
+            searches = _SEARCHES_IN_MAPS if each.of_parts else 1
+            soft = dataclasses.replace(each.softened(penalty), rounds=rounds, searches=searches)
             constraints.append(each if found.is_of_pairs_only else soft)
         if problem.scenario.separation is not None:
             pairs = problem.pairs_around(

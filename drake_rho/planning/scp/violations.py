@@ -89,7 +89,7 @@ class Violations:
         if np.any(self.pairs.distances <= (1.0 - _SMALL) * self._separation):
             return False
         for number, found in self.inside.items():
-            small = _SMALL * self.scenario.bodies[number - 1].shape.extent.min()
+            small = _SMALL * self.scenario.bodies[number - 1].shape.cover.thickness
             if np.any(found.distances < -small):
                 return False
         return True

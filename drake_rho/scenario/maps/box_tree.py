@@ -106,7 +106,7 @@ class BoxTree:
 
 
 def _along_curve(x: FloatArray) -> IntArray:
-    """Return the order of positions (B, 3) along a Morton curve, which keeps neighbours together."""
+    """Return an order of positions (B, 3) that keeps neighbours together: a Morton curve."""
     lower, size = x.min(axis=0), max(float(np.ptp(x, axis=0).max()), np.finfo(float).tiny)
     cells = np.minimum((x - lower) / size * 2.0**_BITS, 2.0**_BITS - 1.0).astype(np.uint64)
     codes = np.zeros(len(x), dtype=np.uint64)

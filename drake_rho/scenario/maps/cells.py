@@ -1,4 +1,4 @@
-"""Cells of a regular grid: boxes that cover them, and the free cells around them."""
+"""Cells of a regular grid: boxes that cover them, their open sides, the free cells around them."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ def covering_boxes(cells: IntArray) -> tuple[IntArray, IntArray]:
     Returns:
         First cells, and cells past the last, of each box, shape (B, 3) each.
     """
-    return min((_joined(cells, order) for order in permutations(range(3))), key=lambda b: len(b[0]))
+    return min((joined(cells, order) for order in permutations(range(3))), key=lambda b: len(b[0]))
 
 
-def _joined(cells: IntArray, axes: tuple[int, ...]) -> tuple[IntArray, IntArray]:
-    """Return boxes that cover cells, joined along axes in the given order."""
+def joined(cells: IntArray, axes: tuple[int, ...]) -> tuple[IntArray, IntArray]:
+    """Return boxes that cover cells, joined along axes in the given order, one at least."""
     lower, upper = cells, cells + 1
     for axis in axes:
         across = [each for each in range(3) if each != axis]
@@ -55,6 +55,21 @@ def free_neighbours(cells: IntArray) -> IntArray:
     return free
 
 
+def exposed(cells: IntArray, axis: int, side: int) -> IntArray:
+    """Return the cells whose neighbour along an axis is free.
+
+    Args:
+        cells: different indices of cells, shape (M, 3).
+        axis: 0, 1 or 2.
+        side: 1 for the next neighbour along the axis, -1 for the one before.
+    """
+    neighbours = cells.copy()
+    neighbours[:, axis] += side
+    keys = _keys(np.concatenate([cells, neighbours]))
+    open_cells: IntArray = cells[~np.isin(keys[len(cells) :], keys[: len(cells)])]
+    return open_cells
+
+
 def unique(cells: IntArray) -> IntArray:
     """Return each of the given cells once, sorted by x, y and z, shape (U, 3).
 
@@ -69,6 +84,15 @@ def unique(cells: IntArray) -> IntArray:
     firsts = np.unique(_keys(cells), return_index=True)[1]
     found: IntArray = cells[firsts]
     return found
+
+
+def difference(cells: IntArray, others: IntArray) -> IntArray:
+    """Return those of some different cells that are not among others, shape (D, 3)."""
+    if len(cells) == 0 or len(others) == 0:
+        return cells
+    keys = _keys(np.concatenate([cells, others]))
+    left: IntArray = cells[~np.isin(keys[: len(cells)], keys[len(cells) :])]
+    return left
 
 
 def _keys(cells: IntArray) -> IntArray:

@@ -58,8 +58,8 @@ class Map(Solid):
         """Half the sides of the bounding box [m]."""
         return self.parts.extent
 
-    @property
-    def size(self) -> float:  # type: ignore[override]  # derived here
+    @cached_property
+    def size(self) -> float:
         """Length to which the tolerance refers [m]."""
         return self.parts.size
 
@@ -77,9 +77,22 @@ class Map(Solid):
         """Return distances from the surface, negative inside."""
         return self._inside(x, self.parts.local_distance(x))
 
+    @abc.abstractmethod
+    def _way_out(self, x: FloatArray) -> FloatArray:
+        """Return unit vectors towards the nearest point of the surface, for x (P, 3) inside."""
+
     def local_outward(self, x: FloatArray) -> FloatArray:
-        """Return unit vectors from the nearest points of the nearest parts."""
-        return self.parts.local_outward(x)
+        """Return unit vectors from the nearest point; inside, to the nearest of the surface."""
+        return self.local_measured(x)[1]
+
+    def local_measured(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return distances from the surface, negative inside, and the vectors of `outward`."""
+        distances, outward = self.parts.local_measured(x)
+        distances = self._inside(x, distances)
+        inside = distances < 0.0
+        if inside.any():
+            outward[inside] = self._way_out(x[inside])
+        return distances, outward
 
     def check_solid(self) -> None:
         """Accept every map: a surface is kept clear of by vehicles with a radius."""

@@ -95,6 +95,10 @@ class Mesh(Map):
         center = np.round(self.center, 3).tolist()
         return f"{kind} of {len(self.triangles)} triangles around {center}"
 
+    def described_near(self, x: FloatArray) -> str:
+        """Return a description that names the nearest triangle."""
+        return f"triangle {int(self.parts.nearest(x))} of a {self}"
+
     @property
     def _arrays(self) -> tuple[np.ndarray | None, ...]:
         """The numbers that describe it."""
@@ -109,7 +113,9 @@ class Mesh(Map):
     @cached_property
     def parts(self) -> Triangles:
         """The triangles."""
-        return Triangles(self.corners)
+        triangles = Triangles(self.corners)
+        triangles.solid = self
+        return triangles
 
     @property
     def cover(self) -> Triangles:
@@ -138,14 +144,19 @@ class Mesh(Map):
         if not within.any():
             return distances
         signs = np.ones(within.shape)
-        signs[within] = np.where(self.parts_above(x[within]) % 2 == 1, -1.0, 1.0)
+        signs[within] = np.where(self._is_inside(x[within]), -1.0, 1.0)
         return signs * distances
 
-    def parts_above(self, x: FloatArray) -> npt.NDArray[np.int64]:
-        """Return the number of triangles above positions relative to the centre, (Q, 3): (Q,).
+    def _way_out(self, x: FloatArray) -> FloatArray:
+        """Return unit vectors to the nearest point of a triangle."""
+        return -self.parts.local_outward(x)
 
-        A vertical ray crosses the surface an odd number of times from inside. Edges are seen by
-        each of their triangles as the same numbers, so that a ray never passes between two.
+    def _is_inside(self, x: FloatArray) -> BoolArray:
+        """Return which positions relative to the centre, (Q, 3), a watertight mesh encloses: (Q,).
+
+        A vertical ray from inside crosses the surface an odd number of times. Where solids
+        overlap, it leaves more of them than it enters. Both triangles of an edge see it as the same
+        numbers, so that a ray never passes between them.
         """
         parts = self.parts
         upper = np.concatenate([x[:, :2], np.full((len(x), 1), parts.tree.upper[2] + 1.0)], axis=1)
@@ -156,10 +167,13 @@ class Mesh(Map):
             crossed ^= _crosses(corners[:, k], corners[:, (k + 1) % 3], points)
         normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         height = np.einsum("pi,pi->p", corners[:, 0] - points, normals)
-        upright = normals[:, 2] != 0.0
-        height = height / np.where(upright, normals[:, 2], 1.0)
-        above = crossed & upright & (height > 0.0)
-        return np.bincount(rays[above], minlength=len(x))
+        height = height / np.where(normals[:, 2] != 0.0, normals[:, 2], 1.0)
+        above = crossed & (normals[:, 2] != 0.0) & (height > 0.0)
+        count = len(x)
+        crossings = np.bincount(rays[above], minlength=count)
+        leaving = np.bincount(rays[above], np.sign(normals[above, 2]), minlength=count)
+        inside: BoolArray = (crossings % 2 == 1) | (leaving != 0.0)
+        return inside
 
 
 def _crosses(one: FloatArray, other: FloatArray, x: FloatArray) -> BoolArray:

@@ -34,7 +34,10 @@ class Parts(Solid):
 
     Attributes:
         tree: of the parts' bounding boxes, relative to the centre.
+        solid: what they are the parts of, or the cover; None for a union by itself.
     """
+
+    solid: Solid | None = None
 
     def __init__(
         self,
@@ -48,7 +51,9 @@ class Parts(Solid):
         self.center = self._middle if frame is None else frame @ self._middle
         if origin is not None:
             self.center = self.center + origin
-        self._half: FloatArray = np.ptp(np.stack([lower.min(axis=0), upper.max(axis=0)]), axis=0) / 2
+        self._half: FloatArray = (
+            np.ptp(np.stack([lower.min(axis=0), upper.max(axis=0)]), axis=0) / 2
+        )
         self.tree = BoxTree(lower - self._middle, upper - self._middle)
         self._count = len(lower)
 
@@ -101,6 +106,10 @@ class Parts(Solid):
     def distance_up_to(self, x: FloatArray, most: float) -> FloatArray:
         """Return distances from the nearest part, or `most` where they are larger: faster."""
         return self._nearest(x, most)[1]
+
+    def nearest(self, x: FloatArray) -> IntArray:
+        """Return the number of the nearest part for positions (..., 3) relative to the centre."""
+        return self._nearest(x)[0]
 
     def local_outward(self, x: FloatArray) -> FloatArray:
         """Return unit vectors from the nearest point of the nearest part."""
@@ -164,7 +173,7 @@ class Boxes(Parts):
         self.halves: FloatArray = (upper - lower) / 2.0
 
     @cached_property
-    def thickness(self) -> float:  # type: ignore[override]  # computed once
+    def thickness(self) -> float:
         """Half the least side of a box [m]."""
         return float(self.halves.min())
 
@@ -173,7 +182,7 @@ class Boxes(Parts):
         beyond = np.abs(x - self.centers[parts]) - self.halves[parts]
         outside = np.maximum(beyond, 0.0)
         distances: FloatArray = np.sqrt(np.einsum("pi,pi->p", outside, outside))
-        return distances + np.minimum(beyond.max(axis=1), 0.0)
+        return np.asarray(distances + np.minimum(beyond.max(axis=1), 0.0))
 
     def measured(self, parts: IntArray, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return signed distances from boxes, and unit vectors from the nearest points."""
@@ -191,7 +200,7 @@ class Boxes(Parts):
     def supports(self, parts: IntArray, n: FloatArray) -> FloatArray:
         """Return the support functions of boxes, relative to the centre of all."""
         supports: FloatArray = np.einsum("pi,pi->p", n, self.centers[parts])
-        return supports + np.einsum("pi,pi->p", np.abs(n), self.halves[parts])
+        return np.asarray(supports + np.einsum("pi,pi->p", np.abs(n), self.halves[parts]))
 
 
 class Triangles(Parts):

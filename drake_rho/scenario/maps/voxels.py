@@ -190,6 +190,11 @@ class Voxels(Map):
         center = np.round(self.center, 3).tolist()
         return f"{len(self.occupied)} cells of {self.resolution:g} m around {center}"
 
+    def described_near(self, x: FloatArray) -> str:
+        """Return a description that names the nearest cell."""
+        cell = self.occupied[self.parts.nearest(x)].tolist()
+        return f"cell {cell} of {self}"
+
     @property
     def _arrays(self) -> tuple[np.ndarray | None, ...]:
         """The numbers that describe it."""
@@ -201,9 +206,11 @@ class Voxels(Map):
         return self._boxes(self.occupied, self.occupied + 1)
 
     @cached_property
-    def cover(self) -> Boxes:  # type: ignore[override]  # computed once
+    def cover(self) -> Boxes:
         """Boxes whose union is that of the cells."""
-        return self._boxes(*covering_boxes(self.occupied))
+        cover = self._boxes(*covering_boxes(self.occupied))
+        cover.solid = self
+        return cover
 
     @cached_property
     def _around(self) -> Boxes:
@@ -212,7 +219,7 @@ class Voxels(Map):
         return self._boxes(free, free + 1)
 
     def _boxes(self, lower: IntArray, upper: IntArray) -> Boxes:
-        h = self.resolution
+        h = np.float64(self.resolution)
         if self.rotation is None:
             return Boxes(h * lower + self.origin, h * upper + self.origin)
         return Boxes(h * lower, h * upper, self.rotation, self.origin)
@@ -227,6 +234,11 @@ class Voxels(Map):
         distances = np.array(distances)
         distances[inside] = -np.maximum(depths, 0.0)
         return distances
+
+    def _way_out(self, x: FloatArray) -> FloatArray:
+        """Return unit vectors to the nearest free cell."""
+        around = self._around
+        return -around.local_outward(x + (self.center - around.center))
 
 
 def _side(resolution: object) -> float:

@@ -97,9 +97,7 @@ def _read(path: Path, kind: str) -> str:
         ) from None
 
 
-def _scenario(
-    name: str, grid: Grid, mission: Mission, world: tuple[Box | Voxels, ...]
-) -> Scenario:
+def _scenario(name: str, grid: Grid, mission: Mission, world: tuple[Box | Voxels, ...]) -> Scenario:
     kinds = [mission.quadrotors[agent.type] for agent in mission.agents]
     alike = all(kind.limits == kinds[0].limits for kind in kinds)
     vehicles = tuple(

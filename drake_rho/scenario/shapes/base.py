@@ -59,6 +59,11 @@ class Solid(abc.ABC):
         return float(self.extent.min())
 
     @property
+    def has_corners(self) -> bool:
+        """Whether its surface has edges, where normals along a reference turn abruptly."""
+        return True
+
+    @property
     def cover(self) -> Solid:
         """Set that planners keep clear of in its place; it contains the solid."""
         return self
@@ -88,6 +93,10 @@ class Solid(abc.ABC):
     def local_measured(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return `local_distance` and `local_outward` of x, together where that is faster."""
         return self.local_distance(x), self.local_outward(x)
+
+    def described_near(self, x: FloatArray) -> str:
+        """Return a description that names the part nearest to a position relative to the centre."""
+        return str(self)
 
     @abc.abstractmethod
     def __str__(self) -> str:
@@ -119,6 +128,11 @@ class Shape(Solid):
     @abc.abstractmethod
     def local_support(self, n: FloatArray) -> FloatArray:
         """Return h(n) [m], shape (...), for unit vectors n, shape (..., 3)."""
+
+    @property
+    def has_corners(self) -> bool:
+        """Whether its surface has edges, where normals along a reference turn abruptly."""
+        return self.quadric_inside(0.0) is None
 
     def quadric_inside(self, distance: float) -> Quadric | None:  # arguments are for subclasses
         """Return a quadric of the same kind inside the set within `distance` [m] of the shape.

@@ -94,6 +94,7 @@ const SIGNS = {
   link: ["path", { d: "M1 8 L19 8", stroke: data.reddening[0], "stroke-width": 2.4 }],
   set: ["path", { d: "M3 3 H17 V13 H3 Z", stroke: "#2e8b57", fill: "#2e8b5733", "stroke-width": 1.2 }],
   obstacle: ["circle", { cx: 10, cy: 8, r: 6.5, fill: "#99a", stroke: "none", opacity: 0.7 }],
+  map: ["path", { d: "M2 13 V8 H7 V3 H13 V6 H18 V13 Z", fill: data.heights[1], stroke: data.heights[0], "stroke-width": 1.2 }],
   unknown: ["circle", { cx: 10, cy: 8, r: 6.5, fill: "#99a", stroke: "none", opacity: 0.25 }],
   radius: ["circle", { cx: 10, cy: 8, r: 6, fill: "currentColor", stroke: "none", opacity: 0.25 }],
   shell: ["path", { d: "M6 8m-5 0a5 5 0 1 0 10 0a5 5 0 1 0 -10 0 M15 8m-4 0a4 5 0 1 0 8 0a4 5 0 1 0 -8 0", "stroke-width": 1 }],

@@ -1,0 +1,142 @@
+"""Collision avoidance with obstacles that are convex shapes."""
+
+from __future__ import annotations
+
+import dataclasses
+from functools import cached_property
+
+import numpy as np
+
+from drake_rho.motion.dynamics import Motion, step_at
+from drake_rho.motion.penetration import deepest, pieces_near
+from drake_rho.planning.constraints.base import VIOLATED, HalfSpaces, Quadratic
+from drake_rho.planning.constraints.keep_out import EvaluationPoints, side_of
+from drake_rho.planning.constraints.obstacles import KeepOutOfObstacle
+from drake_rho.planning.constraints.stretches import with_neighbours
+from drake_rho.scenario.fields import FloatArray, IntArray
+from drake_rho.scenario.shapes.base import Shape
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class KeepOutOfShape(KeepOutOfObstacle):
+    """Collision avoidance constraint of a convex shape, with rows at all inner knots."""
+
+    shape: Shape
+    """shape of the obstacle"""
+
+    def distances(self, motion: Motion, points: EvaluationPoints) -> FloatArray:
+        """Return signed distances from the shape at points [m], shape (R,)."""
+        return self.shape.local_distance(self.offsets(motion, points))
+
+    def directions(self, points: EvaluationPoints) -> FloatArray:
+        """Return unit vectors from the nearest point of the shape to the reference, shape (R, 3).
+
+        If the reference is at the centre, the direction is orthogonal to its relative velocity.
+        """
+        shape, x = self.shape, self.offsets(self.reference, points)
+        directions = shape.local_outward(x)
+        squares = np.vecdot(x, x)
+        for row in (squares <= shape.tolerance**2).nonzero()[0]:
+            at = points.times[row : row + 1]
+            velocity = self.reference.each_at("velocity", points.vehicles[row : row + 1], at)
+            side = side_of(np.zeros(3), (velocity - self.obstacle.velocities(at))[0])
+            if np.isfinite(shape.local_support(side)):  # not along an endless cylinder's axis
+                directions[row] = side
+        return directions
+
+    def rows(self, points: EvaluationPoints) -> HalfSpaces:
+        """Return the rows n · p >= n · c + h(n) + r at points."""
+        normals, shape = self.directions(points), self.shape
+        centers = self.obstacle.centers(points.times)
+        beyond = shape.local_support(normals) + self.radius(points)
+        return HalfSpaces(
+            self,
+            points.vehicles,
+            points.partners,
+            sides=np.zeros(len(points), dtype=int),
+            times=points.times,
+            normals=normals,
+            bounds=beyond + np.vecdot(normals, centers),
+            tolerances=self.tolerances[points.vehicles],
+        )
+
+    def worst_nearby(self, motion: Motion, rows: HalfSpaces) -> HalfSpaces:
+        """Return the most violated row within a step of each row."""
+        return self.most_violated(motion, rows)
+
+    def penetrations(self, motion: Motion, vehicles: IntArray) -> EvaluationPoints:
+        """Return the deepest instant of each penetrating step, without duplicates."""
+        if not self.every_instant:
+            return self._penetrating_knots(motion, vehicles)
+        below = self.required[vehicles] - VIOLATED * self.tolerances[vehicles]
+        within = np.maximum(below + self.margins.largest, 0.0)
+        pieces = pieces_near(motion.of(vehicles), self.obstacle, within)
+        steps = step_at(pieces.times, motion.step)
+        below = below[pieces.owners] + self.margins.steps["position"][steps]
+        tolerances = self.tolerances[vehicles[pieces.owners]]
+        which, times = deepest(self.shape, pieces, below, tolerances)
+        whose = vehicles[pieces.owners[which]]
+        repeated = (np.diff(whose, prepend=-1) == 0) & (np.diff(times, prepend=-1.0) == 0.0)
+        return EvaluationPoints(whose[~repeated], whose[~repeated], times[~repeated])
+
+    def _penetrating_knots(self, motion: Motion, vehicles: IntArray) -> EvaluationPoints:
+        """Return the points at inner knots that are inside."""
+        points = self.inner_knots.select(np.isin(self.inner_knots.vehicles, vehicles))
+        distances = self.shape.local_distance(self.offsets(motion, points))
+        below = self.radius(points) - VIOLATED * self.tolerances[points.vehicles]
+        return points.select((distances < below) & self.holds_at(points.times))
+
+    def violated_at_knots(self, motion: Motion, vehicles: IntArray, neighbours: int) -> HalfSpaces:
+        """Return violated rows at inner knots, together with the rows of neighbouring knots.
+
+        The reference is as far above the bound of a row as it is outside the required distance.
+        A motion can violate the row only if its distance from the reference is larger.
+        """
+        checked = vehicles if len(vehicles) < len(self.required) else slice(None)
+        moved = motion.positions[checked, 1:-1] - self.reference.positions[checked, 1:-1]
+        far = np.sqrt(np.vecdot(moved, moved)) >= self._clearances[checked]
+        if not far.any():
+            return self.none
+        every = np.zeros_like(self._clearances, dtype=bool)
+        every[checked] = far
+        which = every.reshape(-1).nonzero()[0]
+        rows, knots = self._knot_rows.select(which), 1 + which % every.shape[1]
+        violated = rows.margins_at(motion, knots) < -VIOLATED * rows.tolerances
+        if neighbours == 0 or not violated.any():
+            return rows.select(violated)
+        every[every] = violated
+        selected = with_neighbours(every.reshape(-1), self._knot_rows.vehicles, neighbours)
+        return self._knot_rows.select(selected & self.holds_at(self._knot_rows.times))
+
+    @cached_property
+    def _knot_rows(self) -> HalfSpaces:
+        """Rows at all inner knots."""
+        return self.rows(self.inner_knots)
+
+    @cached_property
+    def _clearances(self) -> FloatArray:
+        """Distances of the reference beyond the required ones at inner knots [m], (N, K-2)."""
+        offsets = self.offsets(self.reference, self.inner_knots)
+        distances = self.shape.local_distance(offsets).reshape(len(self.required), -1)
+        inside = self.margins.knots["position"][1:-1]
+        clearances: FloatArray = distances - self.required[:, None] - inside
+        clearances[:, ~self.holds_at(self.inner_knots.times[: clearances.shape[1]])] = np.inf
+        return clearances
+
+    def quadratics(self, rows: HalfSpaces) -> Quadratic | None:
+        """Return bounds on scaled distances from the centre; None for other shapes."""
+        radii = self.required[rows.vehicles] + self.margins.at("position", rows.times)
+        inside = [self.shape.quadric_inside(radius) for radius in radii]
+        quadrics = [each for each in inside if each is not None]
+        if len(quadrics) < len(inside):
+            return None
+        sizes = np.array([each.radius for each in quadrics])
+        supports = [
+            each.local_support(normal) for each, normal in zip(quadrics, rows.normals, strict=True)
+        ]
+        return Quadratic(
+            centers=self.obstacle.centers(rows.times),
+            scales=np.array([each.scales for each in quadrics]).reshape(-1, 3),
+            sizes=sizes,
+            lengths=sizes / np.array(supports),
+        )

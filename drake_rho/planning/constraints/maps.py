@@ -1,0 +1,154 @@
+"""Collision avoidance with maps: rows of the parts near a motion, found by their tree.
+
+A map has thousands of parts, of which a motion meets few. Rows are written for the parts that a
+motion is too close to, and for no others: their half-spaces exclude more than the parts do, so that
+a motion clear of all parts is a solution whether or not it obeys the half-spaces of parts it never
+meets. The number of a part is the side of its rows.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from functools import cached_property
+
+import numpy as np
+
+from drake_rho.motion.dynamics import Motion, step_at
+from drake_rho.motion.penetration import deepest, pieces_near
+from drake_rho.planning.constraints.base import VIOLATED, HalfSpaces
+from drake_rho.planning.constraints.keep_out import EvaluationPoints
+from drake_rho.planning.constraints.obstacles import KeepOutOfObstacle
+from drake_rho.planning.constraints.stretches import with_neighbours
+from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
+from drake_rho.scenario.maps.parts import Parts
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class KeepOutOfMap(KeepOutOfObstacle):
+    """Collision avoidance constraint of all parts of a map."""
+
+    shape: Parts
+    """convex parts that cover the map"""
+    of_parts: bool = True
+
+    def distances(self, motion: Motion, points: EvaluationPoints) -> FloatArray:
+        """Return signed distances from the points' own parts [m], shape (R,)."""
+        assert points.parts is not None  # noqa: S101  # points of maps have them
+        x = self.shape.in_frame(self.offsets(motion, points))
+        return self.shape.distances_of(points.parts, x)
+
+    def rows(self, points: EvaluationPoints) -> HalfSpaces:
+        """Return the rows n · p >= n · c + h(n) + r of the parts at points.
+
+        The normal n points from the nearest point of the part to the reference. Where the reference
+        is inside the map, all parts push it the same way, to the nearest point of the surface: each
+        by itself would push it into the next.
+        """
+        assert points.parts is not None  # noqa: S101  # points of maps have them
+        shape, parts, x = self.shape, points.parts, self.offsets(self.reference, points)
+        inner = shape.measured(parts, shape.in_frame(x))[1]
+        close = np.flatnonzero(self._comes_close[points.vehicles])
+        if shape.solid is not None and len(close) > 0:
+            distances, ways_out = shape.solid.local_measured(x[close])
+            inside = distances < 0.0
+            inner[close[inside]] = shape.in_frame(ways_out[inside])
+        normals = shape.in_world(inner)
+        centers = self.obstacle.centers(points.times)
+        beyond = shape.supports(parts, inner) + self.radius(points)
+        return HalfSpaces(
+            self,
+            points.vehicles,
+            points.partners,
+            sides=parts,
+            times=points.times,
+            normals=normals,
+            bounds=beyond + np.vecdot(normals, centers),
+            tolerances=self.tolerances[points.vehicles],
+        )
+
+    def worst_nearby(self, motion: Motion, rows: HalfSpaces) -> HalfSpaces:
+        """Return the most violated row of each row's part within a step."""
+        return self.most_violated(motion, rows)
+
+    def penetrations(self, motion: Motion, vehicles: IntArray) -> EvaluationPoints:
+        """Return the deepest instant in each part of each penetrating step."""
+        if not self.every_instant:
+            return self._penetrating_knots(motion, vehicles)
+        below = self.required[vehicles] - VIOLATED * self.tolerances[vehicles]
+        within = np.maximum(below + self.margins.largest, 0.0)
+        pieces = pieces_near(motion.of(vehicles), self.obstacle, within)
+        steps = step_at(pieces.times, motion.step)
+        below = below[pieces.owners] + self.margins.steps["position"][steps]
+        tolerances = self.tolerances[vehicles[pieces.owners]]
+        which, times = deepest(self.shape, pieces, below, tolerances)
+        parts, whose = pieces.parts[which], vehicles[pieces.owners[which]]
+        return _sorted(whose, parts, times)
+
+    def _penetrating_knots(self, motion: Motion, vehicles: IntArray) -> EvaluationPoints:
+        """Return the inner knots of vehicles that are too close to a part, with the part."""
+        points = self.inner_knots.select(np.isin(self.inner_knots.vehicles, vehicles))
+        points = points.select(self.holds_at(points.times))
+        x = self.shape.in_frame(self.offsets(motion, points))
+        below = self.radius(points) - VIOLATED * self.tolerances[points.vehicles]
+        which, parts = self.shape.tree.pairs(x, x, np.maximum(below, 0.0))
+        inside = self.shape.distances_of(parts, x[which]) < below[which]
+        which, parts = which[inside], parts[inside]
+        return _sorted(points.vehicles[which], parts, points.times[which])
+
+    def violated_at_knots(self, motion: Motion, vehicles: IntArray, neighbours: int) -> HalfSpaces:
+        """Return violated rows of the parts that inner knots are too close to, one for each knot.
+
+        At neighbouring knots, rows are those of the part that is nearest to the reference there:
+        the parts that a motion meets on its way through a wall are too many.
+        """
+        points = self._penetrating_knots(motion, vehicles)
+        if len(points) == 0:
+            return self.none
+        rows = self.rows(points)
+        margins = rows.margins(motion)
+        violated = margins < -VIOLATED * rows.tolerances
+        rows = rows.select(violated)
+        rows = rows.select(_worst_of_each_time(rows, margins[violated]))
+        if neighbours == 0 or len(rows) == 0:
+            return rows
+        inner = motion.accelerations.shape[1] - 1
+        marked = np.zeros(len(self._nearest_rows), dtype=bool)
+        marked[rows.vehicles * inner + np.rint(rows.times / motion.step).astype(int) - 1] = True
+        marked = with_neighbours(marked, self._nearest_rows.vehicles, neighbours)
+        nearby = self._nearest_rows.select(marked & self.holds_at(self._nearest_rows.times))
+        return rows.union(nearby)
+
+    @cached_property
+    def _comes_close(self) -> BoolArray:
+        """Whether each vehicle's reference is closer than required at an inner knot, shape (N,)."""
+        x = self.offsets(self.reference, self.inner_knots)
+        required = self.radius(self.inner_knots)
+        distances = self.shape.distance_up_to(x, float(required.max()))
+        close = (distances < required).reshape(len(self.required), -1)
+        return np.asarray(close.any(axis=1))
+
+    @cached_property
+    def _nearest_rows(self) -> HalfSpaces:
+        """Rows of the part nearest to the reference at every inner knot."""
+        x = self.offsets(self.reference, self.inner_knots)
+        points = dataclasses.replace(self.inner_knots, parts=self.shape.nearest(x))
+        return self.rows(points)
+
+
+def _worst_of_each_time(rows: HalfSpaces, margins: FloatArray) -> IntArray:
+    """Return the row with the least margin of each vehicle and time, sorted by these."""
+    order = np.lexsort((margins, rows.times, rows.vehicles))
+    vehicles, times = rows.vehicles[order], rows.times[order]
+    first = np.ones(len(order), dtype=bool)
+    first[1:] = (np.diff(vehicles) != 0) | (np.diff(times) != 0.0)
+    worst: IntArray = order[first]
+    return worst
+
+
+def _sorted(vehicles: IntArray, parts: IntArray, times: FloatArray) -> EvaluationPoints:
+    """Return points by vehicle, part and time, each once."""
+    order = np.lexsort((times, parts, vehicles))
+    vehicles, parts, times = vehicles[order], parts[order], times[order]
+    new = np.ones(len(order), dtype=bool)
+    new[1:] = (np.diff(vehicles) != 0) | (np.diff(parts) != 0) | (np.diff(times) != 0.0)
+    return EvaluationPoints(vehicles[new], vehicles[new], times[new], parts=parts[new])

@@ -1,0 +1,161 @@
+"""Maps that are seen piece by piece: obstacles for what a newer map adds, and removes.
+
+A newer map does not replace an older one, against which the flight so far was planned. What both
+have stays an obstacle. Cells that only the newer one has are an obstacle that is known from now on,
+and cells that it has no more are one that is active until now. So windows, reports and files treat
+them like any other obstacle.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable, Mapping
+
+import numpy as np
+
+from drake_rho.scenario.clock import clock_time
+from drake_rho.scenario.errors import one_of
+from drake_rho.scenario.fields import IntArray, unchecked
+from drake_rho.scenario.maps.cells import difference
+from drake_rho.scenario.maps.map import Map
+from drake_rho.scenario.maps.voxels import Voxels
+from drake_rho.scenario.obstacles import AnyObstacle, Obstacle
+from drake_rho.scenario.records import Scenario
+from drake_rho.scenario.shapes.base import Solid
+
+_JUST_BEFORE = 1e-6
+"""Time before the present until which cells count that are seen to be gone, in steps."""
+
+_LONGEST = 50
+"""Characters of a map's name that the names of what it gains and loses begin with."""
+
+
+class SeenMaps:
+    """Maps of a flight as they are known at present.
+
+    Args:
+        scenario: to be flown; each of its maps at rest may be followed by newer ones.
+    """
+
+    def __init__(self, scenario: Scenario) -> None:
+        self._parts = {
+            number: [number]
+            for number, body in enumerate(scenario.bodies, start=1)
+            if isinstance(body.shape, Map) and not body.moves
+        }
+
+    def seen(self, scenario: Scenario, newer: Map | Mapping[str, Map], time: float) -> Scenario:
+        """Return a scenario in which newer maps are known from a time on.
+
+        Args:
+            scenario: of the whole flight.
+            newer: the map that is known now; if the scenario has several, by their names.
+            time: on the scenario's clock [s].
+
+        Raises:
+            ValueError: the scenario has no such map, or several and it is not said which one.
+        """
+        bodies = list(scenario.bodies)
+        for number, latest in self._numbered(scenario, newer):
+            parts = self._parts.setdefault(number, [])
+            name = (bodies[number - 1].name if number <= len(bodies) else None) or "map"
+            name, at, rest = name[:_LONGEST], clock_time(time), _Rest(latest)
+            for each in list(parts):
+                body = bodies[each - 1]
+                stays, goes = rest.compared(body.shape)
+                if goes is None:
+                    continue
+                gone = self._until(time, scenario, body, goes, f"{name} until {at}")
+                if stays is None:
+                    parts.remove(each)
+                    bodies[each - 1] = unchecked(gone, name=body.name)
+                else:
+                    bodies[each - 1] = unchecked(body, shape=stays)
+                    bodies.append(gone)
+            if rest.left is not None:
+                bodies.append(Obstacle(rest.left, known_from=time, name=f"{name} from {at}"))
+                parts.append(len(bodies))
+        return with_obstacles(scenario, tuple(bodies))
+
+    def _until(
+        self, time: float, scenario: Scenario, body: Obstacle, goes: Solid, name: str
+    ) -> Obstacle:
+        """Return what is gone of an obstacle, active from when it was known until now.
+
+        It is no news, so it counts as known from the start.
+        """
+        step, begin = scenario.grid.step, scenario.grid.start - scenario.grid.step
+        if body.known_from > 0.0:
+            begin = body.known_from
+        active = (begin, time - _JUST_BEFORE * step)
+        return unchecked(body, shape=goes, known_from=0.0, active=active, name=name)
+
+    def _numbered(
+        self, scenario: Scenario, newer: Map | Mapping[str, Map]
+    ) -> Iterable[tuple[int, Map]]:
+        """Return newer maps with the numbers of the obstacles that they are of."""
+        if isinstance(newer, Map):
+            if len(self._parts) > 1:
+                expected = "a mapping from names to maps, since the scenario has several"
+                raise ValueError(f"map: got one map, expected {expected}")
+            return [(next(iter(self._parts), len(scenario.bodies) + 1), newer)]
+        names = {scenario.bodies[number - 1].name: number for number in self._parts}
+        known = [name for name in names if name is not None]
+        for name in newer:
+            if name not in known:
+                raise ValueError(f"map: got {name!r}, expected {one_of(known, name)}")
+        return [(names[name], latest) for name, latest in newer.items()]
+
+
+def with_obstacles(scenario: Scenario, obstacles: tuple[AnyObstacle, ...]) -> Scenario:
+    """Return a scenario, or the rest of one, with other obstacles at rest.
+
+    Obstacles at rest do not change the scales of motions, so that the fleet stays the same.
+    """
+    return scenario.derived(obstacles=obstacles, fleet=scenario.fleet)
+
+
+@dataclasses.dataclass
+class _Rest:
+    """What is left of a newer map beside the older parts that it was compared with."""
+
+    left: Map | None
+
+    def compared(self, older: Solid) -> tuple[Solid | None, Solid | None]:
+        """Return what stays of an older part and what is gone, None for nothing.
+
+        Only cells of the same grid are compared one by one.
+        """
+        newer = self.left
+        if newer is None:
+            return None, older
+        shift = None
+        if isinstance(older, Voxels) and isinstance(newer, Voxels):
+            shift = _shift(older, newer)
+        if shift is None or not (isinstance(older, Voxels) and isinstance(newer, Voxels)):
+            same = older == newer
+            self.left = None if same else newer
+            return (older, None) if same else (None, older)
+        cells = newer.occupied + shift
+        goes = difference(older.occupied, cells)
+        self.left = _of(older, difference(cells, older.occupied))
+        if len(goes) == 0:
+            return older, None
+        return _of(older, difference(older.occupied, goes)), _of(older, goes)
+
+
+def _of(like: Voxels, cells: IntArray) -> Voxels | None:
+    """Return some cells of a map's grid; None for no cells."""
+    if len(cells) == 0:
+        return None
+    return dataclasses.replace(like, occupied=cells, source=None)
+
+
+def _shift(one: Voxels, other: Voxels) -> IntArray | None:
+    """Return by how many cells the indices of two grids differ; None if the grids differ."""
+    frame, turned = (np.eye(3) if each.rotation is None else each.rotation for each in (one, other))
+    if one.resolution != other.resolution or not np.array_equal(frame, turned):
+        return None
+    shift = (other.origin - one.origin) @ frame / one.resolution
+    whole = np.rint(shift)
+    return whole.astype(np.int64) if np.allclose(shift, whole, rtol=0.0, atol=1e-9) else None

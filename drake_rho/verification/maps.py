@@ -1,0 +1,84 @@
+"""Motions near the cells or triangles of a map, for the verification between the knots.
+
+A plan is verified against the map itself: each step of a motion is compared with each cell or
+triangle that it may come near. The distance from one of these is convex, as that from a shape is,
+so that the same branch and bound finds the least of it. The parts of which planners keep clear are
+not used here.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from drake_rho.scenario.fields import FloatArray, IntArray
+from drake_rho.scenario.maps.map import Map
+from drake_rho.scenario.maps.parts import Boxes, Parts, Triangles, nearest_on_triangles
+from drake_rho.verification.steps import Steps
+
+_ROUNDING = 1e-9
+"""Relative rounding of a distance, so that the nearest part counts as near."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Encounters:
+    """Pairs of a step of a motion and a cell or triangle of a map that it may come near."""
+
+    pieces: IntArray
+    """index of the step among all that were looked at, shape (M,)"""
+    steps: Steps
+    """the steps relative to the cells; beside a triangle's corners, which stay, shape (M, D)"""
+    parts: Parts
+    """the cells or triangles"""
+
+    def distance(self, x: FloatArray) -> FloatArray:
+        """Return distances of positions (..., D) of the steps from their cells or triangles."""
+        if isinstance(self.parts, Boxes):
+            beyond = np.abs(x[..., :3]) - x[..., 3:]
+            outside = np.sqrt(np.sum(np.maximum(beyond, 0.0) ** 2, axis=-1))
+            distances: FloatArray = outside + np.minimum(beyond.max(axis=-1), 0.0)
+            return distances
+        flat = x.reshape(-1, 12)
+        nearest = nearest_on_triangles(flat[:, 3:].reshape(-1, 3, 3), flat[:, :3])
+        return np.asarray(np.linalg.norm(flat[:, :3] - nearest, axis=1).reshape(x.shape[:-1]))
+
+
+def encounters(solid: Map, steps: Steps, within: FloatArray) -> Encounters:
+    """Return the cells or triangles that steps may come near.
+
+    Args:
+        solid: the map.
+        steps: motions relative to its centre, M of them.
+        within: the distance that counts as near, for each step [m], shape (M,); where it is
+            infinite, the nearest part at the beginning of a step is near, and all that may be
+            nearer during it.
+    """
+    parts = solid.parts
+    p, v, a = (parts.in_frame(each) for each in (steps.p, steps.v, steps.a))
+    ends = p + v + a / 2.0
+    bulge = np.linalg.norm(a, axis=1) / 8.0  # greatest distance of a parabola from its chord
+    finite = np.isfinite(p).all(axis=1) & np.isfinite(ends).all(axis=1)
+    reach = np.maximum(within, 0.0) + bulge
+    endless = np.flatnonzero(np.isinf(reach) & finite)
+    if len(endless) > 0:
+        nearest = np.abs(solid.parts.local_distance(steps.p[endless]))
+        reach[endless] = nearest * (1.0 + _ROUNDING) + bulge[endless]
+    finite &= np.isfinite(reach)
+    some = np.flatnonzero(finite)
+    lower, upper = np.minimum(p, ends)[some], np.maximum(p, ends)[some]
+    which, numbers = parts.tree.pairs(lower, upper, reach[some])
+    which = some[which]
+    if not finite.all():  # not a number: compared with one part, so that the result is none either
+        lost = np.flatnonzero(~finite)
+        which = np.concatenate([which, lost])
+        numbers = np.concatenate([numbers, np.zeros(len(lost), dtype=np.int64)])
+    p, v, a = p[which], v[which], a[which]
+    if isinstance(parts, Boxes):
+        fixed, p = parts.halves[numbers], p - parts.centers[numbers]
+    else:
+        assert isinstance(parts, Triangles)  # noqa: S101  # there are no other parts
+        fixed = parts.corners[numbers].reshape(-1, 9)
+    still = np.zeros_like(fixed)
+    beside = (np.hstack([p, fixed]), np.hstack([v, still]), np.hstack([a, still]))
+    return Encounters(which, Steps(*beside), parts)
