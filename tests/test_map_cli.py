@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import importlib.util
+import dataclasses
 import json
 import os
 from pathlib import Path
@@ -20,7 +20,6 @@ from tests.test_cli_missions import MISSION
 
 Patch = pytest.MonkeyPatch
 Captured = pytest.CaptureFixture[str]
-DRAWS = importlib.util.find_spec("drake_rho.display.plots.maps") is not None
 
 
 @pytest.fixture(autouse=True)
@@ -111,7 +110,6 @@ def test_bad_maps_are_refused_in_one_line(
     assert complaint in err
 
 
-@pytest.mark.skipif(not DRAWS, reason="maps are not drawn yet")
 @pytest.mark.parametrize("words", [["tree.bt"], ["surface.obj"]])
 def test_a_map_is_drawn(words: list[str], capsys: Captured, monkeypatch: Patch) -> None:
     status, out, _ = run(capsys, monkeypatch, "map", *words, "--figure", "out.png")
@@ -139,7 +137,9 @@ def test_a_changed_map_is_one_line_on_standard_error(capsys: Captured, monkeypat
     mesh = "".join(f"v {x} {y} {z}\n" for x, y, z in corners) + "f 1 2 3\n"
     Path("far.obj").write_text(mesh)
     content = {"obstacles": [{"mesh": "far.obj"}, {"mesh": "far.obj", "position": [0, 0, 9]}]}
-    rho.save_scenario(single(), "s.yaml")
+    (vehicle,) = single().vehicles
+    vehicle = dataclasses.replace(vehicle, radius=0.1)
+    rho.save_scenario(dataclasses.replace(single(), vehicles=(vehicle,)), "s.yaml")
     with open("s.yaml", "a") as file:
         file.write(json.dumps(content)[1:-1].replace('"obstacles"', "obstacles") + "\n")
     text = Path("s.yaml").read_text().replace("obstacles: []\n", "")

@@ -51,6 +51,12 @@ obstacles:
 """
 
 
+def _single() -> rho.Scenario:
+    """Return a scenario of one vehicle that has a radius, which maps ask for."""
+    (vehicle,) = single().vehicles
+    return dataclasses.replace(single(), vehicles=(dataclasses.replace(vehicle, radius=0.1),))
+
+
 def _cells(centers: Any, side: float) -> set[tuple[int, ...]]:
     """Return the cells around positions."""
     return {tuple(each) for each in np.floor(np.asarray(centers) / side).astype(int).tolist()}
@@ -355,6 +361,7 @@ def test_a_scenario_refers_to_maps_beside_it_and_is_saved_so(yard: Path, tmp_pat
     scenario = rho.load_scenario(yard)
     tree, cloud, pyramid, roof, *inline = scenario.obstacles
     assert isinstance(tree, rho.Voxels)
+    assert tree.rotation is not None
     np.testing.assert_allclose(tree.rotation, RollPitchYaw(0, 0, 0.3).ToRotationMatrix().matrix())
     assert isinstance(cloud, rho.Obstacle)
     assert cloud.shape == rho.Voxels.from_points(
@@ -467,7 +474,7 @@ def test_a_change_beside_a_gltf_is_noticed(tmp_path: Path) -> None:
 def test_windows_of_a_flight_share_one_stored_map(yard: Path) -> None:
     occupied = np.argwhere(np.random.default_rng(3).random((30, 30, 30)) < 0.3)
     occupied += 50
-    scenario = dataclasses.replace(single(), obstacles=(rho.Voxels(occupied, 0.5),))
+    scenario = dataclasses.replace(_single(), obstacles=(rho.Voxels(occupied, 0.5),))
     plan = rho.plan_convex(scenario.without_obstacles())
     plan = rho.Plan(scenario, plan.positions, plan.velocities, plan.accelerations, plan.statistics)
     window = rho.Window(0, plan, plan)
@@ -503,12 +510,12 @@ def test_a_map_in_another_unit_is_warned_of(scale: float) -> None:
     corners = scale * np.array([[1, 0, 0], [2, 0, 0], [1, 1, 0], [1, 0, 1]]) + [50.0, 50.0, 50.0]
     mesh, shown = rho.Mesh(corners, [[0, 1, 2]]), re.escape(f"{scale:.3g}")
     with pytest.warns(rho.MapScaleWarning, match=f"obstacle 1: a map of {shown} m beside"):
-        scenario = dataclasses.replace(single(), obstacles=(mesh,))
+        scenario = dataclasses.replace(_single(), obstacles=(mesh,))
     text = scenario_to_json(scenario)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         scenario_from_json(text, under_way=True)
-        dataclasses.replace(single(), obstacles=(rho.Mesh(corners / scale, [[0, 1, 2]]),))
+        dataclasses.replace(_single(), obstacles=(rho.Mesh(corners / scale, [[0, 1, 2]]),))
 
 
 def test_a_mission_in_an_octomap(tmp_path: Path) -> None:
