@@ -120,6 +120,7 @@ def _elsewhere(
             places = track.positions @ turn.T + shift
             track = rho.Track(track.times + later, places, after=track.after)
         active = each.active and (each.active[0] + later, each.active[1] + later)
+        assert isinstance(each.shape, Shape)  # the scenes have no maps
         shape = _turned(each.shape, turn, back)
         obstacles.append(rho.Obstacle(shape, velocity=velocity, track=track, active=active))
     vehicles = [

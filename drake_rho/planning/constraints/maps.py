@@ -71,7 +71,11 @@ class KeepOutOfMap(KeepOutOfObstacle):
         return self.most_violated(motion, rows)
 
     def penetrations(self, motion: Motion, vehicles: IntArray) -> EvaluationPoints:
-        """Return the deepest instant in each part of each penetrating step."""
+        """Return the deepest instant of each penetrating step, with the part that it is in.
+
+        A mesh may have hundreds of triangles beside one step. What is left of the others is found
+        once the motion keeps clear of this one.
+        """
         if not self.every_instant:
             return self._penetrating_knots(motion, vehicles)
         below = self.required[vehicles] - VIOLATED * self.tolerances[vehicles]
@@ -82,7 +86,10 @@ class KeepOutOfMap(KeepOutOfObstacle):
         tolerances = self.tolerances[vehicles[pieces.owners]]
         which, times = deepest(self.shape, pieces, below, tolerances)
         parts, whose = pieces.parts[which], vehicles[pieces.owners[which]]
-        return _sorted(whose, parts, times)
+        points = _sorted(whose, parts, times)
+        depths = self.distances(motion, points) - self.radius(points)
+        steps = step_at(points.times, motion.step)
+        return points.select(np.sort(_least_of_each(points.vehicles, steps, depths)))
 
     def _penetrating_knots(self, motion: Motion, vehicles: IntArray) -> EvaluationPoints:
         """Return the inner knots of vehicles that are too close to a part, with the part."""
@@ -108,7 +115,7 @@ class KeepOutOfMap(KeepOutOfObstacle):
         margins = rows.margins(motion)
         violated = margins < -VIOLATED * rows.tolerances
         rows = rows.select(violated)
-        rows = rows.select(_worst_of_each_time(rows, margins[violated]))
+        rows = rows.select(_least_of_each(rows.vehicles, rows.times, margins[violated]))
         if neighbours == 0 or len(rows) == 0:
             return rows
         inner = motion.accelerations.shape[1] - 1
@@ -135,14 +142,14 @@ class KeepOutOfMap(KeepOutOfObstacle):
         return self.rows(points)
 
 
-def _worst_of_each_time(rows: HalfSpaces, margins: FloatArray) -> IntArray:
-    """Return the row with the least margin of each vehicle and time, sorted by these."""
-    order = np.lexsort((margins, rows.times, rows.vehicles))
-    vehicles, times = rows.vehicles[order], rows.times[order]
+def _least_of_each(vehicles: IntArray, moments: FloatArray, values: FloatArray) -> IntArray:
+    """Return the index of the least value of each vehicle and moment, sorted by these."""
+    order = np.lexsort((values, moments, vehicles))
+    vehicles, moments = vehicles[order], moments[order]
     first = np.ones(len(order), dtype=bool)
-    first[1:] = (np.diff(vehicles) != 0) | (np.diff(times) != 0.0)
-    worst: IntArray = order[first]
-    return worst
+    first[1:] = (np.diff(vehicles) != 0) | (np.diff(moments) != 0.0)
+    least: IntArray = order[first]
+    return least
 
 
 def _sorted(vehicles: IntArray, parts: IntArray, times: FloatArray) -> EvaluationPoints:
