@@ -13,7 +13,7 @@ from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.limits import Limits
 from drake_rho.scenario.norms import NORMS, Norm, NormLimit
 from drake_rho.scenario.parts import Grid, Quantity, Vehicle
-from drake_rho.scenario.shapes.base import TOLERANCE, Solid
+from drake_rho.scenario.shapes.base import TOLERANCE, Shape, Solid
 from drake_rho.scenario.shapes.polyhedra import Box
 from drake_rho.scenario.waypoints import Waypoints, waypoints_of
 
@@ -177,6 +177,16 @@ class Fleet:
         a wide box that stands for the ground has no large tolerance.
         """
         return TOLERANCE * np.minimum(shape.size, self.lengths)
+
+    def extent_to_evade(self, shape: Solid) -> float:
+        """Return the least extent of what vehicles evade of an obstacle [m].
+
+        Parts of a map may be as thin as a sheet, from whose middle a vehicle still moves by its
+        radius.
+        """
+        if isinstance(shape, Shape):
+            return shape.thickness
+        return shape.cover.thickness + float(self.radii.min())
 
     def scale(self, quantity: Quantity) -> FloatArray:
         """Return the characteristic magnitude of a quantity in each motion, in SI units, (N,).

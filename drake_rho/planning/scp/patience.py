@@ -80,7 +80,7 @@ class Patience:
 
 def least_extent(scenario: Scenario) -> float:
     """Return the least extent of any obstacle or of the separation [m]."""
-    extents = [obstacle.shape.thickness for _, obstacle in scenario.avoided]
+    extents = [scenario.fleet.extent_to_evade(body.shape) for _, body in scenario.avoided]
     if scenario.separation is not None:
         extents.append(scenario.separation.distance)
     return min(extents, default=float(scenario.fleet.lengths.max()))

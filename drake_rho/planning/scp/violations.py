@@ -89,7 +89,8 @@ class Violations:
         if np.any(self.pairs.distances <= (1.0 - _SMALL) * self._separation):
             return False
         for number, found in self.inside.items():
-            small = _SMALL * self.scenario.bodies[number - 1].shape.cover.thickness
+            shape = self.scenario.bodies[number - 1].shape
+            small = _SMALL * self.scenario.fleet.extent_to_evade(shape)
             if np.any(found.distances < -small):
                 return False
         return True
