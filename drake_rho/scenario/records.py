@@ -31,8 +31,10 @@ from drake_rho.scenario.parts import Grid, Quantity, Separation, State, Vehicle,
 from drake_rho.scenario.requirements import KeepIn, parts_for
 from drake_rho.scenario.scales import warn_of_scales
 from drake_rho.scenario.shapes.base import TOLERANCE, Solid
+from drake_rho.scenario.shapes.capsules import Capsule
 from drake_rho.scenario.shapes.cylinders import Cylinder
 from drake_rho.scenario.shapes.polyhedra import Box, Polytope
+from drake_rho.scenario.shapes.posed import Posed
 from drake_rho.scenario.shapes.quadrics import Ellipsoid, Sphere
 from drake_rho.scenario.shapes.unbounded import Cone, HalfSpace
 from drake_rho.scenario.tracks import Track
@@ -42,6 +44,7 @@ __all__ = [
     "TOLERANCE",
     "Ball",
     "Box",
+    "Capsule",
     "Cone",
     "Cylinder",
     "Disturbance",
@@ -53,6 +56,7 @@ __all__ = [
     "Mesh",
     "Obstacle",
     "Polytope",
+    "Posed",
     "Quantity",
     "Scenario",
     "Separation",
