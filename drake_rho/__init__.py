@@ -85,6 +85,7 @@ if TYPE_CHECKING:
         Waypoint,
     )
     from drake_rho.scenario.sets import ConvexSet, check_set
+    from drake_rho.scenario.worlds import load_world
     from drake_rho.simulation import winds
     from drake_rho.simulation.attack import Attack, attack
     from drake_rho.simulation.simulate import simulate
@@ -174,6 +175,7 @@ __all__ = [
     "load_lsc_mission",
     "load_scenario",
     "load_study",
+    "load_world",
     "paths_figure",
     "plan",
     "plan_convex",
@@ -277,6 +279,7 @@ _NAMES = {
         "Waypoint",
     ),
     "drake_rho.scenario.sets": ("ConvexSet", "check_set"),
+    "drake_rho.scenario.worlds": ("load_world",),
     "drake_rho.scenario.problems.worlds": ("random_field", "trefoil_swap"),
     "drake_rho.simulation.attack": ("Attack", "attack"),
     "drake_rho.simulation.simulate": ("simulate",),

@@ -182,11 +182,11 @@ def _flight(turn: FloatArray) -> rho.Scenario:
     ]
     obstacles = [rho.Posed(each.shape, turn @ each.rotation, turn @ each.translation)
                  for each in posed]  # fmt: skip
-    ends = [rho.State(turn @ [float(x), 0.0, 1.0]) for x in (0, 10)]
+    start, goal = (rho.State(turn @ [float(x), 0.0, 1.0]) for x in (0, 10))
     return rho.Scenario(
         "turned",
         rho.Grid.lasting(8.0, step=0.5),
-        [rho.Vehicle("u", *ends, radius=0.2)],
+        [rho.Vehicle("u", start, goal, radius=0.2)],
         obstacles=obstacles,
     )
 

@@ -27,6 +27,7 @@ _PLAIN_NAMES = {
     "Margin": "float",
     "Name": "str",
     "Numbers": "numbers",
+    "Obstacles": "tuple[Shape | Obstacle, ...]",
     "Points": "positions",
     "Positive": "float",
     "Vector": "x, y, z",

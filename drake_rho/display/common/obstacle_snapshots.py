@@ -81,7 +81,8 @@ def truncated(shape: Solid, lower: FloatArray, upper: FloatArray) -> Solid:
     """
     if isinstance(shape, Posed) and not np.all(np.isfinite(shape.extent)):
         half = np.full(3, np.linalg.norm(upper - lower))
-        return dataclasses.replace(shape, shape=truncated(shape.shape, -half, half))
+        inner = truncated(shape.shape, -half, half)
+        return Posed(cast(Shape, inner), shape.rotation, shape.translation)
     if not isinstance(shape, Cylinder) or shape.height is not None:
         return shape
     return dataclasses.replace(shape, height=float((upper - lower)["xyz".index(shape.axis)]))

@@ -90,7 +90,7 @@ class Capsule(Shape):
     def _away(self, x: FloatArray) -> FloatArray:
         """Return vectors to x from the nearest point of the segment [m], shape (..., 3)."""
         squared = float(self.half @ self.half)
-        along = np.clip(x @ self.half / (squared or 1.0), -1.0, 1.0)
+        along: FloatArray = np.clip(x @ self.half / (squared or 1.0), -1.0, 1.0)
         away: FloatArray = x - along[..., None] * self.half
         return away
 

@@ -95,7 +95,7 @@ class Posed(Shape):
         return self._box[1]
 
     @property
-    def size(self) -> float:  # type: ignore[override]
+    def size(self) -> float:
         """Size of the shape before it is posed [m], which no rotation changes."""
         return self.shape.size
 
