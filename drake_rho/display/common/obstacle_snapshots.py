@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from functools import cached_property
+from typing import cast
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from drake_rho.scenario.clock import clock_number, clock_time
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.maps.map import Map
 from drake_rho.scenario.obstacles import Obstacle
-from drake_rho.scenario.shapes.base import Solid
+from drake_rho.scenario.shapes.base import Shape, Solid
 from drake_rho.scenario.shapes.cylinders import Cylinder
 from drake_rho.scenario.shapes.posed import Posed
 

@@ -31,6 +31,9 @@ _MOST = 10_000
 _SHAPES = {"box", "capsule", "cylinder", "ellipsoid", "mesh", "sphere", "empty", "plane"}
 """Collision geometries of SDF and URDF that are read, with and without Drake's prefix."""
 
+_MESHES = (".obj", ".gltf")
+"""Endings of meshes to collide with; Drake reads no others as surfaces."""
+
 _NO_SHAPES = {"hfield", "sdf"}
 """Types of geometries of MJCF that are not read."""
 
@@ -231,15 +234,24 @@ def _check_geometries(path: Path, tree: Element) -> None:
             for child in geometry:
                 if child.tag.removeprefix("drake:") not in _SHAPES:
                     raise no_shape(path, collision.get("name", "without a name"), child.tag)
+                if child.tag == "mesh" and (ending := _ending(child)) not in _MESHES:
+                    kind = f"mesh in {ending or 'a file without ending'}"
+                    raise no_shape(path, collision.get("name", "without a name"), kind)
     for geom in tree.iter("geom"):
         if (kind := geom.get("type")) in _NO_SHAPES:
             raise no_shape(path, geom.get("name", "without a name"), str(kind))
 
 
+def _ending(mesh: Element) -> str:
+    """Return the ending of the file that an element of SDF or URDF names."""
+    text = mesh.get("filename") or mesh.findtext("uri") or ""
+    return Path(text.strip()).suffix.lower()
+
+
 def no_shape(path: Path, name: str, kind: str) -> ScenarioError:
     """Return the error for a collision geometry that no obstacle can represent."""
     given = Description(f"the collision geometry {name}, of kind {kind}")
-    expected = "boxes, spheres, cylinders, capsules, ellipsoids, planes and meshes"
+    expected = "boxes, spheres, cylinders, capsules, ellipsoids, planes and meshes (.obj, .gltf)"
     return ScenarioError(named(path), given, expected)
 
 

@@ -7,6 +7,7 @@ when a world is read, and not before.
 from __future__ import annotations
 
 import logging
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -33,6 +34,9 @@ GROUND = (200.0, 200.0, 1.0)
 
 _ALONG = 1e-12
 """Deviation of a rotation's numbers from 0 and 1 up to which it turns axes into axes."""
+
+_LEFT_OUT = re.compile("(geom type|fromto tag|mesh asset|unknown mesh).*ignored")
+"""Warnings of Drake that a geometry is left out."""
 
 _Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 """Rotation by which Drake turns glTF files, in which y is up."""
@@ -65,7 +69,7 @@ def read_world(path: str | Path, pose: Pose) -> list[Geometry]:
     except RuntimeError as error:  # of Drake
         raise unreadable(files.path, error, "an SDF, URDF or MJCF file") from None
     for text in warnings:
-        if "ignored" in text and any(word in text for word in ("geom", "mesh", "collision")):
+        if _LEFT_OUT.search(text):
             raise unreadable(files.path, text, "geometries that Drake reads")
     if not parts:
         given = Description("no collision geometry")
@@ -117,7 +121,8 @@ def _parts(files: WorldFiles) -> Iterator[tuple[str, Any, FloatArray, FloatArray
         body = plant.GetBodyFromFrameId(inspector.GetFrameId(each))
         own = inspector.GetName(each).rpartition("::")[2]
         pose = query.GetPoseInWorld(each)
-        name = f"{body.scoped_name().get_full()}::{own}"
+        of_world = body.index() == plant.world_body().index()
+        name = own if of_world else f"{body.scoped_name().get_full()}::{own}"
         yield name, inspector.GetShape(each), pose.rotation().matrix(), pose.translation()
 
 
