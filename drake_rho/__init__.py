@@ -62,6 +62,7 @@ if TYPE_CHECKING:
     from drake_rho.scenario.records import (
         Ball,
         Box,
+        Capsule,
         Cone,
         Cylinder,
         Disturbance,
@@ -73,6 +74,7 @@ if TYPE_CHECKING:
         Mesh,
         Obstacle,
         Polytope,
+        Posed,
         Scenario,
         Separation,
         Sphere,
@@ -83,6 +85,7 @@ if TYPE_CHECKING:
         Waypoint,
     )
     from drake_rho.scenario.sets import ConvexSet, check_set
+    from drake_rho.scenario.worlds import load_world
     from drake_rho.simulation import winds
     from drake_rho.simulation.attack import Attack, attack
     from drake_rho.simulation.simulate import simulate
@@ -94,6 +97,7 @@ __all__ = [
     "Attack",
     "Ball",
     "Box",
+    "Capsule",
     "Certificate",
     "Check",
     "Cone",
@@ -122,6 +126,7 @@ __all__ = [
     "Plan",
     "PlanFileError",
     "Polytope",
+    "Posed",
     "RecedingHorizon",
     "RecedingHorizonController",
     "Report",
@@ -170,6 +175,7 @@ __all__ = [
     "load_lsc_mission",
     "load_scenario",
     "load_study",
+    "load_world",
     "paths_figure",
     "plan",
     "plan_convex",
@@ -250,6 +256,7 @@ _NAMES = {
     "drake_rho.scenario.records": (
         "Ball",
         "Box",
+        "Capsule",
         "Cone",
         "Cylinder",
         "Disturbance",
@@ -261,6 +268,7 @@ _NAMES = {
         "Mesh",
         "Obstacle",
         "Polytope",
+        "Posed",
         "Scenario",
         "Separation",
         "Sphere",
@@ -271,6 +279,7 @@ _NAMES = {
         "Waypoint",
     ),
     "drake_rho.scenario.sets": ("ConvexSet", "check_set"),
+    "drake_rho.scenario.worlds": ("load_world",),
     "drake_rho.scenario.problems.worlds": ("random_field", "trefoil_swap"),
     "drake_rho.simulation.attack": ("Attack", "attack"),
     "drake_rho.simulation.simulate": ("simulate",),

@@ -25,6 +25,16 @@ KINDS: dict[str, Callable[[np.random.Generator, FloatArray, float], Shape]] = {
     "polytope": lambda rng, at, size: rho.Polytope(
         at + size * rng.uniform(-1.0, 1.0, (int(rng.integers(4, 20)), 3))
     ),
+    "capsule": lambda rng, at, size: rho.Capsule(
+        at - size * rng.uniform(-1.0, 1.0, 3),
+        at + size * rng.uniform(-1.0, 1.0, 3),
+        size * rng.uniform(0.1, 1.0),
+    ),
+    "posed": lambda rng, at, size: rho.Posed(
+        KINDS[rng.choice(["box", "cylinder", "polytope"])](rng, np.zeros(3), size),
+        rng.uniform(-3.0, 3.0, 3),
+        at,
+    ),
 }
 """Constructor of a random shape of each kind, around a position and of a size."""
 

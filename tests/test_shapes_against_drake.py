@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydrake.geometry import (
     Box,
+    Capsule,
     Convex,
     Cylinder,
     Ellipsoid,
@@ -36,7 +37,19 @@ LONG = 1e4
 
 def engine(shape: Shape, turn: RotationMatrix | None = None) -> tuple[SceneGraph, Any]:
     """Return a scene with the shape around the origin, turned, and its context."""
+    solid, pose = in_drake(shape)
+    turned = RigidTransform(turn or RotationMatrix(), np.zeros(3)) @ pose
+    placed = GeometryInstance(turned, solid, "shape")
+    placed.set_proximity_properties(ProximityProperties())
+    graph = SceneGraph()
+    graph.RegisterAnchoredGeometry(graph.RegisterSource("test"), placed)
+    return graph, graph.CreateDefaultContext()  # the scene has to outlive the context
+
+
+def in_drake(shape: Shape) -> tuple[Any, RigidTransform]:
+    """Return Drake's shape, and its pose relative to the centre of the bounding box."""
     solid: Any
+    pose = RigidTransform()
     match shape:
         case rho.Sphere():
             solid = Sphere(shape.radius)
@@ -48,16 +61,20 @@ def engine(shape: Shape, turn: RotationMatrix | None = None) -> tuple[SceneGraph
             solid = Cylinder(shape.radius, shape.height or LONG * shape.radius)
         case rho.Polytope():
             solid = Convex((shape.vertices - shape.center).T, "polytope")
-    pose = {
+        case rho.Capsule():
+            solid = Capsule(shape.radius, float(np.linalg.norm(shape.end - shape.start)))
+            pose = RigidTransform(RotationMatrix.MakeFromOneVector(shape.half, 2), np.zeros(3))
+        case rho.Posed():
+            solid, inner = in_drake(shape.shape)
+            middle = shape.rotation @ shape.shape.center + shape.translation - shape.center
+            pose = RigidTransform(RotationMatrix(shape.rotation), middle) @ inner
+    turns = {
         "x": RotationMatrix.MakeYRotation(np.pi / 2),
         "y": RotationMatrix.MakeXRotation(np.pi / 2),
     }
-    pose = pose.get(getattr(shape, "axis", "z"), RotationMatrix())
-    placed = GeometryInstance(RigidTransform((turn or RotationMatrix()) @ pose), solid, "shape")
-    placed.set_proximity_properties(ProximityProperties())
-    graph = SceneGraph()
-    graph.RegisterAnchoredGeometry(graph.RegisterSource("test"), placed)
-    return graph, graph.CreateDefaultContext()  # the scene has to outlive the context
+    if (axis := getattr(shape, "axis", "z")) in turns:
+        pose = RigidTransform(turns[axis], np.zeros(3))
+    return solid, pose
 
 
 def by_drake(
@@ -182,6 +199,14 @@ def mapped(shape: Shape, order: list[int], signs: FloatArray, scale: float) -> S
             return rho.Cylinder(center, scale * shape.radius, height, axis)  # type: ignore[arg-type]
         case rho.Polytope():
             return rho.Polytope(scale * (signs * shape.vertices)[:, order])
+        case rho.Capsule():
+            start, end = (scale * (signs * each)[order] for each in (shape.start, shape.end))
+            return rho.Capsule(start, end, scale * shape.radius)
+        case rho.Posed():
+            turn = (np.diag(signs) @ shape.rotation)[order]
+            mirror = np.array([np.sign(np.linalg.det(turn)), 1.0, 1.0])  # none is a rotation
+            inner = mapped(shape.shape, [0, 1, 2], mirror, scale)
+            return rho.Posed(inner, turn * mirror, scale * (signs * shape.translation)[order])
     raise AssertionError(shape)
 
 

@@ -18,6 +18,7 @@ _Class = TypeVar("_Class")
 _PLAIN_NAMES = {
     "AnyObstacle": "Shape | Obstacle",
     "AnySet": "ConvexSet",
+    "Annotated[AnyConvex, Discriminator(_kind)]": "Shape",
     "Count": "int",
     "Finite": "float",
     "FloatArray": "array",
@@ -26,6 +27,7 @@ _PLAIN_NAMES = {
     "Margin": "float",
     "Name": "str",
     "Numbers": "numbers",
+    "Obstacles": "tuple[Shape | Obstacle, ...]",
     "Points": "positions",
     "Positive": "float",
     "Vector": "x, y, z",

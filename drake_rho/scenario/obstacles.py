@@ -25,43 +25,32 @@ from drake_rho.scenario.maps.forms import KEYS, References
 from drake_rho.scenario.maps.mesh import Mesh
 from drake_rho.scenario.maps.voxels import Voxels
 from drake_rho.scenario.parts import Grid
-from drake_rho.scenario.shapes.cylinders import Cylinder
-from drake_rho.scenario.shapes.polyhedra import Box, Polytope
-from drake_rho.scenario.shapes.quadrics import Ellipsoid, Sphere
+from drake_rho.scenario.shapes.posed import KINDS, POSE, AnyConvex
 from drake_rho.scenario.tracks import Track
 
 if TYPE_CHECKING:
     from drake_rho.scenario.shapes.base import Solid
 
 _KINDS = {
-    "Obstacle": ("shape", "velocity", "track", "known_from", "name", "active"),
-    **KEYS,
+    "Obstacle": ("velocity", "track", "known_from", "name", "active"),
+    **KEYS,  # before poses, as references to maps have a rotation too
     "Mesh": ("triangles",),
     "Voxels": ("occupied",),
-    "Polytope": ("vertices",),
-    "Ellipsoid": ("semi_axes",),
-    "Box": ("lower", "upper"),
-    "Cylinder": ("height", "axis"),
-    "Sphere": ("center", "radius"),
+    "Posed": POSE,
+    "At rest": ("shape",),
+    **KINDS,
 }
 """Keys that identify the record that a mapping describes. If keys of several records occur, the
-first record in this order is taken."""
+first record in this order is taken. A shape at rest is an obstacle as well."""
 
 
 def _kind(value: object) -> str:
     """Return the name of a record's type, or of the type that a mapping describes."""
-    return record_kind(value, _KINDS, "Sphere")
+    kind = record_kind(value, _KINDS, "Sphere")
+    return "Obstacle" if kind == "At rest" else kind
 
 
-_Shapes = (
-    Annotated[Sphere, Tag("Sphere")]
-    | Annotated[Box, Tag("Box")]
-    | Annotated[Ellipsoid, Tag("Ellipsoid")]
-    | Annotated[Cylinder, Tag("Cylinder")]
-    | Annotated[Polytope, Tag("Polytope")]
-    | Annotated[Voxels, Tag("Voxels")]
-    | Annotated[Mesh, Tag("Mesh")]
-)
+_Shapes = AnyConvex | Annotated[Voxels, Tag("Voxels")] | Annotated[Mesh, Tag("Mesh")]
 
 AnyShape = Annotated[_Shapes | References, Discriminator(_kind)]
 """One of the shapes or maps, identified by its keys in a file."""
@@ -225,8 +214,10 @@ class Obstacle:
 
 
 def _has_shape(value: object) -> object:
-    if isinstance(value, Mapping) and _kind(value) == "Obstacle" and "shape" not in value:
-        keys = ", ".join(str(key) for key in value if _kind({key: None}) == "Obstacle")
+    if not isinstance(value, Mapping) or "shape" in value:
+        return value
+    if (kind := _kind(value)) in ("Obstacle", "Posed"):
+        keys = ", ".join(str(key) for key in value if _kind({key: None}) == kind)
         raise ScenarioError(
             "", dict(value), f"the shape in a mapping of its own, shape, beside {keys}"
         )

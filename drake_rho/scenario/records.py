@@ -26,22 +26,26 @@ from drake_rho.scenario.fleet import Fleet
 from drake_rho.scenario.limits import Limits
 from drake_rho.scenario.maps.mesh import Mesh
 from drake_rho.scenario.maps.voxels import Voxels
-from drake_rho.scenario.obstacles import AnyObstacle, Obstacle, active_during, known_at_start
+from drake_rho.scenario.obstacles import Obstacle, active_during, known_at_start
 from drake_rho.scenario.parts import Grid, Quantity, Separation, State, Vehicle, Waypoint
 from drake_rho.scenario.requirements import KeepIn, parts_for
 from drake_rho.scenario.scales import warn_of_scales
 from drake_rho.scenario.shapes.base import TOLERANCE, Solid
+from drake_rho.scenario.shapes.capsules import Capsule
 from drake_rho.scenario.shapes.cylinders import Cylinder
 from drake_rho.scenario.shapes.polyhedra import Box, Polytope
+from drake_rho.scenario.shapes.posed import Posed
 from drake_rho.scenario.shapes.quadrics import Ellipsoid, Sphere
 from drake_rho.scenario.shapes.unbounded import Cone, HalfSpace
 from drake_rho.scenario.tracks import Track
 from drake_rho.scenario.waypoints import is_during_flight
+from drake_rho.scenario.worlds import Obstacles
 
 __all__ = [
     "TOLERANCE",
     "Ball",
     "Box",
+    "Capsule",
     "Cone",
     "Cylinder",
     "Disturbance",
@@ -53,6 +57,7 @@ __all__ = [
     "Mesh",
     "Obstacle",
     "Polytope",
+    "Posed",
     "Quantity",
     "Scenario",
     "Separation",
@@ -90,7 +95,7 @@ class Scenario(ShownInNotebooks):
     """the vehicles, each with a unique name"""
     limits: Limits = dataclasses.field(default_factory=Limits)
     """limits of every vehicle; each one is overridden by the vehicle's own, if it has any"""
-    obstacles: tuple[AnyObstacle, ...] = ()
+    obstacles: Obstacles = ()
     """obstacles to avoid, shapes at rest or `Obstacle`s; numbered from 1 in reports"""
     separation: Separation | None = None
     """least distance of every pair of vehicles at all times; none is required if not given"""

@@ -17,9 +17,7 @@ from pydantic.json_schema import SkipJsonSchema
 from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.errors import Description, ScenarioError
 from drake_rho.scenario.fields import LARGEST, FloatArray, record_kind
-from drake_rho.scenario.shapes.cylinders import Cylinder
-from drake_rho.scenario.shapes.polyhedra import Box, Polytope
-from drake_rho.scenario.shapes.quadrics import Ellipsoid, Sphere
+from drake_rho.scenario.shapes.posed import KINDS, POSE, AnyConvex
 from drake_rho.scenario.shapes.unbounded import Cone, HalfSpace
 
 
@@ -175,13 +173,10 @@ _OWN = "ConvexSet"
 """Tag of a set that is none of the package's records."""
 
 _KINDS = {
-    "Polytope": ("vertices",),
+    "Posed": ("shape", *POSE),
     "HalfSpace": ("normal", "offset"),
     "Cone": ("apex", "half_angle"),
-    "Ellipsoid": ("semi_axes",),
-    "Box": ("lower", "upper"),
-    "Cylinder": ("height", "axis"),
-    "Sphere": ("center", "radius"),
+    **KINDS,
 }
 """Keys that identify the set that a mapping describes; of several, the first in this order."""
 
@@ -203,11 +198,7 @@ def _own_set(value: object) -> Any:
 
 
 AnySet = Annotated[
-    Annotated[Sphere, Tag("Sphere")]
-    | Annotated[Box, Tag("Box")]
-    | Annotated[Ellipsoid, Tag("Ellipsoid")]
-    | Annotated[Cylinder, Tag("Cylinder")]
-    | Annotated[Polytope, Tag("Polytope")]
+    AnyConvex
     | Annotated[Cone, Tag("Cone")]
     | Annotated[HalfSpace, Tag("HalfSpace")]
     | Annotated[

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from functools import cached_property
+from typing import cast
 
 import numpy as np
 
@@ -16,8 +17,9 @@ from drake_rho.scenario.clock import clock_number, clock_time
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.maps.map import Map
 from drake_rho.scenario.obstacles import Obstacle
-from drake_rho.scenario.shapes.base import Solid
+from drake_rho.scenario.shapes.base import Shape, Solid
 from drake_rho.scenario.shapes.cylinders import Cylinder
+from drake_rho.scenario.shapes.posed import Posed
 
 MAX_FOLLOWED = 6
 """Largest number of moving obstacles drawn with their paths and their first and last positions."""
@@ -76,8 +78,12 @@ class Snapshot:
 def truncated(shape: Solid, lower: FloatArray, upper: FloatArray) -> Solid:
     """Return the shape, with an infinite cylinder cut off at these coordinates [m].
 
-    `truncated_centers` returns the new centre.
+    `truncated_centers` returns the new centre. One in another pose reaches beyond them.
     """
+    if isinstance(shape, Posed) and not np.all(np.isfinite(shape.extent)):
+        half = np.full(3, np.linalg.norm(upper - lower))
+        inner = truncated(shape.shape, -half, half)
+        return Posed(cast(Shape, inner), shape.rotation, shape.translation)
     if not isinstance(shape, Cylinder) or shape.height is not None:
         return shape
     return dataclasses.replace(shape, height=float((upper - lower)["xyz".index(shape.axis)]))
@@ -87,7 +93,18 @@ def truncated_centers(
     shape: Solid, centers: FloatArray, lower: FloatArray, upper: FloatArray
 ) -> FloatArray:
     """Return the centres of a shape cut off at these coordinates [m], shape (..., 3)."""
+    if isinstance(shape, Posed) and not np.all(np.isfinite(shape.extent)):
+        along = _endless_along(shape)
+        return centers + (((lower + upper) / 2.0 - centers) @ along)[..., None] * along
     return np.where(np.isinf(shape.extent), (lower + upper) / 2.0, centers)
+
+
+def _endless_along(shape: Solid) -> FloatArray:
+    """Return the direction in which a posed shape is endless, shape (3,)."""
+    if isinstance(shape, Posed):
+        along: FloatArray = shape.rotation @ _endless_along(shape.shape)
+        return along
+    return np.isinf(shape.extent).astype(np.float64)
 
 
 def as_obstacles(obstacles: Sequence[Solid | Obstacle]) -> tuple[Obstacle, ...]:

@@ -9,8 +9,10 @@ import numpy as np
 
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.shapes.base import Solid
+from drake_rho.scenario.shapes.capsules import Capsule
 from drake_rho.scenario.shapes.cylinders import Cylinder
 from drake_rho.scenario.shapes.polyhedra import Box, Polytope
+from drake_rho.scenario.shapes.posed import Posed
 from drake_rho.scenario.shapes.quadrics import Ellipsoid, Sphere
 
 _AROUND = 40
@@ -95,6 +97,29 @@ def _(shape: Polytope) -> Surface:
         faces.append(_ring(triangles[facet].reshape(-1, 3), normal))
         left &= ~facet
     return Surface(faces, _sides(faces))
+
+
+@surface.register
+def _(shape: Capsule) -> Surface:
+    along = shape.half if shape.half.any() else np.eye(3)[2]
+    up = along / np.linalg.norm(along)
+    side = np.cross(up, np.eye(3)[np.argmin(np.abs(up))])
+    side /= np.linalg.norm(side)
+    axes = np.stack([side, np.cross(up, side), up])  # of a ball whose poles are the capsule's
+    # around its middle the faces of a ball with an odd number of rings reach from end to end
+    ball = unit_sphere()
+    ends = np.where(ball[..., 2:] > 0.0, shape.half, -shape.half)
+    return Surface(list(shape.radius * ball @ axes + ends), [])
+
+
+@surface.register
+def _(shape: Posed) -> Surface:
+    inner = surface(shape.shape)
+    shift = shape.rotation @ shape.shape.center + shape.translation - shape.center
+    faces, edges = (
+        [each @ shape.rotation.T + shift for each in part] for part in (inner.faces, inner.edges)
+    )
+    return Surface(faces, edges)
 
 
 def unit_sphere() -> FloatArray:

@@ -1,0 +1,213 @@
+"""Collision geometries of SDF, URDF and MJCF files, as shapes where Drake's parser places them.
+
+This is the only module of its room that uses Drake, whose parser reads these formats; it is loaded
+when a world is read, and not before.
+"""
+
+from __future__ import annotations
+
+import logging
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from drake_rho.scenario.errors import Description, ScenarioError
+from drake_rho.scenario.fields import FloatArray
+from drake_rho.scenario.maps.mesh import Mesh
+from drake_rho.scenario.maps.mesh_files import ENDINGS, read_mesh
+from drake_rho.scenario.maps.source import named, unreadable
+from drake_rho.scenario.maps.world_files import WorldFiles, no_shape, world_files
+from drake_rho.scenario.poses import Pose
+from drake_rho.scenario.shapes.base import Solid
+from drake_rho.scenario.shapes.capsules import Capsule
+from drake_rho.scenario.shapes.cylinders import Cylinder
+from drake_rho.scenario.shapes.polyhedra import Box, Polytope
+from drake_rho.scenario.shapes.posed import Posed
+from drake_rho.scenario.shapes.quadrics import Ellipsoid, Sphere
+
+GROUND = (200.0, 200.0, 1.0)
+"""Sides of the box that stands for an endless plane [m], with its top in the plane."""
+
+_ALONG = 1e-12
+"""Deviation of a rotation's numbers from 0 and 1 up to which it turns axes into axes."""
+
+_LEFT_OUT = re.compile("(geom type|fromto tag|mesh asset|unknown mesh).*ignored")
+"""Warnings of Drake that a geometry is left out."""
+
+_Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+"""Rotation by which Drake turns glTF files, in which y is up."""
+
+
+class Geometry(NamedTuple):
+    """Collision geometry of a world."""
+
+    name: str
+    """name of the body and, after it, of the geometry"""
+    shape: Solid
+    """shape or mesh, where the world places it"""
+
+
+def read_world(path: str | Path, pose: Pose) -> list[Geometry]:
+    """Return the collision geometries of a world in its default configuration.
+
+    Args:
+        path: of an .sdf, .urdf or MJCF .xml file.
+        pose: in which the world is placed.
+
+    Raises:
+        ScenarioError: the file cannot be read, has no collision geometry, or one that cannot be
+            represented, or refers to files that are not in its folder.
+    """
+    files = world_files(path)
+    try:
+        with _quiet() as warnings:
+            parts = list(_parts(files))
+    except RuntimeError as error:  # of Drake
+        raise unreadable(files.path, error, "an SDF, URDF or MJCF file") from None
+    for text in warnings:
+        if _LEFT_OUT.search(text):
+            raise unreadable(files.path, text, "geometries that Drake reads")
+    if not parts:
+        given = Description("no collision geometry")
+        raise ScenarioError(named(path), given, "a world with something to collide with")
+    return [Geometry(name, _placed(files.path, name, *part, pose)) for name, *part in parts]
+
+
+@contextmanager
+def _quiet() -> Iterator[list[str]]:
+    """Collect Drake's warnings instead of printing them."""
+    texts = list[str]()
+    handler = logging.Handler()
+    handler.emit = lambda record: texts.append(record.getMessage())  # type: ignore[method-assign]
+    logger = logging.getLogger("drake")
+    before = logger.level, logger.propagate
+    logger.addHandler(handler)
+    logger.propagate = False
+    logger.setLevel(logging.WARNING)
+    try:
+        yield texts
+    finally:
+        logger.setLevel(before[0])
+        logger.propagate = before[1]
+        logger.removeHandler(handler)
+
+
+def _parts(files: WorldFiles) -> Iterator[tuple[str, Any, FloatArray, FloatArray]]:
+    """Return the name, Drake's shape, rotation and position of every collision geometry."""
+    from pydrake.geometry import Role
+    from pydrake.multibody.parsing import Parser
+    from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
+    from pydrake.systems.framework import DiagramBuilder
+
+    builder = DiagramBuilder()
+    plant, scene = AddMultibodyPlantSceneGraph(builder, 0.0)
+    parser = Parser(plant)
+    packages = parser.package_map()
+    for name in packages.GetPackageNames():  # some of these would be downloaded
+        packages.Remove(name)
+    for name, folder in files.packages.items():
+        packages.Add(name, str(folder))
+    parser.AddModels(str(files.path))
+    plant.Finalize()
+    diagram = builder.Build()
+    context = diagram.CreateDefaultContext()
+    query = scene.get_query_output_port().Eval(scene.GetMyContextFromRoot(context))
+    inspector = query.inspector()
+    for each in sorted(inspector.GetAllGeometryIds(Role.kProximity), key=lambda id: id.get_value()):
+        body = plant.GetBodyFromFrameId(inspector.GetFrameId(each))
+        own = inspector.GetName(each).rpartition("::")[2]
+        pose = query.GetPoseInWorld(each)
+        of_world = body.index() == plant.world_body().index()
+        name = own if of_world else f"{body.scoped_name().get_full()}::{own}"
+        yield name, inspector.GetShape(each), pose.rotation().matrix(), pose.translation()
+
+
+def _placed(
+    path: Path, name: str, shape: Any, rotation: FloatArray, position: FloatArray, pose: Pose
+) -> Solid:
+    """Return the shape of a geometry in the world.
+
+    Raises:
+        ScenarioError: there is none; the error names the geometry.
+    """
+    turn = rotation if pose.rotation is None else pose.rotation @ rotation
+    at = pose.moved(position[None])[0]
+    try:
+        found = _shape(shape, turn, at)
+        if found is not None:
+            found.check_solid()
+    except (ScenarioError, RuntimeError) as error:
+        given = Description(f"the collision geometry {name}: {_reason(error)}")
+        raise ScenarioError(named(path), given, "one that can be read, with an inside") from None
+    if found is None:
+        raise no_shape(path, name, type(shape).__name__)
+    return found
+
+
+def _reason(error: Exception) -> str:
+    return " ".join(str(error).split())[:200]
+
+
+def _shape(shape: Any, turn: FloatArray, at: FloatArray) -> Solid | None:
+    """Return Drake's shape as one of ours; None if there is none."""
+    match type(shape).__name__:
+        case "Sphere":
+            return Sphere(at, shape.radius())
+        case "Box":
+            return _box(np.asarray(shape.size()) / 2.0, turn, at)
+        case "HalfSpace":
+            half = np.array(GROUND) / 2.0
+            return _box(half, turn, at - half[2] * turn[:, 2])
+        case "Ellipsoid":
+            axes = np.array([shape.a(), shape.b(), shape.c()])
+            if (along := _along_axes(turn)) is not None:
+                return Ellipsoid(at, np.abs(along) @ axes)
+            return Posed(Ellipsoid(np.zeros(3), axes), turn, at)
+        case "Cylinder":
+            return _cylinder(shape.radius(), shape.length(), turn, at)
+        case "Capsule":
+            half = shape.length() / 2.0 * turn[:, 2]
+            return Capsule(at - half, at + half, shape.radius())
+        case "Convex":
+            hull = shape.GetConvexHull()
+            corners = np.array([hull.vertex(k) for k in range(hull.num_vertices())])
+            return Polytope(corners @ turn.T + at)
+        case "Mesh":
+            return _mesh(shape, turn, at)
+    return None
+
+
+def _along_axes(turn: FloatArray) -> FloatArray | None:
+    """Return a rotation of axes into axes with whole numbers; None for any other."""
+    whole = np.round(turn)
+    return whole if np.abs(turn - whole).max() <= _ALONG else None
+
+
+def _box(half: FloatArray, turn: FloatArray, at: FloatArray) -> Solid:
+    if (along := _along_axes(turn)) is not None:
+        extent = np.abs(along) @ half
+        return Box(at - extent, at + extent)
+    return Posed(Box(-half, half), turn, at)
+
+
+def _cylinder(radius: float, height: float, turn: FloatArray, at: FloatArray) -> Solid:
+    for axis, along in zip("xyz", turn[:, 2], strict=True):
+        if abs(along) >= 1.0 - _ALONG**2:  # only this close does its axis not deviate by more
+            return Cylinder(at, radius, height, axis)  # type: ignore[arg-type]
+    return Posed(Cylinder(np.zeros(3), radius, height), turn, at)
+
+
+def _mesh(shape: Any, turn: FloatArray, at: FloatArray) -> Solid | None:
+    """Return the triangles of a mesh's file; None for files that hold volumes."""
+    source = shape.source()
+    if not source.is_path() or source.extension().lower() not in ENDINGS:
+        return None
+    found = read_mesh(source.path())
+    vertices = found.vertices
+    if source.extension().lower() == ".gltf":
+        vertices = vertices @ _Y_UP.T
+    return Mesh((vertices * np.asarray(shape.scale3())) @ turn.T + at, found.triangles)

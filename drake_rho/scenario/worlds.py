@@ -1,0 +1,101 @@
+"""Worlds in SDF, URDF and MJCF files, as the obstacles that their collision geometries are."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import BeforeValidator, Field, TypeAdapter, ValidationError, ValidationInfo
+
+from drake_rho.scenario.arguments import checked
+from drake_rho.scenario.context import Context, context_of
+from drake_rho.scenario.errors import Description, ScenarioError
+from drake_rho.scenario.fields import Vector, record
+from drake_rho.scenario.maps.source import named
+from drake_rho.scenario.maps.worlds import read_world
+from drake_rho.scenario.obstacles import AnyObstacle, Obstacle
+from drake_rho.scenario.poses import Pose, pose_of
+from drake_rho.scenario.refusals import scenario_error
+from drake_rho.scenario.rotations import Rotation
+
+_LONGEST = 80
+"""Longest name of an obstacle."""
+
+
+@record
+class WorldFile:
+    """World in a file of its own, in place of which its collision geometries are obstacles."""
+
+    world: Annotated[str, Field(min_length=1)]
+    """path of an .sdf, .urdf or MJCF .xml file, relative to the folder of the scenario's file"""
+    position: Vector | None = None
+    """position of the world's origin [m]; the origin if not given"""
+    rotation: Rotation | None = None
+    """rotation about the world's origin: roll, pitch and yaw [rad], or a matrix; none if not
+    given"""
+
+
+@checked
+def load_world(path: str | Path, pose: object = None) -> tuple[Obstacle, ...]:
+    """Return the collision geometries of an SDF, URDF or MJCF file as obstacles at rest.
+
+    They are placed by Drake's parser, with all joints as the file has them at first. Meshes are
+    `Mesh`es, convex ones `Polytope`s. An endless plane becomes a box of 200 m by 200 m, 1 m thick,
+    with the middle of its top at the origin of the plane. Only files in the folder of the world's
+    file are read.
+
+    Args:
+        path: of an .sdf, .urdf or .xml file.
+        pose: in which the world is placed, a 4 x 4 matrix or Drake's `RigidTransform`.
+
+    Returns:
+        Obstacles with the names of their bodies and geometries, in the order of the file.
+
+    Raises:
+        ScenarioError: the file cannot be read, has no collision geometry, or one that no obstacle
+            can represent, or refers to files outside of its folder.
+    """
+    found = read_world(path, pose_of(pose))
+    return tuple(Obstacle(each.shape, name=_name(each.name)) for each in found)
+
+
+def _name(text: str) -> str:
+    """Return a name that can be shown: the end of a long one."""
+    shown = "".join(each if each.isprintable() else "?" for each in text)
+    return shown if len(shown) <= _LONGEST else "…" + shown[1 - _LONGEST :]
+
+
+def _expanded(value: object, info: ValidationInfo[Context | None]) -> object:
+    """Return obstacles with those of worlds in place of references to their files."""
+    if not isinstance(value, list | tuple):
+        return value
+    found = list[object]()
+    for index, each in enumerate(value):
+        if not isinstance(each, Mapping) or "world" not in each:
+            found.append(each)
+            continue
+        try:
+            found += _of_reference(each, context_of(info).folder)
+        except ScenarioError as error:
+            raise error.inside(f"[{index}]") from None
+    return tuple(found)
+
+
+def _of_reference(value: object, folder: Path) -> tuple[Obstacle, ...]:
+    try:
+        form: WorldFile = TypeAdapter(WorldFile).validate_python(value)
+    except ValidationError as error:
+        raise scenario_error(error, WorldFile) from None
+    try:
+        return load_world(folder / form.world, Pose(form.rotation, form.position))
+    except ScenarioError as error:
+        reason = Description(f"{named(form.world)}: {error.value}")
+        raise ScenarioError("world", reason, error.expected) from None
+
+
+Obstacles = Annotated[
+    tuple[AnyObstacle, ...],
+    BeforeValidator(_expanded, json_schema_input_type=tuple[AnyObstacle | WorldFile, ...]),
+]
+"""Obstacles; a reference to a world's file stands for all obstacles in it."""
