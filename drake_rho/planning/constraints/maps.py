@@ -142,7 +142,9 @@ class KeepOutOfMap(KeepOutOfObstacle):
         return self.rows(points)
 
 
-def _least_of_each(vehicles: IntArray, moments: FloatArray, values: FloatArray) -> IntArray:
+def _least_of_each(
+    vehicles: IntArray, moments: FloatArray | IntArray, values: FloatArray
+) -> IntArray:
     """Return the index of the least value of each vehicle and moment, sorted by these."""
     order = np.lexsort((values, moments, vehicles))
     vehicles, moments = vehicles[order], moments[order]
