@@ -19,6 +19,13 @@ def cloud_of_cells(rng: np.random.Generator) -> Cells:
     return np.argwhere(rng.random((6, 6, 6)) < rng.uniform(0.05, 0.9))[: 1 + rng.integers(216)]
 
 
+def grid_of(cells: Cells) -> npt.NDArray[np.bool_]:
+    """Return the cube of 6 cells in which given ones are True, shape (6, 6, 6)."""
+    grid = np.zeros((6, 6, 6), dtype=bool)
+    grid[tuple(cells.T)] = True
+    return grid
+
+
 def box_distances(x: Array, lower: npt.ArrayLike, upper: npt.ArrayLike) -> Array:
     """Return distances of positions (Q, 3) from the nearest of boxes (B, 3), 0 inside."""
     gaps = np.maximum(np.asarray(lower) - x[:, None], x[:, None] - np.asarray(upper))

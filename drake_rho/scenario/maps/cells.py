@@ -46,13 +46,16 @@ def joined(cells: IntArray, axes: tuple[int, ...]) -> tuple[IntArray, IntArray]:
 
 
 def free_neighbours(cells: IntArray) -> IntArray:
-    """Return the cells that are not among the given ones but touch one, shape (S, 3)."""
-    around = np.array([step for step in product((-1, 0, 1), repeat=3) if any(step)])
-    candidates = unique(np.concatenate([cells + step for step in around]))
-    both = np.concatenate([cells, candidates])
-    _, firsts, counts = np.unique(_keys(both), return_index=True, return_counts=True)
-    free: IntArray = both[firsts[(counts == 1) & (firsts >= len(cells))]]
-    return free
+    """Return the free cells that share a face with one of the given cells, shape (S, 3).
+
+    Every point of the surface of the given cells is in one of them.
+    """
+    found = []
+    for axis, side in product(range(3), (-1, 1)):
+        beside = exposed(cells, axis, side)
+        beside[:, axis] += side
+        found.append(beside)
+    return unique(np.concatenate(found))
 
 
 def exposed(cells: IntArray, axis: int, side: int) -> IntArray:

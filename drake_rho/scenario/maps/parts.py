@@ -147,12 +147,6 @@ class Parts(Solid):
         order = order[d[order] < distances[queries[order]]]
         parts[queries[order]], distances[queries[order]] = others[order], d[order]
 
-    def near(
-        self, lower: FloatArray, upper: FloatArray, within: FloatArray
-    ) -> tuple[IntArray, IntArray]:
-        """Return the parts near boxes in their frame; see `BoxTree.pairs`."""
-        return self.tree.pairs(lower, upper, within)
-
     def __str__(self) -> str:
         """Return a description: '120 parts'."""
         return f"{len(self)} parts"
