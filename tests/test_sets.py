@@ -223,3 +223,18 @@ def test_bad_sets_are_named(make: Callable[[], object], field: str) -> None:
     with pytest.raises(rho.ScenarioError) as found:
         make()
     assert found.value.field == field
+
+
+def test_a_users_set_may_have_the_name_of_a_shape() -> None:
+    class Capsule:
+        def support(self, n: Array) -> Array:
+            return np.ones(n.shape[:-1])
+
+        def signed_distance(self, x: Array) -> Array:
+            return np.asarray(np.linalg.norm(x, axis=-1) - 1.0)
+
+        def outward(self, x: Array) -> Array:
+            return x / np.linalg.norm(x, axis=-1, keepdims=True)
+
+    own = Capsule()
+    assert rho.KeepIn(own, of="velocity").set is own

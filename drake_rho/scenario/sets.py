@@ -17,6 +17,7 @@ from pydantic.json_schema import SkipJsonSchema
 from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.errors import Description, ScenarioError
 from drake_rho.scenario.fields import LARGEST, FloatArray, record_kind
+from drake_rho.scenario.shapes.base import Shape
 from drake_rho.scenario.shapes.posed import KINDS, POSE, AnyConvex
 from drake_rho.scenario.shapes.unbounded import Cone, HalfSpace
 
@@ -185,8 +186,8 @@ def _kind(value: object) -> str:
     """Return the name of a set's type, or of the type that a mapping describes; else `_OWN`."""
     if isinstance(value, Mapping):
         return record_kind(value, _KINDS, "Sphere")
-    name = type(value).__name__
-    return name if name in _KINDS else _OWN
+    ours = isinstance(value, Shape | Cone | HalfSpace)  # others may have their names
+    return type(value).__name__ if ours else _OWN
 
 
 def _own_set(value: object) -> Any:
