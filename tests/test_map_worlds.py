@@ -49,16 +49,17 @@ BALL = collision("ball", "<sphere><radius>0.5</radius></sphere>")
 LAB = sdf(
     collision("plate", "<box><size>1 2 0.1</size></box>", "1 2 0.5 0 0 0")
     + collision("beam", "<box><size>4 0.2 0.3</size></box>", "1 2 2 0.1 0.2 0.3")
-    + collision("pole", "<cylinder><radius>0.1</radius><length>3</length></cylinder>", "4 0 0 0 0 0")
-    + collision("pipe", "<cylinder><radius>.2</radius><length>2</length></cylinder>", "0 4 1 1 .3 0")
+    + collision("pole", "<cylinder><radius>.1</radius><length>3</length></cylinder>", "4 0 0 0 0 0")
+    + collision("pipe", "<cylinder><radius>.2</radius><length>2</length></cylinder>", "0 4 1 1 .3 0")  # noqa: E501
     + collision("egg", "<ellipsoid><radii>0.3 0.4 0.5</radii></ellipsoid>", "-3 0 1 0 0 0")
     + collision("pill", "<capsule><radius>.2</radius><length>1</length></capsule>", "-2 2 1 1 1 0")
     + collision("ball", "<sphere><radius>0.5</radius></sphere>", "-2 -3 1 0 0 0")
     + collision("corner", "<mesh><uri>l.obj</uri><scale>1 2 0.5</scale></mesh>", "3 3 0 0.2 0 1")
-    + collision("hull", "<mesh><uri>meshes/l.obj</uri><drake:declare_convex/></mesh>", "3 -4 0 0 1 0"),
+    + collision("hull", "<mesh><uri>meshes/l.obj</uri><drake:declare_convex/></mesh>", "3 -4 0 0 1 0"),  # noqa: E501
     "0.5 0 0 0 0 0.2",
 )  # fmt: skip
-URDF = """<robot name="u"><link name="base"><collision name="block"><origin xyz="0 0 1" rpy="0 0 0.4"/>
+URDF = """<robot name="u"><link name="base">
+<collision name="block"><origin xyz="0 0 1" rpy="0 0 0.4"/>
 <geometry><box size="1 2 3"/></geometry></collision></link>
 <link name="arm"><collision name="rod"><geometry><cylinder radius="0.1" length="2"/></geometry>
 </collision><collision name="tip"><origin xyz="0 0 1"/><geometry><mesh filename="l.obj"/></geometry>
@@ -112,7 +113,7 @@ def test_distances_from_every_geometry_are_those_of_drake(folder: Path, name: st
     for x in rng.uniform(-6.0, 6.0, (60, 3)):
         for each, expected in distances(x).items():
             if expected > 0.0:
-                # Drake stops its search for the nearest point of an ellipsoid earlier than for others
+                # Drake stops its search for the nearest point of an ellipsoid earlier
                 tolerance = 1e-3 if each == "egg" else 1e-6
                 assert own[each].signed_distance(x) == pytest.approx(expected, abs=tolerance), each
                 compared += 1
@@ -174,7 +175,11 @@ def test_a_world_in_a_scenario_expands_in_its_place_and_is_saved_so(folder: Path
     scenario = rho.load_scenario(path)
     pose = RigidTransform(RollPitchYaw(0, 0, 0.5), [1, 0, 0])
     expected = rho.load_world(folder / "lab.sdf", pose)
-    assert scenario.obstacles[1:-1] == expected
+    found = scenario.bodies[1:-1]
+    assert [each.name for each in found] == [each.name for each in expected]
+    x = np.random.default_rng(0).uniform(-5.0, 5.0, (50, 3))
+    for one, other in zip(found, expected, strict=True):
+        assert one.shape.signed_distance(x) == pytest.approx(other.shape.signed_distance(x))
     assert scenario.obstacle_name(2) == "obstacle 2 (m::l::plate)"
     rho.save_scenario(scenario, folder / "saved.yaml")
     assert "world" not in (folder / "saved.yaml").read_text()
@@ -271,7 +276,7 @@ def test_packages_and_models_in_the_folder_are_found(folder: Path, uri: str) -> 
     (folder / "table").mkdir()
     (folder / "table" / "model.config").write_text("<model><sdf>table.sdf</sdf></model>")
     (folder / "table" / "table.sdf").write_text(_mesh(uri if ":" in uri else "../l.obj"))
-    (folder / "t.sdf").write_text(_include("model://table"))
+    (folder / "t.sdf").write_text(_include("model://table/"))
     (found,) = rho.load_world(folder / "t.sdf")
     assert isinstance(found.shape, rho.Mesh)
 
@@ -290,9 +295,10 @@ def test_packages_and_models_in_the_folder_are_found(folder: Path, uri: str) -> 
         ),
         ("t.sdf", sdf(collision("c", "<mesh><uri>a.dae</uri></mesh>")), "kind mesh in .dae"),
         ("t.sdf", sdf(""), r"t\.sdf: got no collision geometry"),
-        ("t.sdf", sdf(BALL).replace("0.5", "-1"), r"t\.sdf: got a damaged file"),
+        ("t.sdf", sdf(BALL).replace("0.5", "-1"), "geometry ball of size -1, expected"),
         ("t.sdf", sdf(collision("sheet", "<box><size>9 9 1e-5</size></box>")), "sheet.*flat shape"),
         ("t.sdf", _include("t.sdf"), "includes itself"),
+        ("t.sdf", _include("model://table"), "model://table/, with a slash"),
         ("t.xml", MJCF.replace('type="cylinder"', 'type="hfield"'), "post, of kind hfield"),
         ("t.xml", MJCF.replace('mesh="q"', 'mesh="r"'), "ignored"),
         ("t.xml", "<mujoco model='a'/>", "no collision geometry"),

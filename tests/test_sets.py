@@ -227,14 +227,14 @@ def test_bad_sets_are_named(make: Callable[[], object], field: str) -> None:
 
 def test_a_users_set_may_have_the_name_of_a_shape() -> None:
     class Capsule:
-        def support(self, n: Array) -> Array:
+        def support(self, n: FloatArray) -> FloatArray:
             return np.ones(n.shape[:-1])
 
-        def signed_distance(self, x: Array) -> Array:
+        def signed_distance(self, x: FloatArray) -> FloatArray:
             return np.asarray(np.linalg.norm(x, axis=-1) - 1.0)
 
-        def outward(self, x: Array) -> Array:
-            return x / np.linalg.norm(x, axis=-1, keepdims=True)
+        def outward(self, x: FloatArray) -> FloatArray:
+            return np.asarray(x / np.linalg.norm(x, axis=-1, keepdims=True))
 
     own = Capsule()
     assert rho.KeepIn(own, of="velocity").set is own

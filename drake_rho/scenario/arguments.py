@@ -42,7 +42,12 @@ class _Kind(NamedTuple):
     """class all of whose instances are of this kind; None if `has` must decide"""
 
 
-_NAMES = {"ConvexSet": "a convex set", "SolverInterface": "a Drake solver", "str": "a string"}
+_NAMES = {
+    "ConvexSet": "a convex set",
+    "HasMatrix": "a pose of Drake",
+    "SolverInterface": "a Drake solver",
+    "str": "a string",
+}
 """Plain names of types in error messages."""
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -32,19 +32,31 @@ class Pose(NamedTuple):
         return {name: array.tolist() for name, array in given.items() if array is not None}
 
 
+@runtime_checkable
+class HasMatrix(Protocol):
+    """Pose with a matrix, such as Drake's `RigidTransform`."""
+
+    def GetAsMatrix4(self) -> FloatArray:  # noqa: N802  # Drake's name
+        """Return the pose as a matrix, shape (4, 4)."""
+        ...
+
+
+AnyPose = FloatArray | HasMatrix | Pose | None
+"""Pose as users give it: a 4 x 4 matrix or Drake's `RigidTransform`; None leaves all in place."""
+
+
 def pose_of(value: Any) -> Pose:
     """Return a pose.
 
     Args:
-        value: None, a 4 x 4 matrix, an object with a method `GetAsMatrix4`, such as Drake's
-            `RigidTransform`, or a `Pose`.
+        value: one of `AnyPose`.
 
     Raises:
         ScenarioError: the value is none of these.
     """
     if value is None or isinstance(value, Pose):
         return value or Pose()
-    given = value.GetAsMatrix4() if callable(getattr(value, "GetAsMatrix4", None)) else value
+    given = value.GetAsMatrix4() if isinstance(value, HasMatrix) else value
     try:
         matrix = np.array(given, dtype=np.float64)
     except (TypeError, ValueError):

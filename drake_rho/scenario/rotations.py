@@ -14,6 +14,9 @@ from drake_rho.scenario.fields import Finite, FloatArray, read_only
 _OFF = 1e-6
 """Largest deviation of a matrix from a rotation; what is left below it is removed."""
 
+_ROUNDING = 1e-14
+"""Deviation that products of rotations have by rounding, which is left as it is."""
+
 _EXPECTED = "roll, pitch and yaw [rad], or a 3 x 3 rotation matrix"
 
 

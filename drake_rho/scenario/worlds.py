@@ -15,7 +15,7 @@ from drake_rho.scenario.fields import Vector, record
 from drake_rho.scenario.maps.source import named
 from drake_rho.scenario.maps.worlds import read_world
 from drake_rho.scenario.obstacles import AnyObstacle, Obstacle
-from drake_rho.scenario.poses import Pose, pose_of
+from drake_rho.scenario.poses import AnyPose, Pose, pose_of
 from drake_rho.scenario.refusals import scenario_error
 from drake_rho.scenario.rotations import Rotation
 
@@ -37,7 +37,7 @@ class WorldFile:
 
 
 @checked
-def load_world(path: str | Path, pose: object = None) -> tuple[Obstacle, ...]:
+def load_world(path: str | Path, pose: AnyPose = None) -> tuple[Obstacle, ...]:
     """Return the collision geometries of an SDF, URDF or MJCF file as obstacles at rest.
 
     They are placed by Drake's parser, with all joints as the file has them at first. Meshes are

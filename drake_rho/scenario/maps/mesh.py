@@ -18,7 +18,7 @@ from drake_rho.scenario.maps.mesh_files import read_mesh
 from drake_rho.scenario.maps.parts import Triangles
 from drake_rho.scenario.maps.source import Source, named, source_of
 from drake_rho.scenario.maps.stored import NumberRows, WholeRows
-from drake_rho.scenario.poses import pose_of
+from drake_rho.scenario.poses import AnyPose, pose_of
 
 
 @record
@@ -64,7 +64,7 @@ class Mesh(Map):
 
     @classmethod
     @checked
-    def load(cls, path: str | Path, scale: float = 1.0, pose: object = None) -> Mesh:
+    def load(cls, path: str | Path, scale: float = 1.0, pose: AnyPose = None) -> Mesh:
         """Return the triangles of a mesh file, those of all its geometries.
 
         Args:

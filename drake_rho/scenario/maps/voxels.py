@@ -30,7 +30,7 @@ from drake_rho.scenario.maps.parts import Boxes
 from drake_rho.scenario.maps.point_clouds import cells_of_points, read_points
 from drake_rho.scenario.maps.source import Source, named, source_of
 from drake_rho.scenario.maps.stored import WholeRows
-from drake_rho.scenario.poses import Pose, pose_of
+from drake_rho.scenario.poses import AnyPose, Pose, pose_of
 from drake_rho.scenario.rotations import Rotation
 
 
@@ -88,7 +88,7 @@ class Voxels(Map):
         cls,
         path: str | Path,
         unknown: Literal["free", "occupied"] | None = None,
-        pose: object = None,
+        pose: AnyPose = None,
     ) -> Voxels:
         """Return the occupied cells of an OctoMap, at its finest resolution.
 
@@ -119,7 +119,7 @@ class Voxels(Map):
 
     @classmethod
     def from_points(
-        cls, points: npt.ArrayLike | str | Path, resolution: float, pose: object = None
+        cls, points: npt.ArrayLike | str | Path, resolution: float, pose: AnyPose = None
     ) -> Voxels:
         """Return the cells of a grid that hold a point of a cloud.
 

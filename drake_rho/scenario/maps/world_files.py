@@ -89,6 +89,9 @@ class WorldFiles:
         given = Description(f"a reference to {text}")
         where = f"only files in {named(self.folder)}, by paths relative to it"
         name = re.match(r"(?:package|model)://([\w-][\w.-]*)(/.*)?$", text)
+        if name is not None and name[2] is None and text.startswith("model:"):
+            expected = f"{text}/, with a slash, by which Drake's parser finds it"
+            raise ScenarioError(named(user), given, expected)
         if name is not None:
             bases, rest = [self._package(name[1], user)], (name[2] or "").lstrip("/")
         elif "\\" in text or re.match(r"[A-Za-z][\w+.-]*:", text):
@@ -234,12 +237,30 @@ def _check_geometries(path: Path, tree: Element) -> None:
             for child in geometry:
                 if child.tag.removeprefix("drake:") not in _SHAPES:
                     raise no_shape(path, collision.get("name", "without a name"), child.tag)
+                for size in (*child.findall("*"), child):
+                    _check_size_of(path, collision, size)
                 if child.tag == "mesh" and (ending := _ending(child)) not in _MESHES:
                     kind = f"mesh in {ending or 'a file without ending'}"
                     raise no_shape(path, collision.get("name", "without a name"), kind)
     for geom in tree.iter("geom"):
-        if (kind := geom.get("type")) in _NO_SHAPES:
-            raise no_shape(path, geom.get("name", "without a name"), str(kind))
+        kind = geom.get("type", "")
+        if kind in _NO_SHAPES:
+            raise no_shape(path, geom.get("name", "without a name"), kind)
+
+
+def _check_size_of(path: Path, collision: Element, size: Element) -> None:
+    """Check that the dimensions of a geometry are above 0; Drake's parser takes others for 1 m.
+
+    Raises:
+        ScenarioError: one is not.
+    """
+    texts = [size.get(name, "") for name in ("radius", "length", "size")]
+    if size.tag in ("radius", "length", "size", "radii"):
+        texts.append(size.text or "")
+    for text in texts:
+        if any(number.startswith("-") or not number.strip("0.") for number in text.split()):
+            given = Description(f"the collision geometry {collision.get('name')} of size {text}")
+            raise ScenarioError(named(path), given, "dimensions above 0")
 
 
 def _ending(mesh: Element) -> str:

@@ -9,9 +9,11 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 import numpy.typing as npt
 from pydantic import Discriminator, GetJsonSchemaHandler, Tag
+from pydantic.dataclasses import rebuild_dataclass
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema
 
+from drake_rho.scenario.described import signature_of
 from drake_rho.scenario.fields import FloatArray, Vector, read_only, record, record_kind
 from drake_rho.scenario.rotations import Rotation
 from drake_rho.scenario.shapes.base import Quadric, Shape
@@ -159,3 +161,6 @@ AnyConvex = (
     | Annotated[Posed, Tag("Posed")]
 )
 """One of the convex shapes that are at most endless along a line, by the name of its type."""
+
+rebuild_dataclass(Posed)  # type: ignore[arg-type]  # its field may be posed itself: now that is known
+Posed.__signature__ = signature_of(Posed)  # type: ignore[attr-defined]  # pydantic has set its own
