@@ -271,14 +271,29 @@ def test_meshes_refer_to_nothing_outside_of_the_folder(folder: Path, name: str, 
         rho.load_world(folder / "t.sdf")
 
 
-@pytest.mark.parametrize("uri", ["package://meshes/l.obj", "package://lab/l.obj", "meshes/l.obj"])
+CONFIG = "<model><name>table</name><sdf version='1.7'>table.sdf</sdf></model>"
+
+
+@pytest.mark.parametrize("uri", ["package://meshes/l.obj", "package://lab/l.obj"])
 def test_packages_and_models_in_the_folder_are_found(folder: Path, uri: str) -> None:
     (folder / "table").mkdir()
-    (folder / "table" / "model.config").write_text("<model><sdf>table.sdf</sdf></model>")
-    (folder / "table" / "table.sdf").write_text(_mesh(uri if ":" in uri else "../l.obj"))
+    (folder / "table" / "model.config").write_text(CONFIG)
+    (folder / "table" / "table.sdf").write_text(_mesh(uri))
     (folder / "t.sdf").write_text(_include("model://table/"))
     (found,) = rho.load_world(folder / "t.sdf")
     assert isinstance(found.shape, rho.Mesh)
+
+
+@pytest.mark.parametrize(
+    "config", ["<model><sdf>table.sdf</sdf></model>", CONFIG.replace(" version='1.7'", ""), "<a/>"]
+)
+def test_the_config_of_a_model_is_whole(folder: Path, config: str) -> None:
+    (folder / "table").mkdir()
+    (folder / "table" / "model.config").write_text(config)
+    (folder / "table" / "table.sdf").write_text(_mesh("../l.obj"))
+    (folder / "t.sdf").write_text(_include("model://table/"))
+    with pytest.raises(rho.ScenarioError, match="a model with a name, and an sdf with a version"):
+        rho.load_world(folder / "t.sdf")
 
 
 @pytest.mark.parametrize(

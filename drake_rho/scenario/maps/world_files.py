@@ -218,7 +218,14 @@ def _models(path: Path) -> list[Path]:
     config = path / "model.config"
     if not config.is_file():
         raise ScenarioError(named(path), Description("no model.config"), "the folder of a model")
-    found = [path / (each.text or "").strip() for each in _parsed(config).iter("sdf")]
+    tree = _parsed(config)
+    named_files = list(tree.iter("sdf"))
+    whole = tree.tag == "model" and tree.find("name") is not None
+    if not whole or not named_files or any(each.get("version") is None for each in named_files):
+        # Drake's parser ends the whole process where something is missing
+        expected = "a model with a name, and an sdf with a version"
+        raise ScenarioError(named(config), Description("another file"), expected)
+    found = [path / (each.text or "").strip() for each in named_files]
     for each in found:
         if not each.is_file() or not each.resolve().is_relative_to(path):
             given = Description(f"a reference to {each.name}")
