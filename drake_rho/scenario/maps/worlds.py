@@ -11,16 +11,18 @@ import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from drake_rho.scenario.errors import Description, ScenarioError
+from drake_rho.scenario.errors import Description, ScenarioError, shorten
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.maps.mesh import Mesh
 from drake_rho.scenario.maps.mesh_files import ENDINGS, read_mesh
 from drake_rho.scenario.maps.source import named, unreadable
-from drake_rho.scenario.maps.world_files import WorldFiles, no_shape, world_files
+from drake_rho.scenario.maps.world_files import WorldFiles, world_files
+from drake_rho.scenario.maps.world_xml import no_shape
 from drake_rho.scenario.poses import Pose
 from drake_rho.scenario.shapes.base import Solid
 from drake_rho.scenario.shapes.capsules import Capsule
@@ -63,18 +65,22 @@ def read_world(path: str | Path, pose: Pose) -> list[Geometry]:
             represented, or refers to files that are not in its folder.
     """
     files = world_files(path)
-    try:
-        with _quiet() as warnings:
-            parts = list(_parts(files))
-    except RuntimeError as error:  # of Drake
-        raise unreadable(files.path, error, "an SDF, URDF or MJCF file") from None
+    with TemporaryDirectory() as folder, _quiet() as warnings:
+        copies = files.copied(Path(folder))
+        try:
+            found = list(_geometries(files, copies.get(files.path, files.path), pose))
+        except RuntimeError as error:  # of Drake
+            reason = str(error)
+            for original, copy in copies.items():
+                reason = reason.replace(f"/{copy}", original.name).replace(f"{copy}", original.name)
+            raise unreadable(files.path, reason, "an SDF, URDF or MJCF file") from None
     for text in warnings:
         if _LEFT_OUT.search(text):
             raise unreadable(files.path, text, "geometries that Drake reads")
-    if not parts:
+    if not found:
         given = Description("no collision geometry")
         raise ScenarioError(named(path), given, "a world with something to collide with")
-    return [Geometry(name, _placed(files.path, name, *part, pose)) for name, *part in parts]
+    return found
 
 
 @contextmanager
@@ -96,8 +102,16 @@ def _quiet() -> Iterator[list[str]]:
         logger.removeHandler(handler)
 
 
-def _parts(files: WorldFiles) -> Iterator[tuple[str, Any, FloatArray, FloatArray]]:
-    """Return the name, Drake's shape, rotation and position of every collision geometry."""
+def _geometries(files: WorldFiles, path: Path, pose: Pose) -> Iterator[Geometry]:
+    """Return every collision geometry in the order of the file.
+
+    Shapes of Drake are gone with its diagram, which is why they are converted here.
+
+    Args:
+        files: of the world.
+        path: of the world's own file, or of its copy.
+        pose: in which the world is placed.
+    """
     from pydrake.geometry import Role
     from pydrake.multibody.parsing import Parser
     from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
@@ -111,7 +125,7 @@ def _parts(files: WorldFiles) -> Iterator[tuple[str, Any, FloatArray, FloatArray
         packages.Remove(name)
     for name, folder in files.packages.items():
         packages.Add(name, str(folder))
-    parser.AddModels(str(files.path))
+    parser.AddModels(str(path))
     plant.Finalize()
     diagram = builder.Build()
     context = diagram.CreateDefaultContext()
@@ -120,36 +134,32 @@ def _parts(files: WorldFiles) -> Iterator[tuple[str, Any, FloatArray, FloatArray
     for each in sorted(inspector.GetAllGeometryIds(Role.kProximity), key=lambda id: id.get_value()):
         body = plant.GetBodyFromFrameId(inspector.GetFrameId(each))
         own = inspector.GetName(each).rpartition("::")[2]
-        pose = query.GetPoseInWorld(each)
+        here = query.GetPoseInWorld(each)
         of_world = body.index() == plant.world_body().index()
         name = own if of_world else f"{body.scoped_name().get_full()}::{own}"
-        yield name, inspector.GetShape(each), pose.rotation().matrix(), pose.translation()
+        turn, at = here.rotation().matrix(), np.array(here.translation())
+        if pose.rotation is not None:
+            turn = pose.rotation @ turn
+        at = pose.moved(at[None])[0]
+        yield Geometry(name, _placed(files.path, name, inspector.GetShape(each), turn, at))
 
 
-def _placed(
-    path: Path, name: str, shape: Any, rotation: FloatArray, position: FloatArray, pose: Pose
-) -> Solid:
+def _placed(path: Path, name: str, shape: Any, turn: FloatArray, at: FloatArray) -> Solid:
     """Return the shape of a geometry in the world.
 
     Raises:
         ScenarioError: there is none; the error names the geometry.
     """
-    turn = rotation if pose.rotation is None else pose.rotation @ rotation
-    at = pose.moved(position[None])[0]
     try:
         found = _shape(shape, turn, at)
         if found is not None:
             found.check_solid()
-    except (ScenarioError, RuntimeError) as error:
-        given = Description(f"the collision geometry {name}: {_reason(error)}")
-        raise ScenarioError(named(path), given, "one that can be read, with an inside") from None
+    except ScenarioError as error:
+        given = Description(f"in the collision geometry {name} {shorten(error.value)}")
+        raise ScenarioError(named(path), given, error.expected) from None
     if found is None:
         raise no_shape(path, name, type(shape).__name__)
     return found
-
-
-def _reason(error: Exception) -> str:
-    return " ".join(str(error).split())[:200]
 
 
 def _shape(shape: Any, turn: FloatArray, at: FloatArray) -> Solid | None:
