@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import logging
 import os
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import Any
 import jsonschema
 import numpy as np
 import pytest
+import trimesh
 import yaml
 from pydrake.geometry import Role
 from pydrake.math import RigidTransform, RollPitchYaw
@@ -157,6 +159,19 @@ def test_a_plane_becomes_a_wide_box_below_it(folder: Path) -> None:
     assert floor.shape.signed_distance(x) == pytest.approx(
         in_drake(folder / "floor.sdf")[1](x)["floor"]
     )
+
+
+def test_meshes_in_gltf_are_turned_as_drake_turns_them(folder: Path) -> None:
+    mesh = trimesh.load(io.BytesIO(L_OBJ.encode()), file_type="obj")
+    for name, content in trimesh.Scene(mesh).export(file_type="gltf").items():
+        (folder / name).write_bytes(content)
+    uri, at = "<mesh><uri>model.gltf</uri><scale>1 2 3</scale>%s</mesh>", "1 2 3 .1 .2 .3"
+    both = collision("a", uri % "", at) + collision("b", uri % "<drake:declare_convex/>", at)
+    (folder / "t.sdf").write_text(sdf(both))
+    surface, hull = rho.load_world(folder / "t.sdf")
+    assert (type(surface.shape), type(hull.shape)) == (rho.Mesh, rho.Polytope)
+    np.testing.assert_allclose(surface.shape.center, hull.shape.center, atol=1e-6)
+    np.testing.assert_allclose(surface.shape.extent, hull.shape.extent, atol=1e-6)
 
 
 YAML = """name: yard

@@ -17,6 +17,7 @@ from pydantic.json_schema import SkipJsonSchema
 from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.errors import Description, ScenarioError
 from drake_rho.scenario.fields import LARGEST, FloatArray, record_kind
+from drake_rho.scenario.shapes.base import Shape
 from drake_rho.scenario.shapes.posed import KINDS, POSE, AnyConvex
 from drake_rho.scenario.shapes.unbounded import Cone, HalfSpace
 
@@ -186,7 +187,8 @@ def _kind(value: object) -> str:
     if isinstance(value, Mapping):
         return record_kind(value, _KINDS, "Sphere")
     name = type(value).__name__
-    return name if name in _KINDS else _OWN
+    is_ours = isinstance(value, Shape | HalfSpace | Cone)  # a user's class may have the same name
+    return name if is_ours and name in _KINDS else _OWN
 
 
 def _own_set(value: object) -> Any:

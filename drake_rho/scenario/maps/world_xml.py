@@ -83,8 +83,8 @@ def check_geometries(path: Path, tree: Element) -> None:
                 for length in (each for key in lengths for each in child.iter(key)):
                     _check_lengths(path, name, length)
     for geom in tree.iter("geom"):
-        if (kind := geom.get("type")) in _NO_SHAPES:
-            raise no_shape(path, geom.get("name", "without a name"), str(kind))
+        if geom.get("type", "") in _NO_SHAPES:
+            raise no_shape(path, geom.get("name", "without a name"), geom.attrib["type"])
 
 
 def _check_lengths(path: Path, name: str, element: Element) -> None:

@@ -98,7 +98,7 @@ class Capsule(Shape):
     def _across(self) -> FloatArray:
         """A unit vector across the segment, shape (3,)."""
         if not self.half.any():
-            return np.eye(3)[0]
+            return np.array([1.0, 0.0, 0.0])
         across = np.cross(self.half, np.eye(3)[np.argmin(np.abs(self.half))])
         unit: FloatArray = across / np.linalg.norm(across)
         return unit
