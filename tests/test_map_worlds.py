@@ -20,9 +20,12 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import DiagramBuilder
 
 import drake_rho as rho
+from drake_rho.cli.documents import Mapped
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.files import scenario_from_yaml, scenario_to_yaml
 from drake_rho.scenario.maps import world_xml
+from tests.test_cli import run
+from tests.test_cli_json import read
 
 # a solid that is not convex: an L
 L_OBJ = """v 0 0 0\nv 2 0 0\nv 2 1 0\nv 1 1 0\nv 1 2 0\nv 0 2 0
@@ -172,6 +175,21 @@ def test_meshes_in_gltf_are_turned_as_drake_turns_them(folder: Path) -> None:
     assert (type(surface.shape), type(hull.shape)) == (rho.Mesh, rho.Polytope)
     np.testing.assert_allclose(surface.shape.center, hull.shape.center, atol=1e-6)
     np.testing.assert_allclose(surface.shape.extent, hull.shape.extent, atol=1e-6)
+
+
+def test_the_command_map_lists_what_a_world_holds(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def answer(*words: str) -> tuple[int, str, str]:
+        return run(capsys, monkeypatch, "map", *words)
+
+    document = read(answer(str(folder / "lab.sdf"), "--json")[1], Mapped)
+    assert (document["kind"], len(document["obstacles"])) == ("world", 9)
+    assert document["obstacles"][2].startswith("m::l::pole: cylinder of radius 0.1 m")
+    assert "b::hull" in answer(str(folder / "x.xml"))[1]
+    status, _, error = answer(str(folder / "lab.sdf"), "--figure", str(folder / "a.png"))
+    assert status != 0
+    assert "--figure" in error
 
 
 YAML = """name: yard

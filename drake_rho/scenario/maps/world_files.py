@@ -18,10 +18,7 @@ from xml.etree.ElementTree import Element, tostring
 
 from drake_rho.scenario.errors import Description, ScenarioError
 from drake_rho.scenario.maps.source import checked_file, named
-from drake_rho.scenario.maps.world_xml import check_geometries, check_size, parsed
-
-ENDINGS = (".sdf", ".urdf", ".xml")
-"""Endings of files of worlds: SDF, URDF and MJCF."""
+from drake_rho.scenario.maps.world_xml import ENDINGS, check_geometries, check_size, parsed
 
 _MOST = 10_000
 """Largest number of files that are included, each as often as it is."""

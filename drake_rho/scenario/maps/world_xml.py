@@ -13,6 +13,9 @@ from xml.parsers import expat
 from drake_rho.scenario.errors import Description, ScenarioError
 from drake_rho.scenario.maps.source import named
 
+ENDINGS = (".sdf", ".urdf", ".xml")
+"""Endings of files of worlds: SDF, URDF and MJCF."""
+
 LARGEST = 64 << 20
 """Largest size of a file of a world, and of any that it refers to [bytes]."""
 

@@ -48,7 +48,7 @@ class Posed(Shape):
         [0.1, 2.0, 0.1]
     """
 
-    shape: Annotated[AnyConvex, Discriminator(_kind)]
+    shape: ConvexShape
     """shape as it is before it is rotated and translated"""
     rotation: Rotation = dataclasses.field(default_factory=lambda: read_only(np.eye(3)))
     """rotation about the origin: roll, pitch and yaw [rad], or a matrix; none if not given"""
@@ -159,3 +159,6 @@ AnyConvex = (
     | Annotated[Posed, Tag("Posed")]
 )
 """One of the convex shapes that are at most endless along a line, by the name of its type."""
+
+ConvexShape = Annotated[AnyConvex, Discriminator(_kind)]
+"""The same, identified by its keys in a file."""
