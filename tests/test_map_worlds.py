@@ -165,8 +165,9 @@ def test_a_plane_becomes_a_wide_box_below_it(folder: Path) -> None:
 
 
 def test_meshes_in_gltf_are_turned_as_drake_turns_them(folder: Path) -> None:
-    mesh = trimesh.load(io.BytesIO(L_OBJ.encode()), file_type="obj")
-    for name, content in trimesh.Scene(mesh).export(file_type="gltf").items():
+    library: Any = trimesh  # its functions have no types
+    mesh = library.load(io.BytesIO(L_OBJ.encode()), file_type="obj")
+    for name, content in library.Scene(mesh).export(file_type="gltf").items():
         (folder / name).write_bytes(content)
     uri, at = "<mesh><uri>model.gltf</uri><scale>1 2 3</scale>%s</mesh>", "1 2 3 .1 .2 .3"
     both = collision("a", uri % "", at) + collision("b", uri % "<drake:declare_convex/>", at)

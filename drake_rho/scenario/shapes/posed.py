@@ -38,6 +38,19 @@ def _kind(value: object) -> str:
     return record_kind(value, {"Posed": ("shape", *POSE), **KINDS}, "Sphere")
 
 
+_Basic = (
+    Annotated[Sphere, Tag("Sphere")]
+    | Annotated[Box, Tag("Box")]
+    | Annotated[Ellipsoid, Tag("Ellipsoid")]
+    | Annotated[Cylinder, Tag("Cylinder")]
+    | Annotated[Capsule, Tag("Capsule")]
+    | Annotated[Polytope, Tag("Polytope")]
+)
+ConvexShape = Annotated[_Basic | Annotated["Posed", Tag("Posed")], Discriminator(_kind)]
+"""One of the shapes of `AnyConvex`, identified by its keys in a file. It is for fields of `Posed`:
+defined before, so that pydantic does not complete the record later and undo what `record` adds."""
+
+
 @record
 class Posed(Shape):
     """Convex shape in another pose: rotated about the origin, then translated.
@@ -149,16 +162,5 @@ class Posed(Shape):
         return seen
 
 
-AnyConvex = (
-    Annotated[Sphere, Tag("Sphere")]
-    | Annotated[Box, Tag("Box")]
-    | Annotated[Ellipsoid, Tag("Ellipsoid")]
-    | Annotated[Cylinder, Tag("Cylinder")]
-    | Annotated[Capsule, Tag("Capsule")]
-    | Annotated[Polytope, Tag("Polytope")]
-    | Annotated[Posed, Tag("Posed")]
-)
+AnyConvex = _Basic | Annotated[Posed, Tag("Posed")]
 """One of the convex shapes that are at most endless along a line, by the name of its type."""
-
-ConvexShape = Annotated[AnyConvex, Discriminator(_kind)]
-"""The same, identified by its keys in a file."""
