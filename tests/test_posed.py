@@ -215,3 +215,16 @@ def test_poses_are_given_by_angles_matrices_or_those_of_drake() -> None:
         np.testing.assert_allclose(
             posed.support(corners), rho.Posed(box, given[0]).support(corners), atol=1e-12
         )
+
+
+def test_refused_arguments_are_errors_of_the_package_and_shapes_can_be_posed_twice() -> None:
+    ball = rho.Sphere([1, 0, 0], 0.5)
+    twice = rho.Posed(rho.Posed(ball, [0, 0, np.pi / 2]), translation=[0, 0, 3])
+    np.testing.assert_allclose(twice.center, [0, 1, 3], atol=1e-15)
+    assert twice.quadric_inside(0.0) is not None
+    wrong: Any
+    for wrong in (3, rho.Voxels([[0, 0, 0]], 1.0), rho.HalfSpace([0, 0, 1], 0.0), {"radius": 1}):
+        with pytest.raises(rho.ScenarioError, match=r"posed\.shape"):
+            rho.Posed(wrong)
+    with pytest.raises(rho.ScenarioError, match=r"posed\.rotation: got \[0, 1\]"):
+        rho.Posed(ball, [0, 1])

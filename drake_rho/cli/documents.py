@@ -138,15 +138,15 @@ class Mapped(Document):
     file: str
     """path of the file"""
     kind: str
-    """kind of the map: octomap, points or mesh"""
+    """kind of the map: octomap, points, mesh or world"""
     lower_m: list[float]
     """least coordinates of the obstacle, x, y and z"""
     upper_m: list[float]
     """greatest coordinates of the obstacle, x, y and z"""
     resolution_m: float | None
-    """side of the cells; null for a mesh"""
+    """side of the cells; null for a mesh or a world"""
     cells: int | None
-    """number of cells of the obstacle; null for a mesh"""
+    """number of cells of the obstacle; null for a mesh or a world"""
     occupied_cells: int | None
     """number of cells that an OctoMap has as occupied; null for other maps"""
     free_cells: int | None
@@ -159,6 +159,8 @@ class Mapped(Document):
     """number of vertices; null unless it is a mesh"""
     watertight: bool | None
     """true if a mesh has an inside, false if it is a surface; null unless it is a mesh"""
+    obstacles: list[str] | None
+    """names and shapes of the obstacles of a world; null for other maps"""
     parts: int
     """number of convex parts that planners keep clear of"""
     beyond_m: float

@@ -2,25 +2,32 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal
 
+import numpy as np
 import typer
+from rich.markup import escape
 from rich.table import Table
 
 from drake_rho.cli.checks import check_writable
 from drake_rho.cli.console import answer, working
 from drake_rho.cli.documents import Mapped
-from drake_rho.scenario.maps import mesh_files, octomaps, point_clouds
+from drake_rho.scenario.maps import mesh_files, octomaps, point_clouds, world_xml
 from drake_rho.scenario.maps.map import Map
 from drake_rho.scenario.maps.mesh import Mesh
 from drake_rho.scenario.maps.octomaps import Leaves, read_leaves
 from drake_rho.scenario.maps.parts import Parts
 from drake_rho.scenario.maps.voxels import Voxels
+from drake_rho.scenario.obstacles import Obstacle
+from drake_rho.scenario.worlds import load_world
 
 _FIGURES = (".png", ".pdf", ".svg")
 _KINDS = {"octomap": "an OctoMap", "points": "a point cloud", "mesh": "a mesh"}
-_ENDINGS = dict.fromkeys((*octomaps.ENDINGS, *point_clouds.ENDINGS, *mesh_files.ENDINGS))
+_ENDINGS = dict.fromkeys(
+    (*octomaps.ENDINGS, *point_clouds.ENDINGS, *mesh_files.ENDINGS, *world_xml.ENDINGS)
+)
 
 
 def map(
@@ -29,7 +36,8 @@ def map(
         typer.Argument(
             metavar="FILE",
             help=f"The file of a map: an OctoMap ({', '.join(octomaps.ENDINGS)}), a point cloud "
-            f"({', '.join(point_clouds.ENDINGS)}) or a mesh ({', '.join(mesh_files.ENDINGS)}).",
+            f"({', '.join(point_clouds.ENDINGS)}), a mesh ({', '.join(mesh_files.ENDINGS)}) "
+            f"or a world ({', '.join(world_xml.ENDINGS)}).",
         ),
     ],
     unknown: Annotated[
@@ -56,6 +64,13 @@ def map(
     leaves = None
     with working("reading") as work:
         kind = _kind_of(file, unknown, resolution, scale)
+        if kind == "world":
+            if figure is not None:
+                raise ValueError(
+                    f"--figure: got {figure!r}, expected a map, not the world {file!r}"
+                )
+            world = _world(file, load_world(file))
+            return answer(world, _table(world))
         if kind == "octomap":
             work("reading the octree")
             leaves = read_leaves(file)
@@ -79,20 +94,22 @@ def map(
 
 def _kind_of(
     file: str, unknown: str | None, resolution: float | None, scale: float | None
-) -> Literal["octomap", "points", "mesh"]:
+) -> Literal["octomap", "points", "mesh", "world"]:
     """Return the kind of a map by its ending; a PLY file with a resolution is a point cloud.
 
     Raises:
         ValueError: the ending is that of no map, or an option is for maps of another kind.
     """
     ending = Path(file).suffix.lower()
-    kind: Literal["octomap", "points", "mesh"]
+    kind: Literal["octomap", "points", "mesh", "world"]
     if ending in octomaps.ENDINGS:
         kind = "octomap"
     elif ending in mesh_files.ENDINGS and (ending != ".ply" or resolution is None):
         kind = "mesh"
     elif ending in point_clouds.ENDINGS:
         kind = "points"
+    elif ending in world_xml.ENDINGS:
+        kind = "world"
     else:
         raise ValueError(f"{file!r}: got no map, expected a file ending in {', '.join(_ENDINGS)}")
     of_kinds = (("--unknown", unknown, "octomap"), ("--scale", scale, "mesh"))
@@ -146,9 +163,34 @@ def _document(
         triangles=None if mesh is None else len(mesh.triangles),
         vertices=None if mesh is None else len(mesh.vertices),
         watertight=None if mesh is None else mesh.is_watertight,
+        obstacles=None,
         parts=len(found.cover) if isinstance(found.cover, Parts) else 1,
         beyond_m=found.cover_excess,
         figure=figure,
+    )
+
+
+def _world(file: str, obstacles: Sequence[Obstacle]) -> Mapped:
+    """Return the description of a world."""
+    shapes = [each.shape for each in obstacles]
+    covers = [each.cover for each in shapes]
+    return Mapped(
+        file=file,
+        kind="world",
+        lower_m=np.min([each.center - each.extent for each in shapes], axis=0).tolist(),
+        upper_m=np.max([each.center + each.extent for each in shapes], axis=0).tolist(),
+        resolution_m=None,
+        cells=None,
+        occupied_cells=None,
+        free_cells=None,
+        unknown_cells=None,
+        triangles=None,
+        vertices=None,
+        watertight=None,
+        obstacles=[f"{each.name}: {each.shape}" for each in obstacles],
+        parts=sum(len(each) if isinstance(each, Parts) else 1 for each in covers),
+        beyond_m=max(each.cover_excess if isinstance(each, Map) else 0.0 for each in shapes),
+        figure=None,
     )
 
 
@@ -156,7 +198,7 @@ def _table(document: Mapped) -> Table:
     """Return the description as a table of two columns."""
     table = Table(box=None, show_header=False, padding=(0, 2, 0, 0), pad_edge=False)
     for name, text in _rows(document).items():
-        table.add_row(name, text)
+        table.add_row(name, escape(text))
     return table
 
 
@@ -172,6 +214,8 @@ def _rows(document: Mapped) -> dict[str, str]:
     if document.triangles is not None:
         kind = "watertight, a solid" if document.watertight else "not watertight, a surface"
         rows["obstacle"] = f"{document.triangles} triangles, {document.vertices} vertices; {kind}"
+    for number, text in enumerate(document.obstacles or (), start=1):
+        rows[f"obstacle {number}"] = text
     beyond = f"up to {document.beyond_m:.3g} m beyond the map" if document.beyond_m else "exact"
     rows["cover"] = f"{document.parts} convex part{'s'[: document.parts != 1]}, {beyond}"
     return rows

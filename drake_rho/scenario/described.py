@@ -18,7 +18,7 @@ _Class = TypeVar("_Class")
 _PLAIN_NAMES = {
     "AnyObstacle": "Shape | Obstacle",
     "AnySet": "ConvexSet",
-    "Annotated[AnyConvex, Discriminator(_kind)]": "Shape",
+    "ConvexShape": "Shape",
     "Count": "int",
     "Finite": "float",
     "FloatArray": "array",

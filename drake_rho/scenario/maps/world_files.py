@@ -12,30 +12,16 @@ import json
 import re
 from collections.abc import Iterator
 from pathlib import Path
+from typing import NamedTuple
 from urllib.parse import unquote
-from xml.etree.ElementTree import Element, TreeBuilder
-from xml.parsers import expat
+from xml.etree.ElementTree import Element, tostring
 
 from drake_rho.scenario.errors import Description, ScenarioError
 from drake_rho.scenario.maps.source import checked_file, named
-
-ENDINGS = (".sdf", ".urdf", ".xml")
-"""Endings of files of worlds: SDF, URDF and MJCF."""
-
-LARGEST = 64 << 20
-"""Largest size of a file of a world, and of any that it refers to [bytes]."""
+from drake_rho.scenario.maps.world_xml import ENDINGS, check_geometries, check_size, parsed
 
 _MOST = 10_000
 """Largest number of files that are included, each as often as it is."""
-
-_SHAPES = {"box", "capsule", "cylinder", "ellipsoid", "mesh", "sphere", "empty", "plane"}
-"""Collision geometries of SDF and URDF that are read, with and without Drake's prefix."""
-
-_MESHES = (".obj", ".gltf")
-"""Endings of meshes to collide with; Drake reads no others as surfaces."""
-
-_NO_SHAPES = {"hfield", "sdf"}
-"""Types of geometries of MJCF that are not read."""
 
 
 @dataclasses.dataclass
@@ -48,6 +34,12 @@ class WorldFiles:
     """folders of the packages and models to which it refers, by their names"""
     _counts: dict[Path, int] = dataclasses.field(default_factory=dict)
     """number of inclusions in a file, those in included files among them"""
+    _trees: dict[Path, Element] = dataclasses.field(default_factory=dict)
+    """content of the files in SDF"""
+    _targets: list[tuple[Element, Path]] = dataclasses.field(default_factory=list)
+    """elements of SDF that refer to a file, and the file"""
+    _mesh_folders: list[Path] = dataclasses.field(default_factory=list)
+    """folders of meshes that files in MJCF name, for themselves and those that they include"""
 
     @property
     def folder(self) -> Path:
@@ -69,36 +61,55 @@ class WorldFiles:
             return self._counts[path]
         if path in below:
             raise ScenarioError(named(path), Description("a file that includes itself"), "an end")
-        tree = _parsed(path)
-        _check_geometries(path, tree)
+        tree = parsed(path)
+        check_geometries(path, tree)
+        if tree.tag == "sdf":
+            self._trees[path] = tree
+        self._mesh_folders += _mesh_folders(tree, path.parent)
         count = 1
-        for text, is_included, bases in _references(tree, path.parent):
-            for found in self._found(text, bases, path):
-                if is_included:
-                    count += sum(self.look_through(each, (*below, path)) for each in _models(found))
-                else:
-                    self._check_mesh(found)
+        for each in _references(tree):
+            bases = [path.parent, *([] if each.is_included else self._mesh_folders)]
+            found = self._found(each.text, bases, path)
+            if each.is_included:
+                found = [_model(one) for one in found]
+                count += sum(self.look_through(one, (*below, path)) for one in found)
+            else:
+                for one in found:
+                    self._check_mesh(one)
+            if each.element is not None:
+                self._targets.append((each.element, found[0]))
         if count > _MOST:
             given = Description(f"{count} inclusions of files")
             raise ScenarioError(named(path), given, f"at most {_MOST}")
         self._counts[path] = count
         return count
 
+    def copied(self, folder: Path) -> dict[Path, Path]:
+        """Write copies of the files in SDF, and return them by what they are copies of.
+
+        They refer to each other and to meshes by absolute paths. Other paths would be looked for
+        in the working directory and on the whole machine before the folder of the world.
+        """
+        names = enumerate(self._trees)
+        copies = {path: folder / f"{number}.sdf" for number, path in names}
+        for element, target in self._targets:
+            element.text = str(copies.get(target, target))
+        for path, copy in copies.items():
+            copy.write_bytes(tostring(self._trees[path]))
+        return copies
+
     def _found(self, text: str, bases: list[Path], user: Path) -> list[Path]:
         """Return the files that a reference may mean, which are all in the folder."""
         given = Description(f"a reference to {text}")
         where = f"only files in {named(self.folder)}, by paths relative to it"
         name = re.match(r"(?:package|model)://([\w-][\w.-]*)(/.*)?$", text)
-        if name is not None and name[2] is None and text.startswith("model:"):
-            expected = f"{text}/, with a slash, by which Drake's parser finds it"
-            raise ScenarioError(named(user), given, expected)
         if name is not None:
             bases, rest = [self._package(name[1], user)], (name[2] or "").lstrip("/")
         elif "\\" in text or re.match(r"[A-Za-z][\w+.-]*:", text):
             raise ScenarioError(named(user), given, where)
         else:
             rest = text
-        paths = [base / each for base in bases for each in {rest, unquote(rest)}]
+        paths = [base / each for base in bases for each in dict.fromkeys([rest, unquote(rest)])]
         try:
             inside = all(path.resolve().is_relative_to(self.folder) for path in paths)
         except (OSError, RuntimeError, ValueError):  # links in a circle, null characters
@@ -110,8 +121,8 @@ class WorldFiles:
             raise ScenarioError(named(user), Description(f"{given}, which is not there"), where)
         for path in there:
             if path.is_file():
-                _check_size(path)
-        return there
+                check_size(path)
+        return list(dict.fromkeys(there))
 
     def _package(self, name: str, user: Path) -> Path:
         """Return the folder of a package or model: one in the folder of the world, or itself."""
@@ -150,137 +161,62 @@ def world_files(path: str | Path) -> WorldFiles:
         ScenarioError: one is missing, too large, damaged or outside of the folder of the world.
     """
     files = WorldFiles(checked_file(path, ENDINGS))
-    _check_size(files.path)
+    check_size(files.path)
     files.look_through(files.path)
     return files
 
 
-def _check_size(path: Path) -> None:
-    if (size := path.stat().st_size) > LARGEST:
-        given = Description(f"a file of {size} bytes")
-        raise ScenarioError(named(path), given, f"at most {LARGEST} bytes")
+class _Reference(NamedTuple):
+    """Reference to a file in another one."""
+
+    text: str
+    """path or address as it is written"""
+    is_included: bool
+    """whether the file is part of the world, not a mesh"""
+    element: Element | None = None
+    """element of SDF whose text it is"""
 
 
-def _parsed(path: Path) -> Element:
-    """Return the root of an XML file, without declarations of types or entities."""
-    builder, parser = TreeBuilder(), expat.ParserCreate()
-
-    def refuse(*_: object) -> None:
-        expected = "XML without declarations of types and entities"
-        raise ScenarioError(named(path), Description("a DOCTYPE or an ENTITY"), expected)
-
-    parser.StartDoctypeDeclHandler = parser.EntityDeclHandler = refuse
-    parser.StartElementHandler = lambda tag, given: builder.start(tag, given)
-    parser.EndElementHandler = lambda tag: builder.end(tag)
-    parser.CharacterDataHandler = lambda text: builder.data(text)
-    try:
-        _check_size(path)
-        content = path.read_bytes()
-        content.decode("utf-8")
-        parser.Parse(content, True)
-    except (expat.ExpatError, UnicodeDecodeError, OSError, ValueError) as error:
-        if isinstance(error, ScenarioError):
-            raise
-        reason = " ".join(str(error).split())
-        raise ScenarioError(
-            named(path), Description("a damaged file"), f"XML in UTF-8; {reason}"
-        ) from None
-    return builder.close()
-
-
-def _references(tree: Element, folder: Path) -> Iterator[tuple[str, bool, list[Path]]]:
-    """Return references to files, whether each is included, and folders they may be relative to."""
-    if tree.tag in ("mujoco", "mujocoinclude"):
-        dirs = [
-            text
-            for each in tree.iter("compiler")
-            for key, text in each.items()
-            if key.endswith("dir")
-        ]
-        for element in tree.iter():
-            bases = [folder, *(folder / each for each in dirs if element.tag != "include")]
+def _references(tree: Element) -> Iterator[_Reference]:
+    """Return all references to files in the content of one."""
+    is_mjcf = tree.tag in ("mujoco", "mujocoinclude")
+    for element in tree.iter():
+        if is_mjcf:
             for key, text in element.items():
                 if key.startswith("file") or (element.tag == "compiler" and key.endswith("dir")):
-                    yield text.strip(), element.tag in ("include", "model"), bases
-        return
-    for element in tree.iter():
+                    yield _Reference(text.strip(), element.tag in ("include", "model"))
+            continue
         if "filename" in element.attrib and element.tag != "plugin":
-            yield element.attrib["filename"].strip(), False, [folder]
+            yield _Reference(element.attrib["filename"].strip(), False)
         for child in element:
             if child.tag == "uri" and element.tag != "script":  # scripts are of another viewer
-                yield (child.text or "").strip(), element.tag == "include", [folder]
+                yield _Reference((child.text or "").strip(), element.tag == "include", child)
 
 
-def _models(path: Path) -> list[Path]:
-    """Return the files that an included path stands for: those that a folder's config names."""
+def _mesh_folders(tree: Element, folder: Path) -> list[Path]:
+    """Return the folders that MJCF names, to which paths of meshes are relative."""
+    compilers = tree.iter("compiler") if tree.tag in ("mujoco", "mujocoinclude") else ()
+    texts = [text for each in compilers for key, text in each.items() if key.endswith("dir")]
+    return [folder / each for each in texts]
+
+
+def _model(path: Path) -> Path:
+    """Return the file that an included path stands for: of a folder, that of the latest version."""
     if not path.is_dir():
-        return [path]
+        return path
     config = path / "model.config"
     if not config.is_file():
         raise ScenarioError(named(path), Description("no model.config"), "the folder of a model")
-    tree = _parsed(config)
-    named_files = list(tree.iter("sdf"))
-    whole = tree.tag == "model" and tree.find("name") is not None
-    if not whole or not named_files or any(each.get("version") is None for each in named_files):
-        # Drake's parser ends the whole process where something is missing
-        expected = "a model with a name, and an sdf with a version"
-        raise ScenarioError(named(config), Description("another file"), expected)
-    found = [path / (each.text or "").strip() for each in named_files]
-    for each in found:
-        if not each.is_file() or not each.resolve().is_relative_to(path):
-            given = Description(f"a reference to {each.name}")
-            raise ScenarioError(named(config), given, f"a file in {named(path)}")
-    return [each.resolve() for each in found]
-
-
-def _check_geometries(path: Path, tree: Element) -> None:
-    """Check that all collision geometries can be represented.
-
-    Raises:
-        ScenarioError: one cannot; the error names it.
-    """
-    for collision in tree.iter("collision"):
-        for geometry in collision.iter("geometry"):
-            for child in geometry:
-                if child.tag.removeprefix("drake:") not in _SHAPES:
-                    raise no_shape(path, collision.get("name", "without a name"), child.tag)
-                for size in (*child.findall("*"), child):
-                    _check_size_of(path, collision, size)
-                if child.tag == "mesh" and (ending := _ending(child)) not in _MESHES:
-                    kind = f"mesh in {ending or 'a file without ending'}"
-                    raise no_shape(path, collision.get("name", "without a name"), kind)
-    for geom in tree.iter("geom"):
-        kind = geom.get("type", "")
-        if kind in _NO_SHAPES:
-            raise no_shape(path, geom.get("name", "without a name"), kind)
-
-
-def _check_size_of(path: Path, collision: Element, size: Element) -> None:
-    """Check that the dimensions of a geometry are above 0; Drake's parser takes others for 1 m.
-
-    Raises:
-        ScenarioError: one is not.
-    """
-    texts = [size.get(name, "") for name in ("radius", "length", "size")]
-    if size.tag in ("radius", "length", "size", "radii"):
-        texts.append(size.text or "")
-    for text in texts:
-        if any(number.startswith("-") or not number.strip("0.") for number in text.split()):
-            given = Description(f"the collision geometry {collision.get('name')} of size {text}")
-            raise ScenarioError(named(path), given, "dimensions above 0")
-
-
-def _ending(mesh: Element) -> str:
-    """Return the ending of the file that an element of SDF or URDF names."""
-    text = mesh.get("filename") or mesh.findtext("uri") or ""
-    return Path(text.strip()).suffix.lower()
-
-
-def no_shape(path: Path, name: str, kind: str) -> ScenarioError:
-    """Return the error for a collision geometry that no obstacle can represent."""
-    given = Description(f"the collision geometry {name}, of kind {kind}")
-    expected = "boxes, spheres, cylinders, capsules, ellipsoids, planes and meshes (.obj, .gltf)"
-    return ScenarioError(named(path), given, expected)
+    versions = {each.get("version", ""): each.text for each in parsed(config).iter("sdf")}
+    if not versions or not all(re.fullmatch(r"\d+(\.\d+)*", each) for each in versions):
+        given = Description("no sdf element with a version")
+        raise ScenarioError(named(config), given, "the configuration of a model")
+    latest = max(versions, key=lambda each: [int(part) for part in each.split(".")])
+    found = path / (versions[latest] or "").strip()
+    if not found.is_file() or not found.resolve().is_relative_to(path):
+        given = Description(f"a reference to {versions[latest]}")
+        raise ScenarioError(named(config), given, f"a file in {named(path)}")
+    return found.resolve()
 
 
 def _uris(value: object) -> Iterator[str]:

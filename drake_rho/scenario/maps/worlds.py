@@ -11,6 +11,7 @@ import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,7 +21,8 @@ from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.maps.mesh import Mesh
 from drake_rho.scenario.maps.mesh_files import ENDINGS, read_mesh
 from drake_rho.scenario.maps.source import named, unreadable
-from drake_rho.scenario.maps.world_files import WorldFiles, no_shape, world_files
+from drake_rho.scenario.maps.world_files import WorldFiles, world_files
+from drake_rho.scenario.maps.world_xml import no_shape
 from drake_rho.scenario.poses import Pose
 from drake_rho.scenario.shapes.base import Solid
 from drake_rho.scenario.shapes.capsules import Capsule
@@ -63,11 +65,15 @@ def read_world(path: str | Path, pose: Pose) -> list[Geometry]:
             represented, or refers to files that are not in its folder.
     """
     files = world_files(path)
-    try:
-        with _quiet() as warnings:
-            found = list(_geometries(files, pose))
-    except RuntimeError as error:  # of Drake
-        raise unreadable(files.path, error, "an SDF, URDF or MJCF file") from None
+    with TemporaryDirectory() as folder, _quiet() as warnings:
+        copies = files.copied(Path(folder))
+        try:
+            found = list(_geometries(files, copies.get(files.path, files.path), pose))
+        except RuntimeError as error:  # of Drake
+            reason = str(error)
+            for original, copy in copies.items():
+                reason = reason.replace(f"/{copy}", original.name).replace(f"{copy}", original.name)
+            raise unreadable(files.path, reason, "an SDF, URDF or MJCF file") from None
     for text in warnings:
         if _LEFT_OUT.search(text):
             raise unreadable(files.path, text, "geometries that Drake reads")
@@ -96,10 +102,15 @@ def _quiet() -> Iterator[list[str]]:
         logger.removeHandler(handler)
 
 
-def _geometries(files: WorldFiles, pose: Pose) -> Iterator[Geometry]:
+def _geometries(files: WorldFiles, path: Path, pose: Pose) -> Iterator[Geometry]:
     """Return every collision geometry in the order of the file.
 
     Shapes of Drake are gone with its diagram, which is why they are converted here.
+
+    Args:
+        files: of the world.
+        path: of the world's own file, or of its copy.
+        pose: in which the world is placed.
     """
     from pydrake.geometry import Role
     from pydrake.multibody.parsing import Parser
@@ -114,7 +125,7 @@ def _geometries(files: WorldFiles, pose: Pose) -> Iterator[Geometry]:
         packages.Remove(name)
     for name, folder in files.packages.items():
         packages.Add(name, str(folder))
-    parser.AddModels(str(files.path))
+    parser.AddModels(str(path))
     plant.Finalize()
     diagram = builder.Build()
     context = diagram.CreateDefaultContext()

@@ -9,11 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 import numpy.typing as npt
 from pydantic import Discriminator, GetJsonSchemaHandler, Tag
-from pydantic.dataclasses import rebuild_dataclass
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema
 
-from drake_rho.scenario.described import signature_of
 from drake_rho.scenario.fields import FloatArray, Vector, read_only, record, record_kind
 from drake_rho.scenario.rotations import Rotation
 from drake_rho.scenario.shapes.base import Quadric, Shape
@@ -40,6 +38,19 @@ def _kind(value: object) -> str:
     return record_kind(value, {"Posed": ("shape", *POSE), **KINDS}, "Sphere")
 
 
+_Basic = (
+    Annotated[Sphere, Tag("Sphere")]
+    | Annotated[Box, Tag("Box")]
+    | Annotated[Ellipsoid, Tag("Ellipsoid")]
+    | Annotated[Cylinder, Tag("Cylinder")]
+    | Annotated[Capsule, Tag("Capsule")]
+    | Annotated[Polytope, Tag("Polytope")]
+)
+ConvexShape = Annotated[_Basic | Annotated["Posed", Tag("Posed")], Discriminator(_kind)]
+"""One of the shapes of `AnyConvex`, identified by its keys in a file. It is for fields of `Posed`:
+defined before, so that pydantic does not complete the record later and undo what `record` adds."""
+
+
 @record
 class Posed(Shape):
     """Convex shape in another pose: rotated about the origin, then translated.
@@ -50,7 +61,7 @@ class Posed(Shape):
         [0.1, 2.0, 0.1]
     """
 
-    shape: Annotated[AnyConvex, Discriminator(_kind)]
+    shape: ConvexShape
     """shape as it is before it is rotated and translated"""
     rotation: Rotation = dataclasses.field(default_factory=lambda: read_only(np.eye(3)))
     """rotation about the origin: roll, pitch and yaw [rad], or a matrix; none if not given"""
@@ -151,16 +162,5 @@ class Posed(Shape):
         return seen
 
 
-AnyConvex = (
-    Annotated[Sphere, Tag("Sphere")]
-    | Annotated[Box, Tag("Box")]
-    | Annotated[Ellipsoid, Tag("Ellipsoid")]
-    | Annotated[Cylinder, Tag("Cylinder")]
-    | Annotated[Capsule, Tag("Capsule")]
-    | Annotated[Polytope, Tag("Polytope")]
-    | Annotated[Posed, Tag("Posed")]
-)
+AnyConvex = _Basic | Annotated[Posed, Tag("Posed")]
 """One of the convex shapes that are at most endless along a line, by the name of its type."""
-
-rebuild_dataclass(Posed)  # type: ignore[arg-type]  # its field may be posed itself: now that is known
-Posed.__signature__ = signature_of(Posed)  # type: ignore[attr-defined]  # pydantic has set its own
