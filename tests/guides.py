@@ -30,8 +30,8 @@ _FENCE = re.compile(
     flags=re.DOTALL | re.MULTILINE,
 )
 
-NOT_RUN = ("", "console")
-"""Languages of blocks that are not run: drawings, installation (needs a network)."""
+NOT_RUN = ("", "console", "xml")
+"""Languages of blocks that are not run: drawings, installation (needs a network), files."""
 
 
 @dataclass(frozen=True)
