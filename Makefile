@@ -7,7 +7,7 @@ PYTEST := $(BIN)/python -m pytest -n auto -q
 SEED := $(shell od -An -N4 -tu4 /dev/urandom | tr -d ' ')
 PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check
 
-.PHONY: help reproduce animate notebooks pictures docs bench bench-fleet bench-world bench-flight bench-scale bench-open test test-all lint format clean
+.PHONY: help reproduce animate notebooks pictures docs bench bench-fleet bench-world bench-flight bench-scale bench-open bench-map test test-all lint format clean
 .DEFAULT_GOAL := help
 
 help: ## This list
@@ -47,6 +47,9 @@ bench-scale: $(VENV)/.bench ## The same for large fleets and campaigns
 
 bench-open: $(VENV)/.bench ## The same for requirements: links, formations, corridors (six minutes)
 	$(BIN)/python -m benchmarks --open
+
+bench-map: $(VENV)/.bench ## The same for maps (ten minutes); MISSIONS=folder of the LSC planner's OctoMaps
+	$(BIN)/python -m benchmarks --maps $(if $(MISSIONS),--missions "$(MISSIONS)")
 
 test: $(VENV)/.test ## Run the tests, but for slow ones (four minutes on two cores)
 	@sh tools/setup-browser $(VENV)

@@ -37,7 +37,7 @@ DRAWN = {
 }
 """Benchmarks of random fleets, worlds and links, with the number of each: `run(seeds) -> Table`."""
 
-MISSIONS = ("fleet_b3", "world_b6")
+MISSIONS = ("fleet_b3", "world_b6", "map_forests", "map_office")
 """Benchmarks of missions in files: `run(folder) -> Table`."""
 
 SCALE = ("scale_campaigns", "scale_fleets")
@@ -80,6 +80,10 @@ OPEN = ("links_cvxpy", "links_corridors", "links_chains", "links_formation")
 """Benchmarks of what a scenario's requirements may keep in any convex set."""
 
 
+MAPS = ("map_forests", "map_office", "map_meshes", "map_points")
+"""Benchmarks of maps; those that are in no `MISSIONS` need no folder: `run() -> Table`."""
+
+
 def main() -> None:
     """Run the benchmarks named on the command line, by default the races and studies."""
     known = [
@@ -93,6 +97,7 @@ def main() -> None:
             *FLIGHT,
             *FLOWN_MISSIONS,
             *SCALE,
+            *(each for each in MAPS if each not in MISSIONS),
         )
         if find_spec(f"benchmarks.{name}")
     ]
@@ -104,6 +109,7 @@ def main() -> None:
     parser.add_argument(
         "--scale", action="store_true", help="benchmarks of large fleets and campaigns"
     )
+    parser.add_argument("--maps", action="store_true", help="all benchmarks of maps")
     parser.add_argument("--open", action="store_true", help="all benchmarks of requirements")
     parser.add_argument("--repetitions", type=int, default=9, help="rounds of a race (9)")
     parser.add_argument("--seeds", type=int, help="number of random fleets or worlds of each size")
@@ -125,12 +131,13 @@ def main() -> None:
         parser.error("--seeds: expected at least 1")
     console = Console()
     alone, worlds, flight = RACES + STUDIES, WORLDS, FLIGHT + FLOWN_MISSIONS
-    others = alone + worlds + flight + SCALE + OPEN
+    others = alone + worlds + flight + SCALE + OPEN + MAPS
     fleets = tuple(name for name in known if name not in others)
     chosen = (fleets if arguments.fleets else ()) + (worlds if arguments.worlds else ())
     chosen += flight if arguments.flight else ()
     chosen += SCALE if arguments.scale else ()
     chosen += OPEN if arguments.open else ()
+    chosen += MAPS if arguments.maps else ()
     by_default = chosen or alone
     for name in arguments.names or by_default:
         console.rule(name)
