@@ -150,6 +150,23 @@ def test_shapes_stay_simple_where_they_can(folder: Path) -> None:
     np.testing.assert_allclose(plate.center, middle, atol=1e-12)
 
 
+@pytest.mark.parametrize("tilt", [1e-13, 1e-11, 1e-8, 1e-7])
+def test_a_pole_that_leans_slightly_is_not_made_upright(folder: Path, tilt: float) -> None:
+    (folder / "t.sdf").write_text(sdf(collision("pole", POLE, f"0 0 0 {tilt} 0 0")))
+    (pole,) = rho.load_world(folder / "t.sdf")
+    assert isinstance(pole.shape, rho.Cylinder if tilt < 1e-12 else rho.Posed)
+    far = np.array([0.0, -9.0, 0.0])  # the upper end leans to it by half the height
+    lean = 1.5 * tilt
+    assert pole.shape.support(far) / 9.0 == pytest.approx(0.1 + lean, abs=1e-12)
+
+
+def test_a_chain_of_inclusions_has_an_end(folder: Path) -> None:
+    for k in range(2000):
+        (folder / f"{k}.sdf").write_text(_include(f"{k + 1}.sdf"))
+    with pytest.raises(rho.ScenarioError, match="more than 100 files that include"):
+        rho.load_world(folder / "0.sdf")
+
+
 def test_a_plane_becomes_a_wide_box_below_it(folder: Path) -> None:
     plane = collision("floor", "<plane><normal>0 0 1</normal></plane>", "1 2 3 0 0 0")
     (folder / "floor.sdf").write_text(sdf(plane))
@@ -351,6 +368,33 @@ def test_files_of_the_working_directory_do_not_stand_in_for_those_of_the_world(
         ("t.xml", MJCF.replace('mesh="q"', 'mesh="r"'), "ignored"),
         ("t.sdf", sdf(BALL).replace("0.5", "0.0"), r"radius 0\.0 of the collision geometry ball"),
         ("t.xml", "<mujoco model='a'/>", "no collision geometry"),
+        ("t.xml", MJCF.replace('model="x"', ""), "must have a name"),
+        ("t.xml", MJCF.replace('size="0.2 1"', 'size="-1 1"'), "size -1 1 of the coll.* post"),
+        ("t.xml", MJCF.replace("1 1 1", "0 0 0"), "length > 0"),
+        (
+            "t.xml",
+            MJCF.replace("body", "frame").replace("worldframe", "worldbody"),
+            "the element geom in a frame",
+        ),
+        (
+            "t.xml",
+            MJCF.replace("<body", "<replicate count='2'><geom size='1'/></replicate><body"),
+            "element geom in a replicate",
+        ),
+        ("t.sdf", sdf('<collision name="c"/>' + BALL), "geometry c in a link, of nothing"),
+        ("t.sdf", sdf(collision("c", "") + BALL), "geometry c in a link, of nothing"),
+        ("t.sdf", sdf(collision("c", POLE + "<empty/>")), "in a link, of cylinder, empty, exp"),
+        ("t.sdf", sdf(collision("c", "<sphere/>")), "radius missing of the collision geometry c"),
+        (
+            "t.sdf",
+            _mesh("l.obj").replace("</uri>", "</uri><submesh/>"),
+            "geometry c, of kind submesh",
+        ),
+        ("t.urdf", URDF.replace("1 2 3", "1 -2 3"), "size 1 -2 3 of the collision geometry block"),
+        ("t.urdf", URDF.replace("1 2 3", "1 2"), "Expected 3 values"),
+        ("t.sdf", "<a>" * 20_000 + "</a>" * 20_000, "more than 100 elements in each other"),
+        ("t.sdf", _mesh("a" * 300 + ".obj"), "a reference to aaa"),
+        ("t.sdf", _mesh("a%00.obj"), "a reference to a%00"),
         ("t.txt", "", r"the ending \.txt"),
     ],
 )

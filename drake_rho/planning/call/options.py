@@ -38,9 +38,9 @@ class Options:
     """relative fall of the cost in one linearisation below which an iteration has converged. An
     uncoupled vehicle stops when its own cost falls by less than this fraction of the total. If not
     given: 1e-9; for fleets with a separation, or linked by requirements, 1e-7 up to six vehicles,
-    1e-3 coupled, 2e-3 in
-    groups and 5e-2 decoupled; among obstacles other than balls and ellipsoids 1e-6, 1e-4, 5e-3,
-    2e-3 and 5e-2. The plan's `statistics.tolerance` holds the value used"""
+    1e-3 coupled, 2e-3 in groups and 5e-2 decoupled; among obstacles other than balls and
+    ellipsoids 1e-6, 1e-4, 5e-3, 2e-3 and 5e-2. The plan's `statistics.tolerance` holds the value
+    used"""
     max_iterations: Annotated[Count, Field(ge=1)] = 200
     """bound on the linearisations of one call; for fleets in groups, on the plans that result"""
     max_coupled: Annotated[Count, Field(ge=1)] = 15

@@ -23,6 +23,9 @@ from drake_rho.scenario.maps.world_xml import ENDINGS, check_geometries, check_s
 _MOST = 10_000
 """Largest number of files that are included, each as often as it is."""
 
+_DEEPEST = 100
+"""Largest depth of files included in each other."""
+
 
 @dataclasses.dataclass
 class WorldFiles:
@@ -61,6 +64,9 @@ class WorldFiles:
             return self._counts[path]
         if path in below:
             raise ScenarioError(named(path), Description("a file that includes itself"), "an end")
+        if len(below) > _DEEPEST:
+            depth = Description(f"more than {_DEEPEST} files that include each other")
+            raise ScenarioError(named(path), depth, "fewer")
         tree = parsed(path)
         check_geometries(path, tree)
         if tree.tag == "sdf":
@@ -112,11 +118,11 @@ class WorldFiles:
         paths = [base / each for base in bases for each in dict.fromkeys([rest, unquote(rest)])]
         try:
             inside = all(path.resolve().is_relative_to(self.folder) for path in paths)
-        except (OSError, RuntimeError, ValueError):  # links in a circle, null characters
+            there = [path.resolve() for path in paths if path.exists()]
+        except (OSError, RuntimeError, ValueError):  # links in a circle, null characters, length
             inside = False
         if not inside or Path(rest).is_absolute() or Path(unquote(rest)).is_absolute():
             raise ScenarioError(named(user), given, where)
-        there = [path.resolve() for path in paths if path.exists()]
         if not there:
             raise ScenarioError(named(user), Description(f"{given}, which is not there"), where)
         for path in there:

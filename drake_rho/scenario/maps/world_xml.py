@@ -28,9 +28,27 @@ _MESHES = (".obj", ".gltf")
 _NO_SHAPES = {"hfield", "sdf"}
 """Types of geometries of MJCF that are not read."""
 
+_NO_ELEMENTS = {"attach", "composite", "flexcomp"}
+"""Elements of MJCF that make geometries, and that Drake leaves out without a word."""
 
-_LENGTHS = ("radius", "length", "size", "radii")
-"""Dimensions of SDF's shapes; one that is not positive is replaced by 1 m without a word."""
+_PARENTS = {
+    "geom": {"body", "default", "mujocoinclude", "worldbody"},
+    "body": {"body", "mujocoinclude", "worldbody"},
+    "worldbody": {"mujoco", "mujocoinclude"},
+}
+"""Elements of MJCF in which others are read; in any other they are left out without a word."""
+
+_LENGTHS = {
+    "box": ("size",),
+    "capsule": ("radius", "length"),
+    "cylinder": ("radius", "length"),
+    "ellipsoid": ("a", "b", "c"),
+    "sphere": ("radius",),
+}
+"""Dimensions of shapes; one that is missing or not positive may become 1 m without a word."""
+
+_DEEPEST = 100
+"""Largest depth of elements in each other; what reads them calls itself for each."""
 
 
 def check_size(path: Path) -> None:
@@ -49,8 +67,20 @@ def parsed(path: Path) -> Element:
         raise ScenarioError(named(path), Description("a DOCTYPE or an ENTITY"), expected)
 
     parser.StartDoctypeDeclHandler = parser.EntityDeclHandler = refuse
-    parser.StartElementHandler = lambda tag, given: builder.start(tag, given)
-    parser.EndElementHandler = lambda tag: builder.end(tag)
+    open_elements = list[str]()
+
+    def start(tag: str, given: dict[str, str]) -> None:
+        open_elements.append(tag)
+        if len(open_elements) > _DEEPEST:
+            depth = Description(f"more than {_DEEPEST} elements in each other")
+            raise ScenarioError(named(path), depth, "fewer")
+        builder.start(tag, given)
+
+    def end(tag: str) -> None:
+        open_elements.pop()
+        builder.end(tag)
+
+    parser.StartElementHandler, parser.EndElementHandler = start, end
     parser.CharacterDataHandler = lambda text: builder.data(text)
     try:
         check_size(path)
@@ -73,32 +103,60 @@ def check_geometries(path: Path, tree: Element) -> None:
     Raises:
         ScenarioError: one cannot; the error names it.
     """
-    for collision in tree.iter("collision"):
-        name = collision.get("name", "without a name")
-        for geometry in collision.iter("geometry"):
-            for child in geometry:
-                if child.tag.removeprefix("drake:") not in _SHAPES:
-                    raise no_shape(path, name, child.tag)
-                if child.tag == "mesh" and (ending := _ending(child)) not in _MESHES:
-                    kind = f"mesh in {ending or 'a file without ending'}"
-                    raise no_shape(path, name, kind)
-                lengths = _LENGTHS if child.tag != "plane" else ()  # it is endless
-                for length in (each for key in lengths for each in child.iter(key)):
-                    _check_lengths(path, name, length)
+    for parent in tree.iter():
+        for collision in parent.findall("collision"):
+            name = collision.get("name", "without a name")
+            shapes = [shape for geometry in collision.iter("geometry") for shape in geometry]
+            if len(shapes) != 1 or parent.tag != "link":
+                kinds = ", ".join(shape.tag for shape in shapes) or "nothing"
+                given = Description(f"the collision geometry {name} in a {parent.tag}, of {kinds}")
+                raise ScenarioError(named(path), given, "one shape, in a link")
+            _check_shape(path, name, shapes[0])
+    if tree.tag in ("mujoco", "mujocoinclude"):
+        _check_mjcf(path, tree)
+
+
+def _check_mjcf(path: Path, tree: Element) -> None:
+    """Check that all geometries of MJCF are read as they are written."""
+    for parent in tree.iter():
+        for element in parent:
+            if element.tag in _NO_ELEMENTS or parent.tag not in _PARENTS.get(
+                element.tag, {parent.tag}
+            ):
+                given = Description(f"the element {element.tag} in a {parent.tag}")
+                raise ScenarioError(named(path), given, "bodies of geometries written out")
     for geom in tree.iter("geom"):
-        if geom.get("type", "") in _NO_SHAPES:
-            raise no_shape(path, geom.get("name", "without a name"), geom.attrib["type"])
+        name = geom.get("name", "without a name")
+        if geom.get("type") in _NO_SHAPES:
+            raise no_shape(path, name, geom.attrib["type"])
+        if any(each < 0.0 for each in _numbers(geom.get("size", ""))):
+            given = Description(f"size {geom.attrib['size']} of the collision geometry {name}")
+            raise ScenarioError(named(path), given, "lengths above 0 m")
 
 
-def _check_lengths(path: Path, name: str, element: Element) -> None:
-    """Check that the lengths in an element of SDF are positive, where they are numbers."""
-    text = (element.text or "").strip()
-    numbers = list[float]()
-    with suppress(ValueError):  # what is no number, the parser refuses
-        numbers = [float(each) for each in text.split()]
-    if not all(each > 0.0 for each in numbers):
-        given = Description(f"{element.tag} {text} of the collision geometry {name}")
-        raise ScenarioError(named(path), given, "lengths above 0 m")
+def _check_shape(path: Path, name: str, shape: Element) -> None:
+    """Check that a collision geometry of SDF or URDF is read as it is written."""
+    kind = shape.tag.removeprefix("drake:")
+    if kind not in _SHAPES:
+        raise no_shape(path, name, shape.tag)
+    if kind == "mesh" and (ending := _ending(shape)) not in _MESHES:
+        raise no_shape(path, name, f"mesh in {ending or 'a file without ending'}")
+    if shape.find("submesh") is not None:
+        raise no_shape(path, name, "submesh")
+    given = {each.tag: each.text or "" for each in shape} | shape.attrib
+    for key in ("radii",) if "radii" in given else _LENGTHS.get(kind, ()):
+        numbers = _numbers(given.get(key, ""))
+        if not numbers or not all(each > 0.0 for each in numbers):
+            value = given.get(key, "").strip() or "missing"
+            wrong = Description(f"{key} {value} of the collision geometry {name}")
+            raise ScenarioError(named(path), wrong, "lengths above 0 m")
+
+
+def _numbers(text: str) -> list[float]:
+    """Return the numbers in a text; none if something else is in it."""
+    with suppress(ValueError):
+        return [float(each) for each in text.split()]
+    return []
 
 
 def _ending(mesh: Element) -> str:

@@ -69,8 +69,10 @@ def read_world(path: str | Path, pose: Pose) -> list[Geometry]:
         copies = files.copied(Path(folder))
         try:
             found = list(_geometries(files, copies.get(files.path, files.path), pose))
-        except RuntimeError as error:  # of Drake
-            reason = str(error)
+        except ScenarioError:
+            raise
+        except (RuntimeError, ValueError, SystemExit) as error:  # the last is a check of Drake's
+            reason = re.sub(r"^Failure at .*?: condition", "condition", str(error))
             for original, copy in copies.items():
                 reason = reason.replace(f"/{copy}", original.name).replace(f"{copy}", original.name)
             raise unreadable(files.path, reason, "an SDF, URDF or MJCF file") from None
@@ -205,8 +207,8 @@ def _box(half: FloatArray, turn: FloatArray, at: FloatArray) -> Solid:
 
 
 def _cylinder(radius: float, height: float, turn: FloatArray, at: FloatArray) -> Solid:
-    for axis, along in zip("xyz", turn[:, 2], strict=True):
-        if abs(along) >= 1.0 - _ALONG**2:  # only this close does its axis not deviate by more
+    for k, axis in enumerate("xyz"):
+        if np.abs(np.delete(turn[:, 2], k)).max() <= _ALONG:
             return Cylinder(at, radius, height, axis)  # type: ignore[arg-type]
     return Posed(Cylinder(np.zeros(3), radius, height), turn, at)
 
