@@ -169,21 +169,28 @@ class State:
 class Waypoint:
     """Position that a vehicle passes at a given time, which need not be that of a knot.
 
+    Without a time, the time is found. A vehicle passes its waypoints without times in their order.
+
     Examples:
         >>> rho.Waypoint(3.0, [5, 0, 2], within=0.2).within
         0.2
+        >>> rho.Waypoint(None, [5, 0, 2])
+        Waypoint(time=None, position=[5.0, 0.0, 2.0], within=0.0)
     """
 
-    time: Finite
-    """time on the scenario's clock, after the first knot and before the last [s]"""
-    position: Vector
+    time: Finite | None = None
+    """time on the scenario's clock, after the first knot and before the last [s]; found if not
+    given"""
+    position: Vector = Field(...)
     """position of the vehicle at that time [m]"""
     within: Annotated[float, Field(ge=0.0, le=LARGEST, allow_inf_nan=False)] = 0.0
     """largest distance of the vehicle from the position [m]; 0 to pass it exactly"""
 
     if TYPE_CHECKING:
 
-        def __init__(self, time: float, position: npt.ArrayLike, within: float = 0.0) -> None: ...
+        def __init__(
+            self, time: float | None, position: npt.ArrayLike, within: float = 0.0
+        ) -> None: ...
 
 
 @record
@@ -234,6 +241,8 @@ class Vehicle:
     def _waypoint_times_are_distinct(self) -> Self:
         times: set[float] = set()
         for index, waypoint in enumerate(self.waypoints):
+            if waypoint.time is None:
+                continue
             if waypoint.time in times:
                 expected = "a time that no other waypoint of the vehicle has"
                 raise ScenarioError(f"waypoints[{index}].time", waypoint.time, expected)

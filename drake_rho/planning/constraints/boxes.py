@@ -109,6 +109,21 @@ class KeepInBox(Constraint):
         tolerances = self.bounds.tolerances[vehicles, axes]
         return HalfSpaces(self, vehicles, vehicles, sides, times, _SIDES[sides], bounds, tolerances)
 
+    def every_row(self, motion: Motion) -> HalfSpaces:
+        """Return the rows of all sides that a box has at all constrained knots.
+
+        Args:
+            motion: the motion of all vehicles, which tells where a first jerk is free.
+        """
+        count, knots = len(motion.before), len(self.times)
+        vehicles, rest = np.divmod(np.arange(6 * count * knots), 6 * knots)
+        sides, k = np.divmod(rest, knots)
+        rows = self.rows(vehicles, sides, self.times[k])
+        needed = np.isfinite(rows.bounds)
+        if self.quantity == "jerk":
+            needed &= (k > 0) | ~np.isnan(motion.before[vehicles, 0])
+        return rows.select(needed)
+
     def detail(self, rows: HalfSpaces, names: Sequence[str]) -> str:
         """Return the axes of the rows, as in ' x/z'."""
         axes = np.any(rows.normals, axis=0)
