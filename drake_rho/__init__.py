@@ -10,9 +10,10 @@ if TYPE_CHECKING:
     __version__: str
     from drake_rho.analysis.certificate import Certificate, VehicleCertificate
     from drake_rho.analysis.certify import certify
-    from drake_rho.analysis.diagnose import diagnose, shortest_plan
+    from drake_rho.analysis.diagnose import diagnose
     from drake_rho.analysis.diagnosis import Diagnosis
     from drake_rho.analysis.infeasible_subset import infeasible_subset
+    from drake_rho.analysis.minimum_time import plan_minimum_time, shortest_plan
     from drake_rho.campaigns.campaign import campaign
     from drake_rho.campaigns.results import Results
     from drake_rho.campaigns.study import Study, load_study
@@ -179,6 +180,7 @@ __all__ = [
     "paths_figure",
     "plan",
     "plan_convex",
+    "plan_minimum_time",
     "plan_rho",
     "plan_scp",
     "random_field",
@@ -204,7 +206,8 @@ __all__ = [
 # and matplotlib takes a second, which loading a scenario or interrupting a command does not need.
 _NAMES = {
     "drake_rho.analysis.diagnosis": ("Diagnosis",),
-    "drake_rho.analysis.diagnose": ("diagnose", "shortest_plan"),
+    "drake_rho.analysis.diagnose": ("diagnose",),
+    "drake_rho.analysis.minimum_time": ("plan_minimum_time", "shortest_plan"),
     "drake_rho.analysis.infeasible_subset": ("infeasible_subset",),
     "drake_rho.analysis.certificate": ("Certificate", "VehicleCertificate"),
     "drake_rho.analysis.certify": ("certify",),

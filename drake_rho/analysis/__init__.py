@@ -1,7 +1,7 @@
 """Optimality certificates of plans, and diagnoses of scenarios that have none.
 
 `certify` takes a plan and returns a lower bound on the cost of every plan. `diagnose`,
-`infeasible_subset` and `shortest_plan` take a scenario, or a planner's error, and return a
+`infeasible_subset` and `plan_minimum_time` take a scenario, or a planner's error, and return a
 diagnosis, the conflicting constraints, or the plan of least duration. Planners and the verifier are
 called, never changed.
 """

@@ -6,23 +6,12 @@ import dataclasses
 
 from drake_rho.analysis.diagnosis import Diagnosis
 from drake_rho.analysis.infeasible_subset import infeasible_subset
-from drake_rho.analysis.trials import (
-    LARGEST_FACTOR,
-    SHORTER,
-    Trials,
-    boundary,
-    least_factor,
-    some_factor,
-)
-from drake_rho.motion.plan import Plan
-from drake_rho.planning.call.options import Options
+from drake_rho.analysis.trials import Trials, durations, least_factor, precision_of
 from drake_rho.planning.call.progress import Progress, tell
-from drake_rho.planning.call.time_limit import check_time, with_time_limit
-from drake_rho.planning.call.wall_time import with_wall_time
+from drake_rho.planning.call.time_limit import with_time_limit
 from drake_rho.planning.errors import InfeasibleError, OutOfTimeError, SolverError
 from drake_rho.planning.planners.first_plan import first_plan
-from drake_rho.planning.planners.plan import plan_scp
-from drake_rho.planning.planners.related import can_be_slower, rescaled, time_scaled_plan
+from drake_rho.planning.planners.related import can_be_slower
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs.backend import Backend, Solver, SolverName
 from drake_rho.planning.scp.minimum_violation import minimum_violation
@@ -30,15 +19,6 @@ from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.records import Box, Limits, Scenario, Vehicle
 from drake_rho.verification.check import Check
 from drake_rho.verification.verify import verify
-
-PRECISION = 1e-4
-"""Relative precision of the shortest duration and of the smallest relaxation."""
-
-PRECISION_WITH_OBSTACLES = 1e-3
-"""Relative precision with obstacles, where a trial may have to search for paths round them."""
-
-PRECISION_WITH_SEPARATION = 1e-2
-"""Relative precision for fleets with a separation, where a trial that fails is a long search."""
 
 
 @checked
@@ -100,7 +80,7 @@ def diagnose(
     else:
         trials.begin(plan)
         conflicts, violations = {}, verify(plan).violations
-    shortest, longest = _durations(scenario, trials)
+    shortest, longest = durations(scenario, trials)
     stronger = _smallest_relaxation(scenario, trials)
     return Diagnosis(
         scenario=scenario,
@@ -114,55 +94,6 @@ def diagnose(
         bearable_wind=tolerable,
         cut=trials.cut,
     )
-
-
-@checked
-@with_wall_time
-@with_time_limit
-def shortest_plan(
-    scenario: Scenario,
-    *,
-    solver: Solver | SolverName | None = None,
-    progress: Progress | None = None,
-    options: Options | None = None,
-) -> Plan:
-    """Return the plan of least duration with the same number of knots and all else unchanged.
-
-    The flight begins at the same time, and obstacles move as before. The duration is found by
-    bisection to a relative `PRECISION`. If a plan for one duration implies plans for all longer
-    ones (`is_monotone`), no shorter plan exists; else a shorter one may have been missed. Where a
-    longer duration is not always possible (`can_be_slower`), a scenario without a plan may have one
-    for a shorter duration.
-
-    Args:
-        scenario: scenario to plan for; its own duration need not be feasible.
-        solver: `"clarabel"`, `"daqp"` or `"osqp"`, or a Drake solver; Clarabel if not given.
-        progress: called with a short description of the current step, as on each trial.
-        options: options of the plan that is returned. Their `time_limit` is that of all trials
-            together; after it the shortest plan so far is returned (`statistics.cut`).
-
-    Raises:
-        InfeasibleError: no plan was found for any duration tried, up to `LARGEST_FACTOR` times the
-            scenario's.
-        OutOfTimeError: time was up before a plan was found.
-    """
-    trials = Trials(Backend.of(solver), progress)
-    duration, _ = _durations(scenario, trials)
-    if duration is None:
-        check_time()
-        plan_scp(scenario, solver=solver, progress=progress, options=options)  # raises the reason
-        raise SolverError("a duration had a plan that could not be found again")
-    found = trials.plan
-    assert found is not None  # noqa: S101  # of that duration
-    shortest = rescaled(scenario, duration / scenario.grid.duration)
-    try:
-        reference = time_scaled_plan(found, shortest)
-        plan = plan_scp(
-            shortest, reference=reference, solver=solver, progress=progress, options=options
-        )
-    except OutOfTimeError:
-        plan = found
-    return plan.with_statistics(dataclasses.replace(plan.statistics, cut=trials.cut))
 
 
 def is_monotone(scenario: Scenario) -> bool:
@@ -186,39 +117,6 @@ def _undisturbed(error: InfeasibleError, scenario: Scenario, backend: Backend) -
     return error
 
 
-def _durations(scenario: Scenario, trials: Trials) -> tuple[float | None, float | None]:
-    """Return the least duration with a plan, and the greatest if below the scenario's [s].
-
-    Both are None if no plan is found. The greatest is None, too, if the scenario's own duration or
-    a longer one has a plan.
-    """
-    duration, precision = scenario.grid.duration, _precision(scenario)
-
-    def lasting(factor: float, near: bool = False) -> bool:
-        words = f"a duration of {factor * duration:.5g} s"
-        return trials.has_plan(lambda: rescaled(scenario, factor), words, near=near)
-
-    high = some_factor(lasting, trials.feasible, shorter=not can_be_slower(scenario))
-    if high is None:
-        return None, None
-    longest = None
-    if high < 1.0:
-        found = trials.plan
-        longest = duration * boundary(lasting, high, high / SHORTER, precision)
-        trials.plan = found
-    while 1.0 >= high > 1.0 / LARGEST_FACTOR and lasting(high / 2.0):
-        high /= 2.0
-    if high > 1.0 / LARGEST_FACTOR:
-        high = boundary(lasting, high, high / 2.0, precision)
-    return duration * high, longest
-
-
-def _precision(scenario: Scenario) -> float:
-    """Return the relative precision to which trials of a scenario are worth their time."""
-    precision = PRECISION_WITH_OBSTACLES if scenario.obstacles else PRECISION
-    return PRECISION_WITH_SEPARATION if scenario.separation is not None else precision
-
-
 def _largest_tolerable_wind(scenario: Scenario, trials: Trials) -> float | None:
     """Return the largest wind with a plan [m/s²], for a scenario without one; see `Diagnosis`."""
     disturbance = scenario.disturbance
@@ -235,7 +133,7 @@ def _largest_tolerable_wind(scenario: Scenario, trials: Trials) -> float | None:
     if disturbance.acceleration == 0.0 or not tolerates(0.0):
         return 0.0
     low, high = 0.0, 1.0
-    while high - low > _precision(scenario):
+    while high - low > precision_of(scenario):
         middle = (low + high) / 2.0
         low, high = (middle, high) if tolerates(middle) else (low, middle)
     return low * disturbance.acceleration
@@ -250,7 +148,7 @@ def _smallest_relaxation(scenario: Scenario, trials: Trials) -> float | None:
         words = f"acceleration limits {factor:.5g} times as wide"
         return trials.has_plan(lambda: _stronger(scenario, factor), words, near=near)
 
-    return least_factor(suffices, trials.feasible, _precision(scenario))
+    return least_factor(suffices, trials.feasible, precision_of(scenario))
 
 
 def _stronger(scenario: Scenario, factor: float) -> Scenario:

@@ -3,17 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Protocol
 
 from drake_rho.motion.plan import Plan
 from drake_rho.planning.call.progress import Progress, tell, within
 from drake_rho.planning.errors import InfeasibleError, OutOfTimeError, SolverError
 from drake_rho.planning.planners.first_plan import first_plan, plan_near
-from drake_rho.planning.planners.related import time_scaled_plan
+from drake_rho.planning.planners.related import can_be_slower, rescaled, time_scaled_plan
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs.backend import Backend
 from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.records import Scenario
+
+PRECISION = 1e-4
+"""Relative precision of the shortest duration and of the smallest relaxation."""
+
+PRECISION_WITH_OBSTACLES = 1e-3
+"""Relative precision with obstacles, where a trial may have to search for paths round them."""
+
+PRECISION_WITH_SEPARATION = 1e-2
+"""Relative precision for fleets with a separation, where a trial that fails is a long search."""
 
 LARGEST_FACTOR = 2.0**10
 """Largest factor that is tried on the duration and on acceleration limits."""
@@ -137,3 +147,44 @@ def least_factor(has_plan: Trial, feasible: bool | None, precision: float) -> fl
     if factor is None or factor == 1.0:
         return factor
     return boundary(has_plan, factor, factor / 2.0, precision)
+
+
+def durations(
+    scenario: Scenario, trials: Trials, variant: Callable[[float], Scenario] | None = None
+) -> tuple[float | None, float | None]:
+    """Return the least duration with a plan, and the greatest if below the scenario's [s].
+
+    Both are None if no plan is found. The greatest is None, too, if the scenario's own duration or
+    a longer one has a plan.
+
+    Args:
+        scenario: of a duration of which others are multiples.
+        trials: makes the trials; its plan is one of the least duration in the end.
+        variant: returns the scenario with a multiple of its duration; `rescaled` if not given.
+    """
+    duration, precision = scenario.grid.duration, precision_of(scenario)
+
+    def lasting(factor: float, near: bool = False) -> bool:
+        words = f"a duration of {factor * duration:.5g} s"
+        make = partial(rescaled, scenario) if variant is None else variant
+        return trials.has_plan(lambda: make(factor), words, near=near)
+
+    high = some_factor(lasting, trials.feasible, shorter=not can_be_slower(scenario))
+    if high is None:
+        return None, None
+    longest = None
+    if high < 1.0:
+        found = trials.plan
+        longest = duration * boundary(lasting, high, high / SHORTER, precision)
+        trials.plan = found
+    while 1.0 >= high > 1.0 / LARGEST_FACTOR and lasting(high / 2.0):
+        high /= 2.0
+    if high > 1.0 / LARGEST_FACTOR:
+        high = boundary(lasting, high, high / 2.0, precision)
+    return duration * high, longest
+
+
+def precision_of(scenario: Scenario) -> float:
+    """Return the relative precision to which trials of a scenario are worth their time."""
+    precision = PRECISION_WITH_OBSTACLES if scenario.obstacles else PRECISION
+    return PRECISION_WITH_SEPARATION if scenario.separation is not None else precision

@@ -215,6 +215,28 @@ class Scenario(ShownInNotebooks):
         disturbance = None if self.disturbance is None else self.disturbance.for_grid(grid)
         return dataclasses.replace(self, grid=grid, disturbance=disturbance)
 
+    def ending_with(self, grid: Grid, vehicles: Sequence[Vehicle] | None = None) -> Scenario:
+        """Return the scenario on a grid with another end, and with other waypoints if given.
+
+        Obstacles keep their motion on the clock. One that would become known only after the end
+        becomes known at the end instead. Since the goals are clear of it, this adds no constraint.
+
+        Args:
+            grid: the grid.
+            vehicles: the same vehicles, with waypoints that fit the grid.
+        """
+        obstacles = tuple(
+            dataclasses.replace(each, known_from=min(each.known_from, grid.end))
+            if isinstance(each, Obstacle)
+            else each
+            for each in self.obstacles
+        )
+        vehicles = self.vehicles if vehicles is None else vehicles
+        disturbance = self.disturbance and self.disturbance.for_grid(grid)
+        return dataclasses.replace(
+            self, vehicles=vehicles, obstacles=obstacles, grid=grid, disturbance=disturbance
+        )
+
     def without_separation(self) -> Scenario:
         """Return the scenario without a separation."""
         return self.derived(separation=None, fleet=self._fleet_of(self.vehicles, None))

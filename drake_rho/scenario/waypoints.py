@@ -70,45 +70,55 @@ def is_during_flight(time: float, grid: Grid) -> bool:
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class FreeWaypoints:
-    """Waypoints of vehicles that are passed in their order, at times that are found."""
+class AllWaypoints:
+    """Waypoints of all vehicles, one after the other."""
 
     vehicles: IntArray
     """index of the vehicle of each waypoint, in increasing order, shape (W,)"""
     numbers: IntArray
     """index of each among the waypoints of its vehicle, shape (W,)"""
+    times: FloatArray
+    """times on the scenario's clock [s], NaN where they are free, shape (W,)"""
     positions: FloatArray
     """positions [m], shape (W, 3)"""
     within: FloatArray
     """largest distances from these [m], shape (W,)"""
 
     @classmethod
-    def of(cls, vehicles: Sequence[Vehicle]) -> FreeWaypoints:
-        """Return the waypoints without a time of all vehicles."""
+    def of(cls, vehicles: Sequence[Vehicle]) -> AllWaypoints:
+        """Return the waypoints of all vehicles."""
         found = [
-            (i, k, each)
+            (i, k, np.nan if each.time is None else each.time, each.position, each.within)
             for i, vehicle in enumerate(vehicles)
             for k, each in enumerate(vehicle.waypoints)
-            if each.time is None
         ]
+        who, numbers, times, positions, within = zip(*found, strict=True) if found else [()] * 5
         return cls(
-            np.array([i for i, _, _ in found], dtype=int),
-            np.array([k for _, k, _ in found], dtype=int),
-            np.array([each.position for _, _, each in found]).reshape(-1, 3),
-            np.array([each.within for _, _, each in found]),
+            np.array(who, dtype=int),
+            np.array(numbers, dtype=int),
+            np.array(times, dtype=float),
+            np.array(positions, dtype=float).reshape(-1, 3),
+            np.array(within, dtype=float),
         )
 
     def __len__(self) -> int:
         """Return the number of waypoints, W."""
         return len(self.vehicles)
 
+    @property
+    def given(self) -> BoolArray:
+        """Mask of the waypoints with a time, shape (W,)."""
+        return np.isfinite(self.times)
+
     def placed(self, vehicles: Sequence[Vehicle], times: FloatArray | None) -> tuple[Vehicle, ...]:
-        """Return the vehicles with these waypoints at times [s], (W,); without them if None."""
+        """Return the vehicles with their waypoints at times [s], (W,); without any if None."""
         changed = [list(vehicle.waypoints) for vehicle in vehicles]
-        for index, (i, k) in enumerate(zip(self.vehicles, self.numbers, strict=True)):
-            if times is not None:
-                changed[i][k] = dataclasses.replace(changed[i][k], time=float(times[index]))
+        if times is None:
+            changed = [[] for _ in vehicles]
+        else:
+            for i, k, time in zip(self.vehicles, self.numbers, times, strict=True):
+                changed[i][k] = dataclasses.replace(changed[i][k], time=float(time))
         return tuple(
-            dataclasses.replace(vehicle, waypoints=tuple(w for w in own if w.time is not None))
+            dataclasses.replace(vehicle, waypoints=tuple(own))
             for vehicle, own in zip(vehicles, changed, strict=True)
         )

@@ -115,6 +115,10 @@ class Constraint(abc.ABC):
         """Return rows around another reference as this constraint writes them around its own."""
         return dataclasses.replace(rows, constraint=self)
 
+    def bounds_at(self, rows: HalfSpaces, times: FloatArray) -> FloatArray:
+        """Return the bounds of rows with the same normals at other times [s], shape (R,)."""
+        return rows.bounds
+
     def quadratics(self, rows: HalfSpaces) -> Quadratic | None:
         """Return the constraints that rows linearise; None if the rows are exact."""
         return None

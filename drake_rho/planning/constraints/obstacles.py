@@ -54,6 +54,14 @@ class KeepOutOfObstacle(KeepOut):
         distances = self.distances(motion, points) - self.radius(points)
         return CloseApproaches(points.vehicles, points.partners, points.times, distances)
 
+    def bounds_at(self, rows: HalfSpaces, times: FloatArray) -> FloatArray:
+        """Return bounds with the obstacle where it is at other times."""
+        if not self.obstacle.moves:
+            return rows.bounds
+        moved = self.obstacle.centers(times) - self.obstacle.centers(rows.times)
+        bounds: FloatArray = rows.bounds + np.vecdot(rows.normals, moved)
+        return bounds
+
     def renewed(self, rows: HalfSpaces) -> HalfSpaces:
         """Return rows around this reference at the same instants."""
         points = EvaluationPoints(rows.vehicles, rows.partners, rows.times, parts=rows.sides)

@@ -226,6 +226,14 @@ class KeepInSet(Constraint):
         offset = self.requirement.offset(times)
         return rows.union(self._rows(rows.vehicles[every], times, outward, offset))
 
+    def bounds_at(self, rows: HalfSpaces, times: FloatArray) -> FloatArray:
+        """Return bounds with the offset of other times, by which a track moves on."""
+        if self.requirement.track is None:
+            return rows.bounds
+        moved = self.requirement.offset(times) - self.requirement.offset(rows.times)
+        bounds: FloatArray = rows.bounds + np.vecdot(rows.normals, moved)
+        return bounds
+
     def detail(self, rows: HalfSpaces, names: Sequence[str]) -> str:
         """Return the vehicle that values are relative to, as in ' relative to base'."""
         return "" if self.partner is None else f" relative to {names[self.partner]}"

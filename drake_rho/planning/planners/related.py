@@ -7,13 +7,11 @@ valid with fewer obstacles, looser limits or fewer vehicles.
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 
 from drake_rho.motion.plan import Plan
 from drake_rho.scenario.fields import FloatArray
-from drake_rho.scenario.records import Grid, Obstacle, Scenario
+from drake_rho.scenario.records import Grid, Scenario
 
 _SAME = 1e-9
 """Relative difference below which two time steps, or two positions, count as equal."""
@@ -52,17 +50,10 @@ def can_be_slower(scenario: Scenario) -> bool:
 def rescaled(scenario: Scenario, factor: float) -> Scenario:
     """Return the scenario with `factor` times its duration, the same knots and the same start time.
 
-    Obstacles keep their motion on the clock. An obstacle that would become known only after the
-    end becomes known at the end instead. Since the goals are clear of it, this adds no constraint.
+    Obstacles keep their motion on the clock.
     """
     grid = Grid(scenario.grid.step * factor, scenario.grid.knots, scenario.grid.start)
-    obstacles = tuple(
-        dataclasses.replace(each, known_from=min(each.known_from, grid.end))
-        if isinstance(each, Obstacle)
-        else each
-        for each in scenario.obstacles
-    )
-    return dataclasses.replace(scenario, obstacles=obstacles).on_grid(grid)
+    return scenario.ending_with(grid)
 
 
 def time_scaled_plan(plan: Plan, scenario: Scenario) -> Plan:

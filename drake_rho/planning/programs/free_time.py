@@ -16,6 +16,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from pydrake.solvers import MathematicalProgram
@@ -59,6 +60,22 @@ _SLOPES: dict[Quantity, tuple[float, float]] = {
 _SLOWEST = 1e6
 """Largest factor y of one program."""
 
+_PART = 1e-6
+"""Part of a time by which it is changed to differentiate bounds."""
+
+
+class Change(NamedTuple):
+    """By how much a program may change times."""
+
+    final: tuple[float, float] = (0.0, _SLOWEST)
+    """least and largest y"""
+    waypoints: float = 0.0
+    """largest change of the time of a free waypoint [s]"""
+
+
+NO_CHANGE = Change((1.0, 1.0))
+"""No change, so that only the effort is minimised."""
+
 _EFFORT = 1e-7
 """Weight of the mean of squared accelerations, in units, beside y: where vehicles have time to
 spare, it chooses between motions that take as long."""
@@ -66,7 +83,7 @@ spare, it chooses between motions that take as long."""
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Passing:
-    """Waypoints that vehicles pass at times that are found."""
+    """Waypoints that vehicles pass, at given times or at times that are found."""
 
     vehicles: IntArray
     """index of the vehicle of each waypoint, in increasing order, shape (W,)"""
@@ -76,19 +93,14 @@ class Passing:
     """positions [m], shape (W, 3)"""
     within: FloatArray
     """largest distances from these, less margins [m], shape (W,)"""
-    changes: FloatArray
-    """largest changes of the times in one program [s], shape (W,); 0 if they stay"""
+    given: BoolArray
+    """mask of the waypoints whose times are given, and do not change with the step, shape (W,)"""
     least: float
     """least time between two waypoints of a vehicle, and from its start and goal [s]"""
 
     def __len__(self) -> int:
         """Return the number of waypoints, W."""
         return len(self.vehicles)
-
-    @property
-    def first(self) -> BoolArray:
-        """Mask of the first free waypoint of each vehicle, shape (W,)."""
-        return np.diff(self.vehicles, prepend=-1) != 0
 
     def axes(self, effort: MinimumEffort) -> Rows:
         """Return rows with the positions less the waypoints, three for each, as their values."""
@@ -138,6 +150,11 @@ class FreeTimePrograms:
         self._cones = [each for each in cones if len(each) > 0]
         self._unit = self._limit() or float(problem.effort.units.max())
 
+    @property
+    def bound_time(self) -> bool:
+        """Whether a velocity, an acceleration or a jerk is limited, so that a motion takes time."""
+        return len(self._boxes) > 0 or len(self._cones) > 0
+
     def _limit(self) -> float:
         """Return the largest limit of accelerations [m/s²]; 0 without any.
 
@@ -153,25 +170,28 @@ class FreeTimePrograms:
         return max(limits)
 
     def solve(
-        self, rows: Sequence[HalfSpaces], passing: Passing, velocities: FloatArray
+        self, rows: Sequence[HalfSpaces], passing: Passing, velocities: FloatArray, change: Change
     ) -> FreeTime | None:
         """Return the solution with some rows; None if there is none.
 
         Args:
             rows: rows of all other constraints, around the step of the program.
-            passing: the free waypoints.
+            passing: the waypoints.
             velocities: velocities of the reference at their times [m/s], shape (W, 3).
+            change: by how much times may change.
 
         Raises:
             SolverError: Clarabel fails numerically.
         """
         limits = [each for each in (*self._boxes, *rows) if len(each) > 0]
-        written = _Program(self._effort, self._unit, self._drift, limits, self._cones, passing)
+        parts = limits, self._cones, passing, velocities
+        written = _Program(self._effort, self._unit, self._drift, *parts)
+        written.add_times(change)
         written.add_limits()
         for number in range(len(self._cones)):
             written.add_cones(number)
         if len(passing) > 0:
-            written.add_passing(velocities)
+            written.add_passing()
         solution = solve([written.program], self._backend)[0]
         return written.found(solution) if solution.feasible else None
 
@@ -197,6 +217,15 @@ def drift_of(problem: Problem) -> Motion | None:
     return Motion(grid.step, p, v, accelerations, before)
 
 
+def bound_rates(rows: HalfSpaces) -> FloatArray:
+    """Return by how much bounds rise with y at y = 1 as obstacles and tracks move on, (R,)."""
+    constraint, times = rows.constraint, rows.times
+    later = constraint.bounds_at(rows, times * (1.0 + _PART))
+    earlier = constraint.bounds_at(rows, times * (1.0 - _PART))
+    rates: FloatArray = (later - earlier) / (4.0 * _PART)  # t grows with the root of y
+    return rates
+
+
 class _Program:
     """Program while it is written, with rows matrix @ x - by_time @ (y, s) >= needed.
 
@@ -206,7 +235,8 @@ class _Program:
         drift: derivative of these motions by y.
         limits: rows that have to hold.
         cones: limits of norms.
-        passing: the free waypoints.
+        passing: the waypoints.
+        velocities: velocities of the reference at their times [m/s], shape (W, 3).
     """
 
     def __init__(
@@ -217,9 +247,10 @@ class _Program:
         limits: Sequence[HalfSpaces],
         cones: Sequence[Cones],
         passing: Passing,
+        velocities: FloatArray,
     ) -> None:
         self._effort, self._drift = effort, drift
-        self._cones, self._passing = cones, passing
+        self._cones, self._passing, self._velocities = cones, passing, velocities
         halves = [*limits, *(each.axes for each in cones)]
         parts = [*about(effort.motion, halves), passing.axes(effort)]
         group = np.arange(len(effort.units))
@@ -238,7 +269,7 @@ class _Program:
             scaled = csc_matrix(equations @ scales) / float(self._steps) ** order
             self.program.AddLinearEqualityConstraint(scaled, np.zeros(count), self._x)
         matrix, needed, _, _ = sparse.matrix()
-        by_time = np.concatenate([*map(self._by_time, halves), np.zeros((3 * len(passing), 2))])
+        by_time = np.concatenate([*map(self._by_time, halves), self._passing_by_time(velocities)])
         finer = np.concatenate([np.full(len(each), self._finer(each.quantity)) for each in parts])
         matrix = diags_array(finer) @ matrix @ scales
         self._matrix = csc_array(hstack([matrix, csc_array(-by_time)], format="csc"))
@@ -252,10 +283,31 @@ class _Program:
         program.AddLinearCost(np.ones(1), 0.0, np.array([y]))
         weight = np.full(len(u), 2.0 * _EFFORT / len(u))
         program.AddQuadraticCost(np.diag(weight), np.zeros(len(u)), u, is_convex=True)
-        program.AddBoundingBoxConstraint(0.0, _SLOWEST, self._time)
         # norm(s, (y - 1) / 2) <= (y + 1) / 2, which is s² <= y
         root = np.array([[0.5, 0.0], [0.0, 1.0], [0.5, 0.0]])
         program.AddLorentzConeConstraint(root, np.array([0.5, 0.0, -0.5]), np.array([y, s]))
+
+    def add_times(self, change: Change) -> None:
+        """Add by how much the final time and the times of free waypoints may change."""
+        passing, program, T = self._passing, self.program, self._effort.grid.duration
+        least, most = change.final
+        ends = np.array([least, np.sqrt(least)]), np.array([most, np.sqrt(most)])
+        program.AddBoundingBoxConstraint(*ends, self._time)
+        if len(passing) == 0:
+            return
+        reach = np.where(passing.given, 0.0, change.waypoints)
+        low = np.maximum(-reach, np.minimum(passing.least - passing.times, 0.0))
+        high = np.minimum(reach, np.maximum(T - passing.least - passing.times, 0.0))
+        program.AddBoundingBoxConstraint(low, high, self._changes)
+        free = ~passing.given
+        later = 1 + np.flatnonzero((np.diff(passing.vehicles) == 0) & free[1:] & free[:-1])
+        if len(later) > 0:
+            both = np.eye(len(reach))[later] - np.eye(len(reach))[later - 1]
+            gaps = passing.times[later] - passing.times[later - 1]
+            above = np.full(len(later), np.inf)
+            program.AddLinearConstraint(
+                both, np.minimum(passing.least - gaps, 0.0), above, self._changes
+            )
 
     def _unit_of(self, quantity: Quantity) -> float:
         """Return the unit of a quantity: that of accelerations, integrated over the duration."""
@@ -274,7 +326,7 @@ class _Program:
         by_time = np.outer(rows.bounds, slopes)
         if quantity == "velocity":  # a lower bound above zero is linearised in y instead
             by_time[rows.bounds > 0.0] = np.outer(rows.bounds[rows.bounds > 0.0], [0.5, 0.0])
-        by_time[:, 0] -= self._rise(rows)
+        by_time[:, 0] += bound_rates(rows) - self._rise(rows)
         scaled: FloatArray = by_time / self._unit_of(quantity)
         return scaled
 
@@ -288,6 +340,19 @@ class _Program:
             values = values - drift.each_at(quantity, rows.partners, rows.times)
         rise: FloatArray = np.vecdot(rows.normals, values)
         return rise
+
+    def _passing_by_time(self, velocities: FloatArray) -> FloatArray:
+        """Return the same for the axes of waypoints, shape (3 W, 2).
+
+        A given time t is by t (y - 1) / 2 earlier with the step of the program.
+        """
+        passing, drift = self._passing, self._drift
+        earlier = np.where(passing.given, passing.times, 0.0) / 2.0
+        values = earlier[:, None] * velocities
+        if drift is not None:
+            values = values - drift.each_at("position", passing.vehicles, passing.times)
+        by_y = values.reshape(-1) / self._unit_of("position")
+        return np.stack([by_y, np.zeros(len(by_y))], axis=1)
 
     @property
     def _variables(self) -> np.ndarray:
@@ -315,11 +380,11 @@ class _Program:
         constant = offsets.reshape(-1) - grown.sum(axis=1) - transform @ self._needed[own]
         self._add_lorentz(matrix, constant, self._variables)
 
-    def add_passing(self, velocities: FloatArray) -> None:
-        """Add that vehicles pass the free waypoints, in their order and during the flight."""
+    def add_passing(self) -> None:
+        """Add that vehicles pass the waypoints."""
         passing, program, d = self._passing, self.program, self._changes
         unit = self._unit_of("position")
-        moves = block_diag([each[:, None] / unit for each in velocities], format="csc")
+        moves = block_diag([each[:, None] / unit for each in self._velocities], format="csc")
         matrix = csc_array(hstack([self._matrix[self._parts[-1]], moves], format="csc"))
         needed, variables = self._needed[self._parts[-1]], np.concatenate([self._variables, d])
         exact = passing.within == 0.0
@@ -332,14 +397,6 @@ class _Program:
             constant = -(shifted @ needed[~axes])
             constant[::4] = passing.within[~exact] / unit
             self._add_lorentz(csc_array(shifted @ matrix[~axes]), constant, variables)
-        program.AddBoundingBoxConstraint(-passing.changes, passing.changes, d)
-        later, first = np.flatnonzero(~passing.first), passing.times
-        if len(later) > 0:
-            both = np.eye(len(d))[later] - np.eye(len(d))[later - 1]
-            least = passing.least - (first[later] - first[later - 1])
-            program.AddLinearConstraint(both, least, np.full(len(later), np.inf), d)
-        T = self._effort.grid.duration
-        program.AddBoundingBoxConstraint(passing.least - first, T - passing.least - first, d)
 
     def _add_lorentz(self, matrix: csc_array, constant: FloatArray, variables: np.ndarray) -> None:
         """Add that each four values of matrix @ variables + constant are in a cone."""

@@ -1,23 +1,26 @@
 """Least time by sequential convex programming: final time and times of free waypoints are found.
 
 Each iteration solves a program with a free final time around the latest motion, in which the times
-of free waypoints may change as well. The program is then solved once more with the new times. The
-motion that results meets every constraint, and is kept if it takes less time.
+of free waypoints change as well. A second program with the new times then finds a motion that meets
+every constraint. It is kept if it takes less time; a trust region bounds how far times may change.
+Where nothing but the motion depends on time, the second program may shorten the final time, too:
+around a motion that meets every constraint, its solution does so as well and takes no longer.
 """
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
 from drake_rho.motion.dynamics import Motion, roll_out
 from drake_rho.motion.plan import Plan
 from drake_rho.motion.statistics import Statistics
-from drake_rho.planning.call.progress import Progress
+from drake_rho.planning.call.progress import Progress, tell
 from drake_rho.planning.call.time_limit import check_time
 from drake_rho.planning.constraints.base import Constraint, HalfSpaces
 from drake_rho.planning.constraints.boxes import KeepInBox
@@ -26,7 +29,15 @@ from drake_rho.planning.constraints.coupling import coupled
 from drake_rho.planning.errors import OutOfTimeError, SolverError
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs.backend import Backend
-from drake_rho.planning.programs.free_time import POWERS, FreeTime, FreeTimePrograms, Passing
+from drake_rho.planning.programs.free_time import (
+    NO_CHANGE,
+    POWERS,
+    Change,
+    FreeTime,
+    FreeTimePrograms,
+    Passing,
+)
+from drake_rho.scenario.errors import Description, ScenarioError
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.parts import Quantity
 from drake_rho.scenario.records import Grid, Scenario
@@ -37,85 +48,109 @@ _ROUNDS = 60
 _MOST = 200
 """Largest number of iterations."""
 
-_CONVERGED = 1e-5
+CONVERGED = 1e-5
 """Relative fall of the final time in one iteration, predicted or reached, that ends the search."""
 
-_GROWTH, _SHRINKAGE = 2.0, 0.1
-"""Largest and least factor of the changes of waypoint times from one iteration to the next."""
-
-_LEAST_GAP = 0.05
-"""Least time from one waypoint of a vehicle to the next, in steps."""
-
-_NO_TIME = 1e-12
-"""Factor of the squared final time below which nothing bounds it."""
+_FIRST, _GROWTH, _SHRINKAGE = 0.1, 2.0, 0.1
+"""First trust region, as a part of the final time by which times may change, and the largest and
+the least factor from one to the next."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Timed:
-    """Motion of a scenario in a final time, with the times of its free waypoints."""
+    """Motion of a scenario in a final time, with the times of its waypoints."""
 
-    problem: Problem
-    """problem on the grid of the motion"""
+    scenario: Scenario
+    """scenario without waypoints, in any final time"""
+    step: float
+    """step of the motion [s]"""
     accelerations: FloatArray
     """accelerations [m/s²], shape (N, K-1, 3)"""
     passing: Passing
-    """free waypoints, with their times"""
+    """waypoints with their times"""
     rows: Sequence[HalfSpaces] = ()
     """rows of the last program"""
+    reference: Plan | None = None
+    """motion to linearise around, which need not be flown; this one if not given"""
+
+    @cached_property
+    def problem(self) -> Problem:
+        """Problem in the final time of the motion."""
+        return Problem.of(self.scenario.ending_with(self.grid))
+
+    @property
+    def grid(self) -> Grid:
+        """Grid of the motion."""
+        return dataclasses.replace(self.scenario.grid, step=self.step)
 
     @property
     def duration(self) -> float:
         """Final time [s]."""
-        return self.problem.scenario.grid.duration
+        return self.grid.duration
 
     @cached_property
     def motion(self) -> Motion:
         """Motion of all vehicles."""
-        grid = self.problem.scenario.grid
-        return Motion.from_starts(self.problem.scenario.fleet, self.accelerations, grid.step)
+        return Motion.from_starts(self.scenario.fleet, self.accelerations, self.step)
 
-    @property
-    def plan(self) -> Plan:
-        """Motion as a plan of the scenario without free waypoints."""
-        return Plan.from_motion(self.problem.scenario, self.motion)
+    def linearised(self) -> list[Constraint]:
+        """Return the constraints around the motion that programs impose by rows when violated."""
+        reference = self.reference or Plan.from_motion(self.problem.scenario, self.motion)
+        return [
+            each
+            for each in self.problem.linearized(reference, coupled)
+            if not isinstance(each, KeepInSets)
+            and (not isinstance(each, KeepInBox) or each.quantity == "position")
+        ]
 
     def after(self, found: FreeTime, rows: Sequence[HalfSpaces]) -> Timed:
         """Return the motion that a program around this one has found, in its own time."""
-        scenario, root = self.problem.scenario, float(np.sqrt(found.factor))
-        grid = Grid(scenario.grid.step * root, scenario.grid.knots, scenario.grid.start)
-        problem = Problem.of(scenario.on_grid(grid))
-        passing = dataclasses.replace(
-            self.passing,
-            times=(self.passing.times + found.changes) * root,
-            changes=self.passing.changes * root,
-            least=self.passing.least * root,
-        )
-        accelerations = found.accelerations / found.factor
-        accelerations = problem.effort.goals.met_by(accelerations, np.arange(len(problem)))
+        root, passing = float(np.sqrt(found.factor)), self.passing
+        times = np.where(passing.given, passing.times, (passing.times + found.changes) * root)
+        passing = dataclasses.replace(passing, times=times, least=passing.least * root)
         later = [dataclasses.replace(each, times=each.times * root) for each in rows]
-        return Timed(problem, accelerations, passing, later)
+        accelerations = found.accelerations / found.factor
+        after = Timed(self.scenario, self.step * root, accelerations, passing, later)
+        goals = after.problem.effort.goals
+        exact = goals.met_by(accelerations, np.arange(len(accelerations)))
+        return dataclasses.replace(after, accelerations=exact)
+
+
+class _Iteration(NamedTuple):
+    """Result of one iteration."""
+
+    after: Timed | None
+    """motion that meets every constraint; None if none was found"""
+    predicted: float
+    """relative fall of the final time that the linearisation predicted"""
+    moved: float
+    """largest change of a time, as a part of the final time"""
 
 
 class LeastTime:
-    """Search for the least time of a scenario.
+    """Search for the least time of a problem.
 
     Args:
         backend: the solver and its settings.
         progress: called with the final time after each iteration.
+        steady: whether nothing but the motion depends on time.
 
     Attributes:
         statistics: statistics of all programs.
     """
 
-    def __init__(self, backend: Backend, progress: Progress | None = None) -> None:
-        self._backend, self._progress = backend, progress
+    def __init__(
+        self, backend: Backend, progress: Progress | None = None, *, steady: bool = True
+    ) -> None:
+        self._backend, self._progress, self._steady = backend, progress, steady
         self.statistics = Statistics()
 
-    def from_motion(self, timed: Timed) -> Timed | None:
+    def around(self, timed: Timed, tolerance: float = CONVERGED) -> Timed | None:
         """Return the motion in the least time that is found; None if none is found around `timed`.
 
         Args:
             timed: motion to linearise around first, which need not meet any constraint.
+            tolerance: relative fall of the final time that ends the search.
 
         Raises:
             OutOfTimeError: time was up before a motion was found.
@@ -124,87 +159,102 @@ class LeastTime:
         best = self._with_same_times(timed)
         if best is None:
             return None
-        with suppress(OutOfTimeError, SolverError):
+        moves = not self._steady or len(best.passing) > 0
+        reach, converged = _FIRST, False
+        with suppress(SolverError), self.or_cut():
             for _ in range(_MOST):
-                self._tell(best)
-                after, predicted = self._improved(best)
-                fall = 1.0 - after.duration / best.duration
-                best = after if fall > 0.0 else self._with_reach(best, after.passing.changes)
-                if max(fall, predicted) <= _CONVERGED:
+                tell(self._progress, f"final time {best.duration:.6g} s")
+                after, predicted, moved = (
+                    self._with_moved_times(best, reach) if moves else self._again(best)
+                )
+                fall = -predicted if after is None else 1.0 - after.duration / best.duration
+                if after is not None and fall > 0.0:
+                    best = after
+                if converged := max(fall, predicted) <= tolerance:
                     break
+                if moves:
+                    # the fall is about predicted · x - error · x² for x times the change
+                    x = predicted / (2.0 * max(predicted - fall, predicted / 4.0))
+                    reach = moved * float(np.clip(x, _SHRINKAGE, _GROWTH))
+        self.statistics = dataclasses.replace(
+            self.statistics, converged=converged, tolerance=tolerance
+        )
         return best
 
-    def _improved(self, best: Timed) -> tuple[Timed, float]:
-        """Return a motion that may take less time, and the fall that its program predicted."""
-        if len(best.passing) == 0:
-            after = self._with_same_times(best)
-            return best if after is None else after, 0.0
-        guess = self._solve(best)
-        if guess is None:
-            return self._with_reach(best, best.passing.changes / 4.0), 1.0
-        predicted = 1.0 - guess.duration / best.duration
-        if predicted <= _CONVERGED:
-            return best, predicted
-        after = self._with_same_times(guess)
-        fall = -predicted if after is None else 1.0 - after.duration / best.duration
-        # the fall is about predicted · x - error · x² for x times the changes
-        x = predicted / (2.0 * max(predicted - fall, predicted / _GROWTH))
-        moved = np.abs(guess.passing.times * best.duration / guess.duration - best.passing.times)
-        reach = np.clip(x, _SHRINKAGE, _GROWTH) * np.full(len(moved), moved.max())
-        print(f"    pred {predicted:.2e} fall {fall:.2e} x {x:.3g} moved {moved.max():.3g} reach {best.passing.changes.max():.3g}", self._last)
-        return self._with_reach(best if after is None else after, reach), predicted
+    @contextmanager
+    def or_cut(self) -> Iterator[None]:
+        """Return without an error when time is up; the statistics then say so."""
+        try:
+            yield
+        except OutOfTimeError:
+            self.statistics = dataclasses.replace(self.statistics, cut=True)
 
-    def _with_reach(self, timed: Timed, reach: FloatArray) -> Timed:
-        """Return a motion whose times of waypoints may change by at most `reach` [s], (W,)."""
-        passing = dataclasses.replace(timed.passing, changes=reach)
-        return dataclasses.replace(timed, passing=passing)
+    def _again(self, best: Timed) -> _Iteration:
+        """Return the motion in least time around the best one."""
+        return _Iteration(self._with_same_times(best), 0.0, 0.0)
+
+    def _with_moved_times(self, best: Timed, reach: float) -> _Iteration:
+        """Return a motion with other times of waypoints, and another final time.
+
+        Args:
+            best: motion that meets every constraint.
+            reach: part of the final time by which times may change.
+        """
+        final = Change().final if self._steady else ((1.0 - reach) ** 2, (1.0 + reach) ** 2)
+        guess = self._solve(best, Change(final, reach * best.duration))
+        if guess is None:
+            return _Iteration(None, 1.0, reach)
+        scale = guess.duration / best.duration
+        changes = np.abs(guess.passing.times / scale - best.passing.times)[~best.passing.given]
+        moved = max(changes.max(initial=0.0) / best.duration, 0.0 if self._steady else 1.0 - scale)
+        predicted = 1.0 - scale
+        after = self._with_same_times(guess) if predicted > CONVERGED else None
+        return _Iteration(after, predicted, moved)
 
     def _with_same_times(self, timed: Timed) -> Timed | None:
-        """Return the motion in least time around another, with its times of waypoints."""
-        reach = timed.passing.changes
-        found = self._solve(self._with_reach(timed, np.zeros(len(reach))))
-        return None if found is None else self._with_reach(found, reach)
+        """Return a motion around another that passes waypoints at the same parts of the time."""
+        return self._solve(timed, Change() if self._steady else NO_CHANGE)
 
-    def _tell(self, best: Timed) -> None:
-        if self._progress is not None:
-            self._progress(f"final time {best.duration:.6g} s")
-
-    def _solve(self, timed: Timed) -> Timed | None:
+    def _solve(self, timed: Timed, change: Change) -> Timed | None:
         """Return the motion in least time around another; None if there is none.
 
-        Rows of constraints on positions are added until none is violated.
+        Rows are added until none is violated, at the knots first and then between them.
         """
-        problem, passing = timed.problem, timed.passing
-        constraints = [
-            each
-            for each in problem.linearized(timed.plan, coupled)
-            if not isinstance(each, KeepInSets)
-            and not (isinstance(each, KeepInBox) and each.quantity != "position")
-        ]
-        programs = FreeTimePrograms(problem, self._backend)
-        by_key = {each.key: each for each in constraints}
+        problem, passing, constraints = timed.problem, timed.passing, timed.linearised()
+        programs, every = FreeTimePrograms(problem, self._backend), np.arange(len(problem))
+        if not programs.bound_time:
+            given = Description("no limit of velocities, accelerations or jerks")
+            raise ScenarioError("limits", given, "one, without which the least time is zero")
+        known = {each.key: each for each in constraints}
         rows = {
-            each.constraint.key: by_key[each.constraint.key].renewed(each) for each in timed.rows
+            each.constraint.key: known[each.constraint.key].renewed(each) for each in timed.rows
         }
         velocities = timed.motion.each_at("velocity", passing.vehicles, passing.times)
-        every = np.arange(len(problem))
         for _ in range(_ROUNDS):
             check_time()
-            found = programs.solve(list(rows.values()), passing, velocities)
-            self._last = (found.solver, found.seconds) if found else None
-            self.statistics += Statistics(programs=1)
+            found = programs.solve(list(rows.values()), passing, velocities, change)
             if found is None:
+                self.statistics += Statistics(programs=1)
                 return None
-            motions = {q: in_time(found, problem, q) for q in POWERS}
+            motions = {each: in_its_time(found, problem, each) for each in POWERS}
+            more = list[HalfSpaces]()
             for between in (False, True):
-                more = [
-                    each.violated_rows(motions[each.quantity], every, between=between)
-                    for each in constraints
-                    if between is False or each.searches > 0
-                ]
-                more = [each for each in more if len(each) > 0]
-                if more:
-                    break
+                if not more:
+                    more = [
+                        violated
+                        for each in constraints
+                        if not between or each.searches > 0
+                        for violated in [
+                            each.violated_rows(motions[each.quantity], every, between=between)
+                        ]
+                        if len(violated) > 0
+                    ]
+            self.statistics += Statistics(
+                programs=1,
+                rows=sum(map(len, more)),
+                solver=found.solver,
+                solver_seconds=found.seconds,
+            )
             if not more:
                 return timed.after(found, list(rows.values()))
             for each in more:
@@ -213,8 +263,8 @@ class LeastTime:
         raise SolverError(f"rows were still violated after {_ROUNDS} rounds")
 
 
-def in_time(found: FreeTime, problem: Problem, quantity: Quantity) -> Motion:
-    """Return a motion with the step of a program whose values of one quantity are those in time.
+def in_its_time(found: FreeTime, problem: Problem, quantity: Quantity) -> Motion:
+    """Return a motion with the step of a program whose values of a quantity are those in its time.
 
     Args:
         found: solution of the program.
@@ -223,7 +273,7 @@ def in_time(found: FreeTime, problem: Problem, quantity: Quantity) -> Motion:
     """
     divisor = found.factor ** POWERS[quantity]
     fleet, step = problem.scenario.fleet, problem.scenario.grid.step
-    root = np.sqrt(found.factor)
-    p, v = roll_out(fleet.start_positions, root * fleet.start_velocities, found.accelerations, step)
+    velocities = (1.0 + found.factor) / 2.0 * fleet.start_velocities  # as it is linearised
+    p, v = roll_out(fleet.start_positions, velocities, found.accelerations, step)
     before = fleet.accelerations_before * found.factor / divisor
     return Motion(step, p, v / divisor, found.accelerations / divisor, before)

@@ -1,0 +1,358 @@
+"""`plan_minimum_time`: the least time in which vehicles reach their goals; `shortest_plan`."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Iterable
+from contextlib import suppress
+from functools import partial
+from itertools import islice
+
+import numpy as np
+
+from drake_rho.analysis.trials import Trials, durations
+from drake_rho.motion.plan import Plan
+from drake_rho.planning.call.options import DEFAULTS, Options
+from drake_rho.planning.call.progress import Progress, tell
+from drake_rho.planning.call.time_limit import with_time_limit
+from drake_rho.planning.call.wall_time import with_wall_time
+from drake_rho.planning.constraints.tightening import enlarged_by_margins
+from drake_rho.planning.errors import InfeasibleError, SolverError
+from drake_rho.planning.path_search.initial_guesses import paths_on_grids
+from drake_rho.planning.planners.first_plan import FirstPlan, first_plan, plan_near
+from drake_rho.planning.problem import Problem
+from drake_rho.planning.programs.backend import Backend, Solver, SolverName
+from drake_rho.planning.programs.free_time import Passing
+from drake_rho.planning.scp.least_time import LeastTime, Timed
+from drake_rho.scenario.arguments import checked
+from drake_rho.scenario.errors import ScenarioError
+from drake_rho.scenario.fields import FloatArray
+from drake_rho.scenario.records import Grid, Scenario
+from drake_rho.scenario.waypoints import AllWaypoints
+from drake_rho.system.threads import single_threaded_blas
+
+_LONGER = 1.3, 2.0, 4.0, 8.0
+"""Multiples of the least time without obstacles and other vehicles in which a first plan is sought,
+around which both are linearised."""
+
+_LESS = 0.02, 0.005
+"""Parts by which the time of a local optimum is reduced for another plan near it."""
+
+_SEARCHES = 2
+"""Number of searches for plans in less time than a local optimum."""
+
+_ROUGHLY = 3e-3
+"""Relative fall of the final time at which motions along different paths are compared."""
+
+_WORTHWHILE = 0.01
+"""Part of the final time that has to be possible to gain for another search."""
+
+_GAP = 0.05
+"""Least time between waypoints of a vehicle, and from its start and goal, in steps."""
+
+
+@checked
+@with_wall_time
+def shortest_plan(
+    scenario: Scenario,
+    *,
+    solver: Solver | SolverName | None = None,
+    progress: Progress | None = None,
+    options: Options | None = None,
+) -> Plan:
+    """Return the plan of least duration with the same number of knots: `plan_minimum_time`.
+
+    Args and errors are those of `plan_minimum_time`.
+    """
+    return plan_minimum_time(scenario, solver=solver, progress=progress, options=options)
+
+
+@checked
+@with_wall_time
+@with_time_limit
+@single_threaded_blas()
+def plan_minimum_time(
+    scenario: Scenario,
+    *,
+    knots: int | None = None,
+    solver: Solver | SolverName | None = None,
+    progress: Progress | None = None,
+    options: Options | None = None,
+) -> Plan:
+    """Return a plan of the least time in which all vehicles reach their goals.
+
+    The final time is free, and so is the time of every waypoint without one; a vehicle passes these
+    in their order. All vehicles arrive together. From rest to rest without obstacles, separation
+    and free waypoints the program is convex, and no plan on as many knots takes less time. With
+    these it is linearised anew until the time has converged: the least time near the motions from
+    which the search begins.
+
+    Args:
+        scenario: scenario to plan for. Its step is a first guess of the answer's.
+        knots: number of knots of the plan; the scenario's if not given.
+        solver: solver of the first plans, as for `plan`. Programs with a free final time are
+            solved by Clarabel.
+        progress: called with a short description of the current step, as after each iteration.
+        options: `time_limit`, after which the plan of least time so far is returned
+            (`statistics.cut`), and the bounds of the searches for first plans.
+
+    Returns:
+        A plan that meets every constraint. The grid of its scenario has the final time, and its
+        waypoints the times that were found.
+
+    Raises:
+        InfeasibleError: no plan was found for any final time that was tried.
+        OutOfTimeError: time was up before a plan was found.
+        ScenarioError: no limit bounds the time, or the scenario does not fit the number of knots.
+        SolverError: the solvers fail numerically.
+
+    Examples:
+        >>> scenario = rho.Scenario(
+        ...     "race",
+        ...     rho.Grid(step=0.1, knots=61),
+        ...     [
+        ...         rho.Vehicle(
+        ...             "racer",
+        ...             rho.State([0, 0, 1]),
+        ...             rho.State([8, 0, 1]),
+        ...             waypoints=[rho.Waypoint(None, [2, 2, 1]), rho.Waypoint(None, [6, -2, 1])],
+        ...         )
+        ...     ],
+        ...     limits=rho.Limits(max_acceleration=8.0),
+        ... )
+        >>> plan = rho.plan_minimum_time(scenario)
+        >>> print(f"{plan.scenario.grid.duration:.2f} s")
+        2.84 s
+    """
+    grid = scenario.grid
+    if knots is not None:
+        grid = Grid(grid.duration / (knots - 1), knots, grid.start)
+    search = _Search(scenario, grid, Backend.of(solver), progress, options or DEFAULTS)
+    return search.plan()
+
+
+class _Search:
+    """Search for the plan of least time of one scenario.
+
+    Args:
+        scenario: scenario to plan for.
+        grid: grid of the first motion, with the knots of the plan.
+        backend: solver of first plans.
+        progress: called with descriptions of what is being done.
+        options: bounds of the searches.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        grid: Grid,
+        backend: Backend,
+        progress: Progress | None,
+        options: Options,
+    ) -> None:
+        self._waypoints, self._given = AllWaypoints.of(scenario.vehicles), scenario
+        vehicles = self._waypoints.placed(scenario.vehicles, None)
+        self._scenario = scenario.ending_with(grid, vehicles)
+        self._backend, self._progress, self._options = backend, progress, options
+        self._steady = is_steady(self._scenario) and not self._waypoints.given.any()
+        self._least = LeastTime(Backend(), progress, steady=self._steady)
+
+    def plan(self) -> Plan:
+        """Return the plan of least time."""
+        scenario, alone = self._scenario, self._alone()
+        bound = scenario.avoided or scenario.separation is not None or scenario.requirements
+        if self._steady and not bound:
+            return self._finished(alone)
+        best = None
+        if self._steady and len(scenario.vehicles) == 1:
+            best = self._along_paths(alone)
+        elif changes_with_time(scenario):
+            best = self._by_bisection(alone)
+        if best is None:
+            best = self._shorter(alone.duration, self._from_first_plans(alone))
+        return self._finished(best)
+
+    def _alone(self) -> Timed:
+        """Return the motion in least time without obstacles, other vehicles and requirements.
+
+        Waypoints with given times are left out as well: it is a first guess of times.
+        """
+        tell(self._progress, "looking for the least time without obstacles and other vehicles")
+        scenario = dataclasses.replace(
+            self._scenario, obstacles=(), separation=None, disturbance=None, requirements=()
+        )
+        effort, passing = Problem.of(scenario).effort, self._passing(scenario.grid)
+        start = Timed(scenario, scenario.grid.step, effort.motion.accelerations, passing)
+        if passing.given.any():
+            return start
+        least = LeastTime(Backend(), self._progress)
+        found = least.around(start)
+        self._least.statistics += least.statistics
+        if found is None:
+            raise no_plan_alone(scenario, self._backend)
+        return found
+
+    def _along_paths(self, alone: Timed) -> Timed | None:
+        """Return the motion in least time of one vehicle near paths around the obstacles."""
+        tell(self._progress, "looking for paths around the obstacles")
+        problem, timed = self._scaled(alone, _LONGER[0] * alone.duration)
+        larger = enlarged_by_margins(problem.scenario, problem.margins)
+        options, found = self._options, [timed]
+        for grid in islice(paths_on_grids(larger, options.max_ways, options.max_memory), 1):
+            found += [dataclasses.replace(timed, reference=each) for each in grid.references]
+        best = self._shortest(partial(self._least.around, each, _ROUGHLY) for each in found)
+        return best and self._shortest([lambda: best, partial(self._least.around, best)])
+
+    def _by_bisection(self, alone: Timed) -> Timed | None:
+        """Return the motion in least time near the plan that bisection of the final time finds."""
+        trials = Trials(self._backend, self._progress)
+        given, scenario = alone.duration, self._scaled(alone, alone.duration)[0].scenario
+
+        def variant(factor: float) -> Scenario:
+            return self._scaled(alone, factor * given)[0].scenario
+
+        duration, _ = durations(scenario, trials, variant)
+        plan = trials.plan
+        if duration is None or plan is None:
+            return None
+        _, timed = self._scaled(alone, plan.scenario.grid.duration)
+        start = dataclasses.replace(timed, accelerations=plan.accelerations)
+        return self._shortest([partial(self._least.around, start), lambda: start])
+
+    def _from_first_plans(self, alone: Timed) -> Timed:
+        """Return a motion in least time near a first plan in more time."""
+        failure: Exception = SolverError("no motion was found around the first plans")
+        for longer in _LONGER:
+            try:
+                found = self._from_first_plan(alone, longer * alone.duration)
+            except (InfeasibleError, SolverError, ScenarioError) as error:
+                failure = error
+            else:
+                if found is not None:
+                    return found
+        raise failure
+
+    def _shorter(self, low: float, best: Timed) -> Timed:
+        """Return a motion that takes less time than a local optimum, if one is found.
+
+        Plans are sought in a little less time near the motion, and then in much less time anywhere.
+
+        Args:
+            low: time below which there is no motion [s].
+            best: local optimum.
+        """
+        for part in _LESS:
+            near = partial(self._from_near, best, (1.0 - part) * best.duration)
+            best = self._shortest([lambda best=best: best, near]) or best
+        for _ in range(_SEARCHES):
+            if best.duration - low <= _WORTHWHILE * best.duration:
+                break
+            middle = (low + best.duration) / 2.0
+            search = partial(self._from_first_plan, best, middle, quick=True)
+            found = self._shortest([lambda best=best: best, search]) or best
+            low = low if found.duration < best.duration else middle
+            best = found
+        return best
+
+    def _shortest(self, searches: Iterable[Callable[[], Timed | None]]) -> Timed | None:
+        """Return the shortest result of several searches; None if none has any."""
+        best: Timed | None = None
+        for search in searches:
+            found = None
+            with suppress(InfeasibleError, SolverError, ScenarioError):
+                if best is None:
+                    found = search()
+                else:
+                    with self._least.or_cut():
+                        found = search()
+            if found is not None and (best is None or found.duration < best.duration):
+                best = found
+        return best
+
+    def _scaled(self, like: Timed, duration: float) -> tuple[Problem, Timed]:
+        """Return the problem with all waypoints in another final time, and a motion in that time.
+
+        Args:
+            like: motion with times of waypoints that are to be kept in proportion.
+            duration: final time [s].
+        """
+        factor, passing = duration / like.duration, like.passing
+        times = np.where(passing.given, passing.times, factor * passing.times)
+        step = factor * like.step
+        passing = dataclasses.replace(passing, times=times, least=_GAP * step)
+        timed = Timed(self._scenario, step, like.accelerations / factor**2, passing)
+        return Problem.of(self._timed(timed.grid, times)), timed
+
+    def _from_near(self, like: Timed, duration: float) -> Timed | None:
+        """Return a motion in the least time from a plan near another, in a given time [s]."""
+        problem, timed = self._scaled(like, duration)
+        reference = Plan.from_motion(problem.scenario, timed.motion)
+        plan = plan_near(problem, reference, backend=self._backend, progress=self._progress)
+        return self._least.around(dataclasses.replace(timed, accelerations=plan.accelerations))
+
+    def _from_first_plan(
+        self, like: Timed, duration: float, *, quick: bool = False
+    ) -> Timed | None:
+        """Return a motion in the least time from a first plan in a given time; None if none.
+
+        Args:
+            like: motion with times of waypoints that are to be kept in proportion.
+            duration: time of the first plan [s].
+            quick: whether few paths are tried.
+        """
+        problem, timed = self._scaled(like, duration)
+        options = dataclasses.replace(self._options, max_ways=2) if quick else self._options
+        search = FirstPlan(self._backend, self._progress, options)
+        first = search.of(problem) if quick else search.of_any_duration(problem)
+        return self._least.around(dataclasses.replace(timed, accelerations=first.accelerations))
+
+    def _timed(self, grid: Grid, times: FloatArray) -> Scenario:
+        """Return the scenario on a grid, with waypoints at times since the first knot [s], (W,)."""
+        vehicles = self._waypoints.placed(self._given.vehicles, grid.start + times)
+        return self._given.ending_with(grid, vehicles)
+
+    def _finished(self, best: Timed) -> Plan:
+        """Return a motion as a plan."""
+        scenario = self._timed(best.grid, best.passing.times)
+        return Plan.from_accelerations(scenario, best.accelerations, self._least.statistics)
+
+    def _passing(self, grid: Grid) -> Passing:
+        """Return the waypoints; times that are free grow with the roots of distances."""
+        every, fleet = self._waypoints, self._scenario.fleet
+        times = every.times - grid.start
+        for i in np.unique(every.vehicles):
+            own = np.flatnonzero(every.vehicles == i)
+            places = [fleet.start_positions[i], *every.positions[own], fleet.goal_positions[i]]
+            legs = np.sqrt(np.linalg.norm(np.diff(places, axis=0), axis=1))
+            guess = grid.duration * np.cumsum(legs)[:-1] / legs.sum()
+            times[own] = np.where(every.given[own], times[own], guess)
+        gap = _GAP * grid.step
+        return Passing(every.vehicles, times, every.positions, every.within, every.given, gap)
+
+
+def changes_with_time(scenario: Scenario) -> bool:
+    """Return whether what is required of positions changes with time."""
+    steady = (not each.moves and each.active is None for each in scenario.bodies)
+    whenever = (each.active is None and each.track is None for each in scenario.requirements)
+    return not all(steady) or not all(whenever)
+
+
+def is_steady(scenario: Scenario) -> bool:
+    """Return whether nothing but the motion depends on time, which begins and ends at rest."""
+    fleet = scenario.fleet
+    return (
+        not changes_with_time(scenario)
+        and scenario.disturbance is None
+        and not fleet.start_velocities.any()
+        and not fleet.goal_velocities.any()
+        and all(each.of == "position" for each in scenario.requirements)
+    )
+
+
+def no_plan_alone(scenario: Scenario, backend: Backend) -> Exception:
+    """Return the error for vehicles that have no motion in any time, even without obstacles."""
+    try:
+        first_plan(Problem.of(scenario), backend=backend)
+    except (InfeasibleError, SolverError) as error:
+        return error
+    return SolverError("no motion was found in any time")
