@@ -119,8 +119,11 @@ def test_a_diagnosis_says_that_more_time_does_not_help() -> None:
     assert not reason.feasible
     assert reason.shortest_duration is None
     assert "no plan was found with more time" in str(reason)
-    with pytest.raises(rho.InfeasibleError):
+    with pytest.raises(rho.ScenarioError, match="the least time is zero"):
         rho.shortest_plan(reason.scenario)
+    bound = dataclasses.replace(walls, max_speed=50.0)
+    with pytest.raises(rho.InfeasibleError):
+        rho.shortest_plan(dataclasses.replace(reason.scenario, limits=bound))
 
 
 def test_monotone_is_claimed_from_rest_to_rest_only() -> None:

@@ -8,7 +8,7 @@ import pytest
 
 import drake_rho as rho
 from drake_rho.analysis.diagnose import is_monotone
-from drake_rho.analysis.trials import PRECISION_WITH_OBSTACLES
+from drake_rho.analysis.trials import PRECISION, PRECISION_WITH_OBSTACLES
 from drake_rho.planning.planners.related import can_be_slower
 from tests.scenarios import box, single
 
@@ -53,7 +53,9 @@ def test_longer_is_not_always_possible_with_a_tube_that_grows() -> None:
     assert "or perhaps another instead of 12 s" in str(diagnosis)
     shortest = rho.shortest_plan(lasting(12.0))
     assert rho.verify(shortest).ok
-    assert shortest.scenario.grid.duration == pytest.approx(diagnosis.shortest_duration)
+    assert shortest.scenario.grid.duration == pytest.approx(
+        diagnosis.shortest_duration, rel=PRECISION
+    )
 
 
 def test_obstacles_do_not_slow_down_with_a_longer_duration() -> None:

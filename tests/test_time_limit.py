@@ -102,7 +102,7 @@ def test_the_error_without_a_result_names_the_interrupted_step() -> None:
     again = pickle.loads(pickle.dumps(caught.value))  # noqa: S301  # our own
     assert str(again) == str(caught.value)
     impossible = dataclasses.replace(HURRY, limits=rho.Limits(max_acceleration=0.1))
-    with pytest.raises(rho.OutOfTimeError, match="trying a duration of 5 s"):
+    with pytest.raises(rho.OutOfTimeError, match="looking for the least time"):
         rho.shortest_plan(impossible, options=rho.Options(time_limit=1e-9))
     with pytest.raises(rho.OutOfTimeError):
         rho.diagnose(HURRY, time_limit=1e-9)
@@ -145,7 +145,7 @@ def test_a_diagnosis_cut_short_reports_what_is_known(ends: Callable[[int], None]
 
 
 def test_the_shortest_plan_so_far_holds(ends: Callable[[int], None]) -> None:
-    ends(500)
+    ends(30)
     cut = rho.shortest_plan(HURRY)
     assert cut.statistics.cut
     ends(10**9)

@@ -20,9 +20,9 @@ from drake_rho.planning.constraints.tightening import enlarged_by_margins
 from drake_rho.planning.errors import InfeasibleError, SolverError
 from drake_rho.planning.path_search.initial_guesses import paths_on_grids
 from drake_rho.planning.planners.first_plan import FirstPlan, first_plan, plan_near
+from drake_rho.planning.planners.waypoint_times import GAP, passing_of
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs.backend import Backend, Solver, SolverName
-from drake_rho.planning.programs.free_time import Passing
 from drake_rho.planning.scp.least_time import LeastTime, Timed
 from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.errors import ScenarioError
@@ -46,9 +46,6 @@ _ROUGHLY = 3e-3
 
 _WORTHWHILE = 0.01
 """Part of the final time that has to be possible to gain for another search."""
-
-_GAP = 0.05
-"""Least time between waypoints of a vehicle, and from its start and goal, in steps."""
 
 
 @checked
@@ -181,7 +178,10 @@ class _Search:
         scenario = dataclasses.replace(
             self._scenario, obstacles=(), separation=None, disturbance=None, requirements=()
         )
-        effort, passing = Problem.of(scenario).effort, self._passing(scenario.grid)
+        effort, passing = (
+            Problem.of(scenario).effort,
+            passing_of(self._waypoints, scenario, scenario.grid),
+        )
         start = Timed(scenario, scenario.grid.step, effort.motion.accelerations, passing)
         if passing.given.any():
             return start
@@ -279,7 +279,7 @@ class _Search:
         factor, passing = duration / like.duration, like.passing
         times = np.where(passing.given, passing.times, factor * passing.times)
         step = factor * like.step
-        passing = dataclasses.replace(passing, times=times, least=_GAP * step)
+        passing = dataclasses.replace(passing, times=times, least=GAP * step)
         timed = Timed(self._scenario, step, like.accelerations / factor**2, passing)
         return Problem.of(self._timed(timed.grid, times)), timed
 
@@ -315,19 +315,6 @@ class _Search:
         """Return a motion as a plan."""
         scenario = self._timed(best.grid, best.passing.times)
         return Plan.from_accelerations(scenario, best.accelerations, self._least.statistics)
-
-    def _passing(self, grid: Grid) -> Passing:
-        """Return the waypoints; times that are free grow with the roots of distances."""
-        every, fleet = self._waypoints, self._scenario.fleet
-        times = every.times - grid.start
-        for i in np.unique(every.vehicles):
-            own = np.flatnonzero(every.vehicles == i)
-            places = [fleet.start_positions[i], *every.positions[own], fleet.goal_positions[i]]
-            legs = np.sqrt(np.linalg.norm(np.diff(places, axis=0), axis=1))
-            guess = grid.duration * np.cumsum(legs)[:-1] / legs.sum()
-            times[own] = np.where(every.given[own], times[own], guess)
-        gap = _GAP * grid.step
-        return Passing(every.vehicles, times, every.positions, every.within, every.given, gap)
 
 
 def changes_with_time(scenario: Scenario) -> bool:

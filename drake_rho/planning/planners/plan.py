@@ -10,8 +10,10 @@ from drake_rho.planning.call.progress import Progress
 from drake_rho.planning.call.time_limit import with_time_limit
 from drake_rho.planning.call.wall_time import with_wall_time
 from drake_rho.planning.constraints.coupling import COUPLINGS, Coupling, CouplingName
+from drake_rho.planning.errors import InfeasibleError, OutOfTimeError, SolverError
 from drake_rho.planning.planners.first_plan import FirstPlan
 from drake_rho.planning.planners.related import fitted
+from drake_rho.planning.planners.waypoint_times import WaypointTimes
 from drake_rho.planning.problem import Problem, with_finer_margins
 from drake_rho.planning.programs.backend import Backend, Solver, SolverName
 from drake_rho.planning.scp.fleet_improvement import AroundReferences
@@ -86,6 +88,30 @@ def plan(
         coupling = COUPLINGS[coupling]
     kept_apart = coupling or coupling_for(scenario, options)
     search = FirstPlan(Backend.of(solver, executor), progress, options)
+    times = WaypointTimes(scenario, Backend.of(solver), progress)
+    if times.any_free:
+        return _with_free_times(times, reference, kept_apart, search)
+    return _with_given_times(scenario, reference, kept_apart, search)
+
+
+def _with_free_times(
+    times: WaypointTimes, reference: Plan | None, kept_apart: Coupling, search: FirstPlan
+) -> Plan:
+    """Return the best plan with the times of waypoints that are best near a first one."""
+    first = _with_given_times(times.alone(), reference, kept_apart, search)
+    if not first.scenario.avoided and first.scenario.separation is None:
+        return first
+    try:
+        again = _with_given_times(times.near(first), first, kept_apart, search)
+    except (InfeasibleError, SolverError, OutOfTimeError):
+        return first
+    return min(first, again, key=lambda plan: plan.cost)
+
+
+def _with_given_times(
+    scenario: Scenario, reference: Plan | None, kept_apart: Coupling, search: FirstPlan
+) -> Plan:
+    """Return the best plan of a scenario in which the times of all waypoints are given."""
     if reference is not None:
         reference = fitted(reference, scenario)
 

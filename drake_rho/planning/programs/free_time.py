@@ -57,6 +57,9 @@ _SLOPES: dict[Quantity, tuple[float, float]] = {
 }
 """Growth of limits with y and with s; that of jerks is linearised at y = 1."""
 
+_BLOCK = 300
+"""Number of variables in a block of the cost, whose Hessian is dense."""
+
 _SLOWEST = 1e6
 """Largest factor y of one program."""
 
@@ -76,9 +79,9 @@ class Change(NamedTuple):
 NO_CHANGE = Change((1.0, 1.0))
 """No change, so that only the effort is minimised."""
 
-_EFFORT = 1e-7
-"""Weight of the mean of squared accelerations, in units, beside y: where vehicles have time to
-spare, it chooses between motions that take as long."""
+LITTLE_EFFORT = 1e-7
+"""Weight of the effort with which y is next to the least: where vehicles have time to spare, it
+chooses between motions that take as long."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -137,10 +140,11 @@ class FreeTimePrograms:
     Args:
         problem: the problem, on a grid with the step h0.
         backend: the solver and its settings.
+        effort: weight of the mean of squared accelerations, in units, beside y.
     """
 
-    def __init__(self, problem: Problem, backend: Backend) -> None:
-        self._effort, self._backend = problem.effort, backend
+    def __init__(self, problem: Problem, backend: Backend, effort: float = LITTLE_EFFORT) -> None:
+        self._effort, self._backend, self._weight = problem.effort, backend, effort
         self._drift = drift_of(problem)
         group, motion = np.arange(len(problem)), problem.effort.motion
         boxes = [each for each in problem.convex if isinstance(each, KeepInBox)]
@@ -186,6 +190,7 @@ class FreeTimePrograms:
         limits = [each for each in (*self._boxes, *rows) if len(each) > 0]
         parts = limits, self._cones, passing, velocities
         written = _Program(self._effort, self._unit, self._drift, *parts)
+        written.add_costs(self._weight)
         written.add_times(change)
         written.add_limits()
         for number in range(len(self._cones)):
@@ -262,7 +267,8 @@ class _Program:
         self._time = self.program.NewContinuousVariables(2)  # y and s
         self._changes = self.program.NewContinuousVariables(len(passing))
         count = 3 * self._steps * len(group)
-        self._add_costs(self._x[:count])
+        self._weights = np.ones(len(group)) if effort.factors is None else effort.factors**-2
+        self._about = effort.motion.accelerations.reshape(-1) / unit
         add_goal(self.program, changes, self._x[:count])
         scales = diags_array(np.repeat(float(self._steps) ** np.arange(3), count)[: len(self._x)])
         for order, equations in enumerate(sparse.dynamics()):
@@ -278,11 +284,16 @@ class _Program:
         self._first = int(ends[len(limits)])
         self._parts = [slice(*each) for each in pairwise(ends[len(limits) :].tolist())]
 
-    def _add_costs(self, u: np.ndarray) -> None:
+    def add_costs(self, effort: float) -> None:
+        """Add the cost: y and the mean of squared accelerations with a weight."""
         program, (y, s) = self.program, self._time
         program.AddLinearCost(np.ones(1), 0.0, np.array([y]))
-        weight = np.full(len(u), 2.0 * _EFFORT / len(u))
-        program.AddQuadraticCost(np.diag(weight), np.zeros(len(u)), u, is_convex=True)
+        u = self._x[: 3 * self._steps * len(self._effort.units)]
+        weights = 2.0 * effort / len(u) * np.repeat(self._weights, 3 * self._steps)
+        for first in range(0, len(u), _BLOCK):
+            own = slice(first, first + _BLOCK)
+            linear = weights[own] * self._about[own]
+            program.AddQuadraticCost(np.diag(weights[own]), linear, u[own], is_convex=True)
         # norm(s, (y - 1) / 2) <= (y + 1) / 2, which is s² <= y
         root = np.array([[0.5, 0.0], [0.0, 1.0], [0.5, 0.0]])
         program.AddLorentzConeConstraint(root, np.array([0.5, 0.0, -0.5]), np.array([y, s]))

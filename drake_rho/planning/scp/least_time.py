@@ -17,6 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from drake_rho.motion.costs import cost_of
 from drake_rho.motion.dynamics import Motion, roll_out
 from drake_rho.motion.plan import Plan
 from drake_rho.motion.statistics import Statistics
@@ -30,6 +31,7 @@ from drake_rho.planning.errors import OutOfTimeError, SolverError
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs.backend import Backend
 from drake_rho.planning.programs.free_time import (
+    LITTLE_EFFORT,
     NO_CHANGE,
     POWERS,
     Change,
@@ -88,6 +90,11 @@ class Timed:
         """Final time [s]."""
         return self.grid.duration
 
+    @property
+    def cost(self) -> float:
+        """Cost of the motion [m²/s⁴], (13)."""
+        return cost_of(self.scenario.fleet, self.accelerations)
+
     @cached_property
     def motion(self) -> Motion:
         """Motion of all vehicles."""
@@ -134,15 +141,22 @@ class LeastTime:
         backend: the solver and its settings.
         progress: called with the final time after each iteration.
         steady: whether nothing but the motion depends on time.
+        final_time: whether the final time is free; if not, the cost of the motion falls instead.
 
     Attributes:
         statistics: statistics of all programs.
     """
 
     def __init__(
-        self, backend: Backend, progress: Progress | None = None, *, steady: bool = True
+        self,
+        backend: Backend,
+        progress: Progress | None = None,
+        *,
+        steady: bool = True,
+        final_time: bool = True,
     ) -> None:
         self._backend, self._progress, self._steady = backend, progress, steady
+        self._final_time = final_time
         self.statistics = Statistics()
 
     def around(self, timed: Timed, tolerance: float = CONVERGED) -> Timed | None:
@@ -163,11 +177,11 @@ class LeastTime:
         reach, converged = _FIRST, False
         with suppress(SolverError), self.or_cut():
             for _ in range(_MOST):
-                tell(self._progress, f"final time {best.duration:.6g} s")
+                tell(self._progress, self._described(best))
                 after, predicted, moved = (
                     self._with_moved_times(best, reach) if moves else self._again(best)
                 )
-                fall = -predicted if after is None else 1.0 - after.duration / best.duration
+                fall = -predicted if after is None else self._fall(best, after)
                 if after is not None and fall > 0.0:
                     best = after
                 if converged := max(fall, predicted) <= tolerance:
@@ -200,20 +214,37 @@ class LeastTime:
             best: motion that meets every constraint.
             reach: part of the final time by which times may change.
         """
-        final = Change().final if self._steady else ((1.0 - reach) ** 2, (1.0 + reach) ** 2)
+        final = ((1.0 - reach) ** 2, (1.0 + reach) ** 2)
+        if self._steady or not self._final_time:
+            final = self._same_times.final
         guess = self._solve(best, Change(final, reach * best.duration))
         if guess is None:
             return _Iteration(None, 1.0, reach)
         scale = guess.duration / best.duration
         changes = np.abs(guess.passing.times / scale - best.passing.times)[~best.passing.given]
         moved = max(changes.max(initial=0.0) / best.duration, 0.0 if self._steady else 1.0 - scale)
-        predicted = 1.0 - scale
+        predicted = self._fall(best, guess)
         after = self._with_same_times(guess) if predicted > CONVERGED else None
         return _Iteration(after, predicted, moved)
 
     def _with_same_times(self, timed: Timed) -> Timed | None:
         """Return a motion around another that passes waypoints at the same parts of the time."""
-        return self._solve(timed, Change() if self._steady else NO_CHANGE)
+        return self._solve(timed, self._same_times)
+
+    @property
+    def _same_times(self) -> Change:
+        return Change() if self._steady and self._final_time else NO_CHANGE
+
+    def _fall(self, one: Timed, other: Timed) -> float:
+        """Return the relative fall of final time or cost from one motion to another."""
+        if self._final_time:
+            return 1.0 - other.duration / one.duration
+        return 1.0 - other.cost / one.cost if one.cost > 0.0 else 0.0
+
+    def _described(self, best: Timed) -> str:
+        if self._final_time:
+            return f"final time {best.duration:.6g} s"
+        return f"cost {best.cost:.6g} m²/s⁴"
 
     def _solve(self, timed: Timed, change: Change) -> Timed | None:
         """Return the motion in least time around another; None if there is none.
@@ -221,8 +252,10 @@ class LeastTime:
         Rows are added until none is violated, at the knots first and then between them.
         """
         problem, passing, constraints = timed.problem, timed.passing, timed.linearised()
-        programs, every = FreeTimePrograms(problem, self._backend), np.arange(len(problem))
-        if not programs.bound_time:
+        weight = LITTLE_EFFORT if self._final_time else 1.0
+        programs = FreeTimePrograms(problem, self._backend, weight)
+        every = np.arange(len(problem))
+        if self._final_time and not programs.bound_time:
             given = Description("no limit of velocities, accelerations or jerks")
             raise ScenarioError("limits", given, "one, without which the least time is zero")
         known = {each.key: each for each in constraints}

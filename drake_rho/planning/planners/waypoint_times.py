@@ -1,0 +1,113 @@
+"""Times of waypoints without one, for a given final time."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from drake_rho.motion.plan import Plan
+from drake_rho.planning.call.progress import Progress, tell
+from drake_rho.planning.problem import Problem
+from drake_rho.planning.programs.backend import Backend
+from drake_rho.planning.programs.free_time import Passing
+from drake_rho.planning.scp.least_time import LeastTime, Timed
+from drake_rho.scenario.errors import ScenarioError
+from drake_rho.scenario.records import Grid, Scenario
+from drake_rho.scenario.waypoints import AllWaypoints
+
+GAP = 0.05
+"""Least time between waypoints of a vehicle, and from its start and goal, in steps."""
+
+_ROUGHLY = 1e-2
+"""Relative fall of the final time that ends the search for first times."""
+
+
+def passing_of(waypoints: AllWaypoints, scenario: Scenario, grid: Grid) -> Passing:
+    """Return waypoints with their times; those that are free grow with the roots of distances.
+
+    Args:
+        waypoints: the waypoints of all vehicles.
+        scenario: the scenario with these vehicles.
+        grid: grid of the flight.
+    """
+    fleet, times = scenario.fleet, waypoints.times - grid.start
+    for i in np.unique(waypoints.vehicles):
+        own = np.flatnonzero(waypoints.vehicles == i)
+        places = [fleet.start_positions[i], *waypoints.positions[own], fleet.goal_positions[i]]
+        legs = np.sqrt(np.linalg.norm(np.diff(places, axis=0), axis=1))
+        guess = grid.duration * np.cumsum(legs)[:-1] / legs.sum()
+        times[own] = np.where(waypoints.given[own], times[own], guess)
+    return Passing(
+        waypoints.vehicles,
+        times,
+        waypoints.positions,
+        waypoints.within,
+        waypoints.given,
+        GAP * grid.step,
+    )
+
+
+class WaypointTimes:
+    """Search for the times of a scenario's free waypoints at which the cost is least.
+
+    Args:
+        scenario: the scenario.
+        backend: the solver and its settings.
+        progress: called with a short description of the current step.
+    """
+
+    def __init__(self, scenario: Scenario, backend: Backend, progress: Progress | None) -> None:
+        self._given, self._backend, self._progress = scenario, backend, progress
+        self._waypoints = AllWaypoints.of(scenario.vehicles)
+        vehicles = self._waypoints.placed(scenario.vehicles, None)
+        self._without = dataclasses.replace(scenario, vehicles=vehicles)
+
+    @property
+    def any_free(self) -> bool:
+        """Whether any waypoint has no time."""
+        return not bool(self._waypoints.given.all())
+
+    def alone(self) -> Scenario:
+        """Return the scenario with the times that are best without obstacles and other vehicles."""
+        tell(self._progress, "looking for the times of waypoints")
+        scenario = dataclasses.replace(
+            self._without, obstacles=(), separation=None, disturbance=None, requirements=()
+        )
+        effort, grid = Problem.of(scenario).effort, scenario.grid
+        passing = passing_of(self._waypoints, scenario, grid)
+        start = Timed(scenario, grid.step, effort.motion.accelerations, passing)
+        return self._timed(self._best(self._in_least_time(start)))
+
+    def _in_least_time(self, start: Timed) -> Timed:
+        """Return a motion with waypoints where a flight in the least time has them, if it can."""
+        if start.passing.given.any():
+            return start
+        try:
+            fast = LeastTime(self._backend, self._progress).around(start, _ROUGHLY)
+        except ScenarioError:  # nothing bounds the time
+            return start
+        if fast is None:
+            return start
+        slower = start.duration / fast.duration
+        passing = dataclasses.replace(start.passing, times=np.asarray(fast.passing.times * slower))
+        return dataclasses.replace(
+            start, accelerations=fast.accelerations / slower**2, passing=passing
+        )
+
+    def _best(self, start: Timed) -> Timed:
+        search = LeastTime(self._backend, self._progress, final_time=False)
+        return search.around(start) or start
+
+    def near(self, plan: Plan) -> Scenario:
+        """Return the scenario with the times that are best near a plan of it with other times."""
+        times = AllWaypoints.of(plan.scenario.vehicles).times - plan.scenario.grid.start
+        passing = passing_of(self._waypoints, self._without, self._without.grid)
+        passing = dataclasses.replace(passing, times=times)
+        start = Timed(self._without, plan.scenario.grid.step, plan.accelerations, passing)
+        return self._timed(self._best(start))
+
+    def _timed(self, timed: Timed) -> Scenario:
+        times = self._given.grid.start + timed.passing.times
+        vehicles = self._waypoints.placed(self._given.vehicles, times)
+        return dataclasses.replace(self._given, vehicles=vehicles)
