@@ -17,6 +17,7 @@ from benchmarks.tables import Cell, Goal, Table
 from drake_rho.motion.simulation import Simulation
 from drake_rho.planning.errors import InfeasibleError
 from drake_rho.scenario.fields import FloatArray
+from drake_rho.scenario.waypoints import in_order
 from drake_rho.simulation.closed_loop import fly
 
 FLIGHTS = 4000
@@ -229,8 +230,8 @@ def _missed(flown: Simulation) -> float:
     """Return the largest distance outside a waypoint's ball by the record [m]."""
     beyond = -np.inf
     for i, vehicle in enumerate(flown.scenario.vehicles):
-        for waypoint in vehicle.waypoints:
-            positions, _ = flown.states([waypoint.time])
+        for time, waypoint in in_order(vehicle):
+            positions, _ = flown.states([time])
             away = float(np.linalg.norm(positions[i, 0] - waypoint.position))
             beyond = max(beyond, away - waypoint.within)
     return beyond

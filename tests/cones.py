@@ -79,6 +79,7 @@ class Twin:
 
     def pass_waypoint(self, waypoint: rho.Waypoint, grid: rho.Grid, x: np.ndarray) -> None:
         """Add the position at the waypoint's time, by (1)-(2) with a part of a step."""
+        assert waypoint.time is not None
         t = waypoint.time - grid.start
         k = min(int(t / grid.step), self.n - 1)
         s = t - k * grid.step

@@ -112,7 +112,7 @@ def mapped(
                 length * old.radius,
                 [
                     rho.Waypoint(
-                        time * each.time,
+                        None if each.time is None else time * each.time,
                         length * (turn @ each.position + shift),
                         length * each.within,
                     )

@@ -53,7 +53,7 @@ def test_straight_lines_pass_waypoints_at_their_times() -> None:
     motion, grid = lines.motion(), scenario.grid
     for time, place in (
         (grid.start, vehicle.start.position),
-        (WAYPOINT.time, WAYPOINT.position),
+        (float(WAYPOINT.time or 0.0), WAYPOINT.position),
         (grid.end, vehicle.goal.position),
     ):
         found = motion.at("position", [time - grid.start])[0, 0]

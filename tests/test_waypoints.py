@@ -17,6 +17,7 @@ from drake_rho.planning.problem import Problem
 from drake_rho.planning.scp.minimum_violation import minimum_violation
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.files import scenario_from_yaml, scenario_to_yaml
+from drake_rho.scenario.waypoints import in_order
 from tests.cones import TWIN, twin_cost
 from tests.scenarios import (
     box,
@@ -46,9 +47,9 @@ def _position(plan: rho.Plan, vehicle: int, time: float) -> FloatArray:
 def _missed(plan: rho.Plan) -> list[float]:
     """Return the distances of all vehicles from their waypoints."""
     return [
-        float(np.linalg.norm(_position(plan, index, each.time) - each.position))
+        float(np.linalg.norm(_position(plan, index, time) - each.position))
         for index, vehicle in enumerate(plan.scenario.vehicles)
-        for each in vehicle.waypoints
+        for time, each in in_order(vehicle)
     ]
 
 
@@ -218,7 +219,9 @@ def test_windows_include_a_waypoint_until_it_has_passed(
     for window in flight.windows:
         asked = window.plan.scenario
         # a waypoint at a knot has been passed
-        left = [each for each in waypoints if each.time > asked.grid.start]
+        left = [
+            each for each in waypoints if each.time is not None and each.time > asked.grid.start
+        ]
         assert list(asked.vehicles[0].waypoints) == left
         assert scenario_from_yaml(scenario_to_yaml(asked)) == asked
 
@@ -285,8 +288,8 @@ def test_paths_lead_through_waypoints(
     vehicle = rho.Vehicle("solo", *ends, radius=0.2, waypoints=waypoints)
     scenario = rho.Scenario("wall", rho.Grid(0.25, 61), (vehicle,), limits, obstacles)
     (reference, *_) = find_paths(scenario).references
-    for each in waypoints:
-        at = reference.motion().at("position", [each.time])[0, 0]
+    for time, each in in_order(vehicle):
+        at = reference.motion().at("position", [time])[0, 0]
         assert np.linalg.norm(at - each.position) < 0.3  # straight from knot to knot
     still = dataclasses.replace(scenario, obstacles=(WALL,)).bodies[0]
     x = reference.positions[0] - still.centers(reference.times)

@@ -201,7 +201,7 @@ class _Search:
         for grid in islice(paths_on_grids(larger, options.max_ways, options.max_memory), 1):
             found += [dataclasses.replace(timed, reference=each) for each in grid.references]
         best = self._shortest(partial(self._least.around, each, _ROUGHLY) for each in found)
-        return best and self._shortest([lambda: best, partial(self._least.around, best)])
+        return best and self._shortest([partial(_same, best), partial(self._least.around, best)])
 
     def _by_bisection(self, alone: Timed) -> Timed | None:
         """Return the motion in least time near the plan that bisection of the final time finds."""
@@ -217,7 +217,7 @@ class _Search:
             return None
         _, timed = self._scaled(alone, plan.scenario.grid.duration)
         start = dataclasses.replace(timed, accelerations=plan.accelerations)
-        return self._shortest([partial(self._least.around, start), lambda: start])
+        return self._shortest([partial(self._least.around, start), partial(_same, start)])
 
     def _from_first_plans(self, alone: Timed) -> Timed:
         """Return a motion in least time near a first plan in more time."""
@@ -243,13 +243,13 @@ class _Search:
         """
         for part in _LESS:
             near = partial(self._from_near, best, (1.0 - part) * best.duration)
-            best = self._shortest([lambda best=best: best, near]) or best
+            best = self._shortest([partial(_same, best), near]) or best
         for _ in range(_SEARCHES):
             if best.duration - low <= _WORTHWHILE * best.duration:
                 break
             middle = (low + best.duration) / 2.0
             search = partial(self._from_first_plan, best, middle, quick=True)
-            found = self._shortest([lambda best=best: best, search]) or best
+            found = self._shortest([partial(_same, best), search]) or best
             low = low if found.duration < best.duration else middle
             best = found
         return best
@@ -315,6 +315,11 @@ class _Search:
         """Return a motion as a plan."""
         scenario = self._timed(best.grid, best.passing.times)
         return Plan.from_accelerations(scenario, best.accelerations, self._least.statistics)
+
+
+def _same(timed: Timed) -> Timed:
+    """Return a motion that is known."""
+    return timed
 
 
 def changes_with_time(scenario: Scenario) -> bool:

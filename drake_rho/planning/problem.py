@@ -29,6 +29,7 @@ from drake_rho.planning.minimum_effort import MinimumEffort
 from drake_rho.scenario.fields import IntArray
 from drake_rho.scenario.records import Scenario
 from drake_rho.scenario.requirements import linked_groups
+from drake_rho.scenario.waypoints import check_times
 
 _PIECES = 16
 """Least number of pieces of a step over which finer margins are constant."""
@@ -53,7 +54,12 @@ class Problem:
 
     @classmethod
     def of(cls, scenario: Scenario) -> Problem:
-        """Return the problem of a scenario with margins that are constant over steps."""
+        """Return the problem of a scenario with margins that are constant over steps.
+
+        Raises:
+            ScenarioError: a waypoint has no time.
+        """
+        check_times(scenario.vehicles)
         return cls(scenario)
 
     def __len__(self) -> int:

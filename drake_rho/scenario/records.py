@@ -231,7 +231,7 @@ class Scenario(ShownInNotebooks):
             else each
             for each in self.obstacles
         )
-        vehicles = self.vehicles if vehicles is None else vehicles
+        vehicles = self.vehicles if vehicles is None else tuple(vehicles)
         disturbance = self.disturbance and self.disturbance.for_grid(grid)
         return dataclasses.replace(
             self, vehicles=vehicles, obstacles=obstacles, grid=grid, disturbance=disturbance
@@ -292,7 +292,9 @@ class Scenario(ShownInNotebooks):
                 vehicle,
                 start=unchecked(vehicle.start, position=p, velocity=v, acceleration=a),
                 waypoints=tuple(
-                    each for each in vehicle.waypoints if is_during_flight(each.time, grid)
+                    each
+                    for each in vehicle.waypoints
+                    if each.time is None or is_during_flight(each.time, grid)
                 ),
             )
             for vehicle, (p, v, a) in zip(self.vehicles, states, strict=True)

@@ -8,8 +8,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from drake_rho.scenario.convex_sets import Balls
+from drake_rho.scenario.errors import Description, ScenarioError
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
-from drake_rho.scenario.parts import Grid, Vehicle
+from drake_rho.scenario.parts import Grid, Vehicle, Waypoint
 from drake_rho.scenario.shapes.base import TOLERANCE
 
 _AT_ONCE = 1e-6
@@ -61,6 +62,26 @@ def waypoints_of(vehicles: Sequence[Vehicle]) -> list[Waypoints]:
                 within[i] = waypoint.within
         found.append(Waypoints(times, positions, within))
     return found
+
+
+def in_order(vehicle: Vehicle) -> list[tuple[float, Waypoint]]:
+    """Return the waypoints with a time, in the order of their times [s]."""
+    timed = [(each.time, each) for each in vehicle.waypoints if each.time is not None]
+    return sorted(timed, key=lambda pair: pair[0])
+
+
+def check_times(vehicles: Sequence[Vehicle]) -> None:
+    """Check that all waypoints have a time.
+
+    Raises:
+        ScenarioError: one has none.
+    """
+    for i, vehicle in enumerate(vehicles):
+        for k, each in enumerate(vehicle.waypoints):
+            if each.time is None:
+                expected = "a time, which `rho.plan` and `rho.plan_minimum_time` find"
+                where = f"vehicles[{i}].waypoints[{k}].time"
+                raise ScenarioError(where, Description("none"), expected)
 
 
 def is_during_flight(time: float, grid: Grid) -> bool:

@@ -17,6 +17,7 @@ from drake_rho.motion.simulation import Simulation
 from drake_rho.scenario.fields import BoolArray, FloatArray
 from drake_rho.scenario.parts import SAME_TIME
 from drake_rho.scenario.records import Scenario, Separation
+from drake_rho.scenario.waypoints import in_order
 
 _MAX_PLANNED = 14
 """Largest number of vehicles whose plans are drawn beside their true motion."""
@@ -132,11 +133,17 @@ class StraightLines:
         """Positions at the knots [m], shape (N, K, 3)."""
         grid, lines = self.scenario.grid, []
         for vehicle in self.scenario.vehicles:
-            passed = sorted(vehicle.waypoints, key=lambda waypoint: waypoint.time)
-            passed = [each for each in passed if grid.start < each.time < grid.end]
-            times = [grid.start, *(each.time for each in passed), grid.end]
             ends = vehicle.start.position, vehicle.goal.position
-            places = np.array([ends[0], *(each.position for each in passed), ends[1]])
+            if any(each.time is None for each in vehicle.waypoints):  # at a steady speed
+                places = np.array(
+                    [ends[0], *(each.position for each in vehicle.waypoints), ends[1]]
+                )
+                gone = np.cumsum([0.0, *np.linalg.norm(np.diff(places, axis=0), axis=1)])
+                times = grid.start + grid.duration * gone / max(gone[-1], 1e-300)
+            else:
+                passed = [one for one in in_order(vehicle) if grid.start < one[0] < grid.end]
+                times = np.array([grid.start, *(time for time, _ in passed), grid.end])
+                places = np.array([ends[0], *(each.position for _, each in passed), ends[1]])
             lines.append(np.stack([np.interp(grid.times, times, x) for x in places.T], axis=1))
         return np.array(lines)
 

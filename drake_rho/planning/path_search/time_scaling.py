@@ -9,6 +9,7 @@ import numpy as np
 
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.records import Scenario
+from drake_rho.scenario.waypoints import in_order
 
 _WITHIN = 0.95
 """Fraction of a vehicle's speed limits that a path uses."""
@@ -51,9 +52,9 @@ def legs_of(scenario: Scenario, number: int) -> list[Leg]:
     """Return the legs of a vehicle in the order of time."""
     vehicle, grid = scenario.vehicles[number], scenario.grid
     stops = [(0.0, vehicle.start.position)]
-    for waypoint in sorted(vehicle.waypoints, key=lambda each: each.time):
-        if 0.0 < waypoint.time - grid.start < grid.duration:
-            stops.append((waypoint.time - grid.start, waypoint.position))
+    for time, waypoint in in_order(vehicle):
+        if 0.0 < time - grid.start < grid.duration:
+            stops.append((time - grid.start, waypoint.position))
     stops.append((grid.duration, vehicle.goal.position))
     return [Leg(begin, end, start, goal) for (begin, start), (end, goal) in pairwise(stops)]
 
