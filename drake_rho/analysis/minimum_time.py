@@ -23,7 +23,9 @@ from drake_rho.planning.planners.first_plan import FirstPlan, first_plan, plan_n
 from drake_rho.planning.planners.waypoint_times import GAP, passing_of
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs.backend import Backend, Solver, SolverName
+from drake_rho.planning.programs.free_time import Passing
 from drake_rho.planning.scp.least_time import LeastTime, Timed
+from drake_rho.planning.scp.subproblem import Subproblem
 from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.fields import FloatArray
@@ -43,6 +45,13 @@ _SEARCHES = 2
 
 _ROUGHLY = 3e-3
 """Relative fall of the final time at which motions along different paths are compared."""
+
+_COARSE, _REFINED = 6, 0.01
+"""Steps of a leg in a first search for the times of waypoints, and the part of the final time by
+which they may change at first in the second."""
+
+_SLOWER = 0.0, 1e-8, 1e-7, 1e-6, 1e-5
+"""Parts by which a final time is increased until the motion meets every limit despite rounding."""
 
 _WORTHWHILE = 0.01
 """Part of the final time that has to be possible to gain for another search."""
@@ -156,12 +165,15 @@ class _Search:
 
     def plan(self) -> Plan:
         """Return the plan of least time."""
-        scenario, alone = self._scenario, self._alone()
-        bound = scenario.avoided or scenario.separation is not None or scenario.requirements
-        if self._steady and not bound:
-            return self._finished(alone)
+        scenario, options = self._scenario, self._options
+        apart = scenario.separation is not None or Problem.of(scenario).has_links
+        if self._steady and not apart and not scenario.avoided and not scenario.requirements:
+            return self._finished(self._alone(spare=True))
+        alone, count = self._alone(), len(scenario.vehicles)
         best = None
-        if self._steady and len(scenario.vehicles) == 1:
+        if apart and count > options.max_coupled:
+            best = self._by_bisection(alone, coupled=False)
+        elif self._steady and count == 1:
             best = self._along_paths(alone)
         elif changes_with_time(scenario):
             best = self._by_bisection(alone)
@@ -169,27 +181,63 @@ class _Search:
             best = self._shorter(alone.duration, self._from_first_plans(alone))
         return self._finished(best)
 
-    def _alone(self) -> Timed:
-        """Return the motion in least time without obstacles, other vehicles and requirements.
+    def _alone(self, *, spare: bool = False) -> Timed:
+        """Return the motions in least time without obstacles, other vehicles and requirements.
 
-        Waypoints with given times are left out as well: it is a first guess of times.
+        Vehicles that take less time than the slowest one fly slower. Waypoints with given times are
+        left out as well: it is a first guess of times.
+
+        Args:
+            spare: whether those that have time to spare reduce their effort.
         """
-        tell(self._progress, "looking for the least time without obstacles and other vehicles")
-        scenario = dataclasses.replace(
+        tell(self._progress, "looking for the least time of each vehicle alone")
+        free = dataclasses.replace(
             self._scenario, obstacles=(), separation=None, disturbance=None, requirements=()
         )
-        effort, passing = (
-            Problem.of(scenario).effort,
-            passing_of(self._waypoints, scenario, scenario.grid),
-        )
-        start = Timed(scenario, scenario.grid.step, effort.motion.accelerations, passing)
+        passing = passing_of(self._waypoints, free, free.grid)
         if passing.given.any():
-            return start
-        least = LeastTime(Backend(), self._progress)
-        found = least.around(start)
+            accelerations = Problem.of(free).effort.motion.accelerations
+            return Timed(free, free.grid.step, accelerations, passing)
+        each = [self._one(free, passing, i) for i in range(len(free.vehicles))]
+        slowest = max(each, key=lambda one: one.duration)
+        scaled = [one.lasting(slowest.duration) for one in each]
+        if spare:
+            scaled = [
+                one if one.duration == before.duration else self._of_less_effort(one)
+                for one, before in zip(scaled, each, strict=True)
+            ]
+        accelerations = np.concatenate([one.accelerations for one in scaled])
+        times = np.concatenate([one.passing.times for one in scaled])
+        passing = dataclasses.replace(passing, times=times, least=GAP * slowest.step)
+        return Timed(free, slowest.step, accelerations, passing)
+
+    def _one(self, free: Scenario, passing: Passing, number: int) -> Timed:
+        """Return the motion of one vehicle in its least time.
+
+        Args:
+            free: scenario without obstacles and other vehicles.
+            passing: waypoints of all vehicles.
+            number: index of the vehicle.
+        """
+        scenario, own = free.of_vehicles([number]), passing.vehicles == number
+        least, grid = LeastTime(Backend(), self._progress), scenario.grid
+        ratio = coarsening(grid.knots - 1, 1 + np.count_nonzero(own))
+        coarse = Grid(grid.step * ratio, (grid.knots - 1) // ratio + 1, grid.start)
+        rough = scenario.ending_with(coarse)
+        accelerations = Problem.of(rough).effort.motion.accelerations
+        found = least.around(Timed(rough, coarse.step, accelerations, passing.of(own)))
+        if found is not None and ratio > 1:
+            found = least.around(found.refined(scenario), reach=_REFINED)
         self._least.statistics += least.statistics
         if found is None:
             raise no_plan_alone(scenario, self._backend)
+        return found
+
+    def _of_less_effort(self, timed: Timed) -> Timed:
+        """Return the motion of least effort in the same time."""
+        least = LeastTime(Backend(), self._progress, final_time=False)
+        found = least.around(timed) or timed
+        self._least.statistics += least.statistics
         return found
 
     def _along_paths(self, alone: Timed) -> Timed | None:
@@ -203,13 +251,17 @@ class _Search:
         best = self._shortest(partial(self._least.around, each, _ROUGHLY) for each in found)
         return best and self._shortest([partial(_same, best), partial(self._least.around, best)])
 
-    def _by_bisection(self, alone: Timed) -> Timed | None:
-        """Return the motion in least time near the plan that bisection of the final time finds."""
-        trials = Trials(self._backend, self._progress)
-        given, scenario = alone.duration, self._scaled(alone, alone.duration)[0].scenario
+    def _by_bisection(self, alone: Timed, *, coupled: bool = True) -> Timed | None:
+        """Return the motion in least time near the plan that bisection of the final time finds.
+
+        Args:
+            alone: motion with times of waypoints that are to be kept in proportion.
+            coupled: whether one program of all vehicles is solved afterwards.
+        """
+        trials, scenario = Trials(self._backend, self._progress), self._at(alone, 1.0)
 
         def variant(factor: float) -> Scenario:
-            return self._scaled(alone, factor * given)[0].scenario
+            return self._at(alone, factor)
 
         duration, _ = durations(scenario, trials, variant)
         plan = trials.plan
@@ -217,7 +269,13 @@ class _Search:
             return None
         _, timed = self._scaled(alone, plan.scenario.grid.duration)
         start = dataclasses.replace(timed, accelerations=plan.accelerations)
+        if not coupled:
+            return start
         return self._shortest([partial(self._least.around, start), partial(_same, start)])
+
+    def _at(self, like: Timed, factor: float) -> Scenario:
+        """Return the scenario with waypoints, in a multiple of the final time of a motion."""
+        return self._scaled(like, factor * like.duration)[0].scenario
 
     def _from_first_plans(self, alone: Timed) -> Timed:
         """Return a motion in least time near a first plan in more time."""
@@ -276,12 +334,8 @@ class _Search:
             like: motion with times of waypoints that are to be kept in proportion.
             duration: final time [s].
         """
-        factor, passing = duration / like.duration, like.passing
-        times = np.where(passing.given, passing.times, factor * passing.times)
-        step = factor * like.step
-        passing = dataclasses.replace(passing, times=times, least=GAP * step)
-        timed = Timed(self._scenario, step, like.accelerations / factor**2, passing)
-        return Problem.of(self._timed(timed.grid, times)), timed
+        scaled = dataclasses.replace(like.lasting(duration), scenario=self._scenario)
+        return Problem.of(self._timed(scaled.grid, scaled.passing.times)), scaled
 
     def _from_near(self, like: Timed, duration: float) -> Timed | None:
         """Return a motion in the least time from a plan near another, in a given time [s]."""
@@ -312,9 +366,32 @@ class _Search:
         return self._given.ending_with(grid, vehicles)
 
     def _finished(self, best: Timed) -> Plan:
-        """Return a motion as a plan."""
-        scenario = self._timed(best.grid, best.passing.times)
-        return Plan.from_accelerations(scenario, best.accelerations, self._least.statistics)
+        """Return a motion as a plan.
+
+        Limits that rounding exceeds are met by a motion that is slower by a few roundings.
+        """
+        for slower in _SLOWER if self._steady else _SLOWER[:1]:
+            timed = best.lasting((1.0 + slower) * best.duration)
+            scenario = self._timed(timed.grid, timed.passing.times)
+            plan = Plan.from_accelerations(scenario, timed.accelerations, self._least.statistics)
+            if Subproblem(Problem.of(scenario)).holds(plan):
+                break
+        return plan
+
+
+def coarsening(steps: int, legs: int) -> int:
+    """Return the number of steps that are one in a first search for the times of waypoints.
+
+    A coarse grid gives most of these times in a fraction of the time.
+
+    Args:
+        steps: number of steps.
+        legs: number of legs between start, waypoints and goal.
+    """
+    if legs == 1:
+        return 1
+    fitting = [each for each in range(1, steps + 1) if steps % each == 0]
+    return max(each for each in fitting if each == 1 or steps >= _COARSE * legs * each)
 
 
 def _same(timed: Timed) -> Timed:

@@ -47,7 +47,7 @@ from drake_rho.cli.options import (
     WidthOption,
     WorldOption,
 )
-from drake_rho.cli.planning import assign, fly, plan
+from drake_rho.cli.planning import assign, fastest, fly, plan
 from drake_rho.cli.simulation import simulate
 from drake_rho.cli.sources import read, refuse_options
 from drake_rho.cli.streams import pipe_safe
@@ -270,7 +270,7 @@ def _load_or_plan(
 
 
 GROUPS = {
-    "Plan and fly": (plan, fly, simulate, assign),
+    "Plan and fly": (plan, fastest, fly, simulate, assign),
     "Verify and explain": (verify, certify, diagnose),
     "Show and export": (show, map_, export),
     "Run campaigns": (campaign, results),

@@ -1,4 +1,4 @@
-"""The commands `plan`, `fly` and `assign`."""
+"""The commands `plan`, `fastest`, `fly` and `assign`."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
+from drake_rho.analysis.minimum_time import plan_minimum_time
 from drake_rho.cli import described
 from drake_rho.cli.checks import check_outputs, check_writable, requested_drawing
 from drake_rho.cli.console import Work, answer, stopping_early, tell, working
@@ -82,6 +83,35 @@ def plan(
     problem = read(scenario, duration, own_step, world)
     with working("planning") as work, stopping_early():
         planned = _plan(problem, method, further, SOLVERS[solver](), options, work)
+    return finish(planned, output, drawing)
+
+
+def fastest(
+    scenario: ScenarioArgument,
+    output: OutputOption = None,
+    knots: Annotated[
+        int | None,
+        typer.Option(min=2, max=100_000, help="Number of knots; by default the scenario's."),
+    ] = None,
+    solver: SolverOption = Solver.CLARABEL,
+    max_memory: MaxMemoryOption = DEFAULTS.max_memory,
+    time_limit: TimeLimitOption = None,
+    duration: DurationOption = None,
+    step: StepOption = None,
+    world: WorldOption = None,
+    figures: FiguresOption = None,
+    file_format: FormatOption = None,
+    width: WidthOption = None,
+) -> int:
+    """Plan a scenario in the least time, whatever its step, and verify the plan."""
+    drawing = requested_drawing(figures, file_format, width)
+    check_outputs(output, drawing)
+    options = Options(max_memory=max_memory, time_limit=time_limit)
+    problem = read(scenario, duration, step, world)
+    with working("looking for the least time") as work, stopping_early():
+        planned = plan_minimum_time(
+            problem, knots=knots, solver=SOLVERS[solver](), progress=work, options=options
+        )
     return finish(planned, output, drawing)
 
 

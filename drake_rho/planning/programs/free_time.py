@@ -105,6 +105,21 @@ class Passing:
         """Return the number of waypoints, W."""
         return len(self.vehicles)
 
+    def of(self, mask: BoolArray) -> Passing:
+        """Return the waypoints of one vehicle, whose index is 0 then.
+
+        Args:
+            mask: mask of its waypoints, shape (W,).
+        """
+        return Passing(
+            np.zeros(np.count_nonzero(mask), dtype=int),
+            self.times[mask],
+            self.positions[mask],
+            self.within[mask],
+            self.given[mask],
+            self.least,
+        )
+
     def axes(self, effort: MinimumEffort) -> Rows:
         """Return rows with the positions less the waypoints, three for each, as their values."""
         who, times = np.repeat(self.vehicles, 3), np.repeat(self.times, 3)

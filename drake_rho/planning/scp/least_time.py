@@ -100,6 +100,25 @@ class Timed:
         """Motion of all vehicles."""
         return Motion.from_starts(self.scenario.fleet, self.accelerations, self.step)
 
+    def lasting(self, duration: float) -> Timed:
+        """Return the motion in another final time [s], with free waypoints at the same parts."""
+        factor, passing = duration / self.duration, self.passing
+        times = np.where(passing.given, passing.times, factor * passing.times)
+        passing = dataclasses.replace(passing, times=times, least=factor * passing.least)
+        accelerations = self.accelerations / factor**2
+        return Timed(self.scenario, factor * self.step, accelerations, passing)
+
+    def refined(self, scenario: Scenario) -> Timed:
+        """Return the same motion on a grid with a multiple of its steps.
+
+        Args:
+            scenario: the scenario on such a grid.
+        """
+        ratio = (scenario.grid.knots - 1) // self.accelerations.shape[1]
+        accelerations = np.repeat(self.accelerations, ratio, axis=1)
+        passing = dataclasses.replace(self.passing, least=self.passing.least / ratio)
+        return Timed(scenario, self.step / ratio, accelerations, passing)
+
     def linearised(self) -> list[Constraint]:
         """Return the constraints around the motion that programs impose by rows when violated."""
         reference = self.reference or Plan.from_motion(self.problem.scenario, self.motion)
@@ -159,12 +178,15 @@ class LeastTime:
         self._final_time = final_time
         self.statistics = Statistics()
 
-    def around(self, timed: Timed, tolerance: float = CONVERGED) -> Timed | None:
+    def around(
+        self, timed: Timed, tolerance: float = CONVERGED, reach: float = _FIRST
+    ) -> Timed | None:
         """Return the motion in the least time that is found; None if none is found around `timed`.
 
         Args:
             timed: motion to linearise around first, which need not meet any constraint.
             tolerance: relative fall of the final time that ends the search.
+            reach: part of the final time by which times may change at first.
 
         Raises:
             OutOfTimeError: time was up before a motion was found.
@@ -174,7 +196,7 @@ class LeastTime:
         if best is None:
             return None
         moves = not self._steady or len(best.passing) > 0
-        reach, converged = _FIRST, False
+        converged = False
         with suppress(SolverError), self.or_cut():
             for _ in range(_MOST):
                 tell(self._progress, self._described(best))
