@@ -128,7 +128,7 @@ def plan_minimum_time(
         ... )
         >>> plan = rho.plan_minimum_time(scenario)
         >>> print(f"{plan.scenario.grid.duration:.2f} s")
-        2.84 s
+        3.48 s
     """
     grid = scenario.grid
     if knots is not None:

@@ -170,14 +170,17 @@ def check_outside(
         obstacles: all obstacles, numbered from 1 in this order.
         where: field of a vehicle that holds the positions, such as `"start.position"`.
         positions: of the vehicles [m], shape (N, 3).
-        times: on the scenario's clock [s], shape (N,); NaN for a vehicle that is not checked.
+        times: on the scenario's clock [s], shape (N,). Where they are NaN, only obstacles count that
+            are always at one place.
 
     Raises:
         ScenarioError: a vehicle is too close to an obstacle.
     """
-    checked = np.flatnonzero(np.isfinite(times))
+    timed, placed = np.isfinite(times), np.isfinite(positions).all(axis=1)
     for number, obstacle in enumerate(obstacles, start=1):
-        distances = obstacle.distances(positions[checked], times[checked])
+        checked = np.flatnonzero(placed if obstacle.is_steady else timed)
+        at = np.where(timed, times, 0.0)[checked]
+        distances = obstacle.distances(positions[checked], at)
         margins = fleet.radii[checked] + obstacle.deviation
         tolerances = fleet.obstacle_tolerances(obstacle.shape)[checked]
         inside = distances < margins - tolerances

@@ -11,6 +11,8 @@ from collections.abc import Callable
 from itertools import pairwise
 from typing import Any, ClassVar, TypeVar
 
+from pydantic.fields import FieldInfo
+
 from drake_rho.scenario.errors import Description
 
 _Class = TypeVar("_Class")
@@ -91,7 +93,9 @@ def signature_of(cls: Any) -> inspect.Signature:
     parameters = []
     for field in dataclasses.fields(cls):
         default: object = inspect.Parameter.empty
-        if field.default is not dataclasses.MISSING:
+        if isinstance(field.default, FieldInfo):  # required, after a field that is not
+            default = Description("...")
+        elif field.default is not dataclasses.MISSING:
             default = field.default
         elif field.default_factory is not dataclasses.MISSING:
             default = Description("...")

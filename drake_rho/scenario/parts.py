@@ -174,8 +174,7 @@ class Waypoint:
     Examples:
         >>> rho.Waypoint(3.0, [5, 0, 2], within=0.2).within
         0.2
-        >>> rho.Waypoint(None, [5, 0, 2])
-        Waypoint(time=None, position=[5.0, 0.0, 2.0], within=0.0)
+        >>> rho.Waypoint(None, [5, 0, 2]).time  # found
     """
 
     time: Finite | None = None
@@ -247,6 +246,24 @@ class Vehicle:
                 expected = "a time that no other waypoint of the vehicle has"
                 raise ScenarioError(f"waypoints[{index}].time", waypoint.time, expected)
             times.add(waypoint.time)
+        return self
+
+    @model_validator(mode="after")
+    def _free_waypoints_can_be_passed_in_order(self) -> Self:
+        if all(each.time is not None for each in self.waypoints):
+            return self
+        last, before = -np.inf, None
+        for index, each in enumerate(self.waypoints):
+            if each.time is not None:
+                if each.time < last:
+                    expected = f"a time after {last:g} s: waypoints are passed in their order"
+                    raise ScenarioError(f"waypoints[{index}].time", each.time, expected)
+                last = each.time
+            if before is not None and np.array_equal(before.position, each.position):
+                expected = "another position than that of the waypoint before"
+                where = f"waypoints[{index}].position"
+                raise ScenarioError(where, each.position.tolist(), expected)
+            before = each
         return self
 
     @model_validator(mode="after")

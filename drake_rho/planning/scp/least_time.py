@@ -212,9 +212,7 @@ class LeastTime:
                     # the fall is about predicted · x - error · x² for x times the change
                     x = predicted / (2.0 * max(predicted - fall, predicted / 4.0))
                     reach = moved * float(np.clip(x, _SHRINKAGE, _GROWTH))
-        self.statistics = dataclasses.replace(
-            self.statistics, converged=converged, tolerance=tolerance
-        )
+        self.statistics = dataclasses.replace(self.statistics, converged=converged)
         return best
 
     @contextmanager

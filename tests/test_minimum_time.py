@@ -1,0 +1,267 @@
+"""Least time: closed forms, independent searches, invariances, and what is refused."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import drake_rho as rho
+from drake_rho.cli.result_documents import Verified
+from drake_rho.scenario.files import scenario_from_yaml, scenario_to_yaml
+from tests.scenarios import box, mapped, single
+from tests.test_cli import run
+from tests.test_cli_json import read
+
+FAST = rho.Limits(max_acceleration=4.0, max_speed=3.0)
+
+
+def straight(knots: int, limits: rho.Limits, length: float = 9.0) -> rho.Scenario:
+    """Return a vehicle that flies along an axis from rest to rest, with a bad guess of the step."""
+    start, goal = rho.State([1.0, -2.0, 3.0]), rho.State([1.0 + length, -2.0, 3.0])
+    return single(grid=rho.Grid(0.7, knots), start=start, goal=goal, limits=limits)
+
+
+def least_time(scenario: rho.Scenario, **arguments: int) -> float:
+    """Return the least time of a scenario [s], after its plan has been verified."""
+    plan = rho.plan_minimum_time(scenario, **arguments)
+    assert rho.verify(plan).ok
+    return plan.scenario.grid.duration
+
+
+@pytest.mark.parametrize(
+    "limits", [rho.Limits(acceleration=box(2.5)), rho.Limits(max_acceleration=2.5)]
+)
+@pytest.mark.parametrize("knots", [3, 11, 41])
+def test_rest_to_rest_under_a_limit_of_accelerations(limits: rho.Limits, knots: int) -> None:
+    """With an even number of steps, the change of sign is at a knot: T = 2 sqrt(d / a)."""
+    expected = 2.0 * np.sqrt(9.0 / 2.5)
+    assert least_time(straight(knots, limits)) == pytest.approx(expected, rel=1e-7)
+
+
+@pytest.mark.parametrize(("knots", "error"), [(22, 4e-4), (101, 2e-5), (402, 2e-6)])
+def test_a_change_of_sign_between_knots_costs_less_with_more_knots(
+    knots: int, error: float
+) -> None:
+    expected = 2.0 * np.sqrt(9.0 / 2.5)
+    found = least_time(straight(knots, rho.Limits(acceleration=box(2.5))))
+    assert -1e-8 <= found / expected - 1.0 <= (0.0 if knots % 2 else error) + 1e-7
+
+
+@pytest.mark.parametrize("knots", [12, 41, 161])
+@pytest.mark.parametrize("form", ["norm", "box"])
+def test_rest_to_rest_with_a_largest_speed(knots: int, form: str) -> None:
+    """T is d/v + v/a as the knots grow; each cut-off corner of the speed costs a h²/(8 v)."""
+    length, v, a = 9.0, 2.0, 2.5
+    limits = {
+        "norm": rho.Limits(max_speed=v, max_acceleration=a),
+        "box": rho.Limits(velocity=box(v), acceleration=box(a)),
+    }[form]
+    expected = length / v + v / a
+    found = least_time(straight(knots, limits, length))
+    step = found / (knots - 1)
+    assert -1e-8 * expected <= found - expected <= 2.0 * a * step**2 / (8.0 * v) + 1e-7
+
+
+def test_a_largest_speed_alone_is_reached_in_one_step() -> None:
+    found = least_time(straight(17, rho.Limits(max_speed=1.5)))
+    assert found == pytest.approx(16.0 * 9.0 / (15.0 * 1.5), rel=1e-8)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_no_shorter_time_has_a_plan_and_every_longer_one_does(seed: int) -> None:
+    """For a convex problem the planner of a given time is the referee."""
+    rng = np.random.default_rng(seed)
+    a, v, j = rng.uniform(1.0, 4.0), rng.uniform(1.0, 3.0), rng.uniform(4.0, 20.0)
+    limits = [
+        rho.Limits(max_acceleration=a, max_speed=v),
+        rho.Limits(acceleration=rho.Box([-a, -1.0, -2.0], [1.0, a, 3.0]), velocity=box(v)),
+        rho.Limits(max_thrust=9.81 + a, max_tilt=0.5, max_jerk=j),
+    ][seed % 3]
+    limits = dataclasses.replace(limits, position=rho.Box([-0.2, -0.1, -9], [99, 99, 9]))
+    goal = rho.State(rng.uniform(2.0, 9.0, 3))
+    scenario = single(goal=goal, limits=limits, grid=rho.Grid(0.3, 24), between_knots=True)
+    least = least_time(scenario)
+    for factor in (1.0 + 1e-5, 1.1, 2.0):
+        rho.plan(dataclasses.replace(scenario, grid=rho.Grid(factor * least / 23, 24)))
+    for factor in (1.0 - 1e-5, 0.9):
+        with pytest.raises(rho.InfeasibleError):
+            rho.plan(dataclasses.replace(scenario, grid=rho.Grid(factor * least / 23, 24)))
+
+
+CUBOID = [[0, 0, 0], [0, 10, 0], [0, 10, 5], [10, 0, 5], [0, 0, 0], [5, 5, 2.5]]
+
+
+def through(
+    places: list[list[float]], limits: rho.Limits, knots: int, within: float = 0.0
+) -> rho.Scenario:
+    """Return a vehicle that passes places from rest to rest, with free times."""
+    passed = [rho.Waypoint(None, place, within) for place in places[1:-1]]
+    start, goal = rho.State(places[0]), rho.State(places[-1])
+    return single(
+        start=start, goal=goal, waypoints=passed, limits=limits, grid=rho.Grid(0.1, knots)
+    )
+
+
+def test_a_track_is_flown_as_fast_as_an_interior_point_method_flies_it() -> None:
+    """IPOPT, through CasADi, needs 4.51577 s on the same uniform grid (`make bench-time`)."""
+    scenario = through(CUBOID, rho.Limits(max_thrust=34.32), 121)
+    plan = rho.plan_minimum_time(scenario)
+    assert rho.verify(plan).ok
+    assert plan.scenario.grid.duration == pytest.approx(4.51577, rel=2e-5)
+    times = [waypoint.time for waypoint in plan.scenario.vehicles[0].waypoints]
+    assert times == sorted(times)  # type: ignore[type-var]  # none of them is None
+    again = dataclasses.replace(plan.scenario, vehicles=scenario.vehicles, grid=scenario.grid)
+    assert again == scenario
+
+
+def test_a_tolerance_of_waypoints_saves_time() -> None:
+    exact, near = (
+        least_time(through(CUBOID, rho.Limits(max_acceleration=6.0), 61, each))
+        for each in (0.0, 0.5)
+    )
+    assert near < 0.98 * exact
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_among_obstacles_no_time_is_longer_than_that_of_a_given_time(seed: int) -> None:
+    """Plans with given times, ever shorter by a hundredth, end before the least time."""
+    rng = np.random.default_rng(seed)
+    balls = [rho.Sphere(rng.uniform([-2, -2, 0], [2, 2, 2]), rng.uniform(0.4, 1.0)) for _ in "abc"]
+    count = 1 + seed % 3
+    vehicles = [
+        rho.Vehicle(f"v{i}", rho.State([-4, i - 1.0, 1]), rho.State([4, 1.0 - i, 1.2]), radius=0.1)
+        for i in range(count)
+    ]
+    apart = rho.Separation(0.4) if count > 1 else None
+    scenario = rho.Scenario(
+        "field", rho.Grid(0.2, 25), vehicles, FAST, obstacles=balls, separation=apart
+    )
+    least = least_time(scenario)
+    longest = 1.0
+    while longest > 0.5:
+        try:
+            rho.plan(dataclasses.replace(scenario, grid=rho.Grid(longest * least / 24, 25)))
+        except (rho.InfeasibleError, rho.SolverError):
+            break
+        longest -= 0.01
+    assert longest >= 0.98  # the planner of given times finds at most a hundredth less
+
+
+def test_the_least_time_is_invariant() -> None:
+    wall = rho.Sphere([5.0, 2.1, -1.0], 1.5)
+    limits = rho.Limits(max_acceleration=3.0, max_speed=4.0)
+    waypoints = [rho.Waypoint(None, [2.0, 3.0, 0.5], 0.1)]
+    scenario = single(limits=limits, obstacles=[wall], waypoints=waypoints, between_knots=True)
+    least = least_time(scenario)
+    turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    moved = mapped(scenario, turn, np.array([100.0, -20.0, 3.0]))
+    assert least_time(moved) == pytest.approx(least, rel=1e-4)
+    larger = mapped(scenario, np.eye(3), np.zeros(3), length=7.0, time=2.0)
+    assert least_time(larger) == pytest.approx(2.0 * least, rel=1e-4)
+    other = dataclasses.replace(scenario, grid=rho.Grid(2.0, 17))
+    assert least_time(other) == pytest.approx(least, rel=1e-4)
+
+
+def test_independent_vehicles_take_as_long_as_the_slowest() -> None:
+    ends = [([0, 0, 0], [4, 0, 0]), ([0, 5, 0], [9, 5, 0]), ([0, 9, 0], [1, 9, 0])]
+    vehicles = [rho.Vehicle(f"v{i}", rho.State(a), rho.State(b)) for i, (a, b) in enumerate(ends)]
+    fleet = rho.Scenario("fleet", rho.Grid(0.2, 21), vehicles, rho.Limits(max_acceleration=2.0))
+    plan = rho.plan_minimum_time(fleet)
+    assert plan.scenario.grid.duration == pytest.approx(2.0 * np.sqrt(9.0 / 2.0), rel=1e-7)
+    assert rho.verify(plan).ok
+    # those with time to spare take the least effort
+    least = rho.plan(dataclasses.replace(plan.scenario, vehicles=plan.scenario.vehicles[::2]))
+    np.testing.assert_allclose(plan.accelerations[::2], least.accelerations, atol=1e-4)
+
+
+def test_what_changes_with_time_is_kept_clear_of() -> None:
+    ball = rho.Obstacle(rho.Sphere([0.0, -3.0, 1.0], 1.2), velocity=[0.0, 1.5, 0.0])
+    gate = rho.Obstacle(rho.Box([2.0, -9, -9], [2.2, 9, 9]), active=(0.0, 4.0))
+    vehicle = rho.Vehicle("v", rho.State([-4, 0, 1]), rho.State([4, 0, 1]), radius=0.2)
+    for body, longest in ((ball, 6.0), (gate, 6.0)):
+        scenario = rho.Scenario("t", rho.Grid(0.2, 31), [vehicle], FAST, obstacles=[body])
+        assert least_time(scenario) < longest
+    assert least_time(scenario) > 4.0  # it waits for the gate
+
+
+def test_wind_and_given_times_are_kept() -> None:
+    windy = dataclasses.replace(
+        single(limits=FAST, obstacles=[rho.Sphere([5.0, 2.1, -1.0], 1.0)], between_knots=True),
+        disturbance=rho.Disturbance(0.2),
+    )
+    calm = dataclasses.replace(windy, disturbance=None)
+    assert least_time(windy) > least_time(calm)
+    timed = single(limits=FAST, waypoints=[rho.Waypoint(5.0, [4.0, 0.0, 0.0])])
+    plan = rho.plan_minimum_time(timed)
+    assert rho.verify(plan).ok
+    assert plan.scenario.vehicles[0].waypoints[0].time == 5.0
+    assert plan.scenario.grid.duration > 6.0
+
+
+def test_the_number_of_knots_can_be_chosen() -> None:
+    scenario = straight(12, FAST)
+    plan = rho.plan_minimum_time(scenario, knots=61)
+    assert plan.scenario.grid.knots == 61
+    assert plan.scenario.grid.duration < least_time(scenario)
+
+
+def test_free_waypoints_of_a_given_final_time_are_passed_when_it_costs_least() -> None:
+    free = [rho.Waypoint(None, [2.0, 4.0, 0.0]), rho.Waypoint(None, [6.0, -1.0, 0.0], 0.2)]
+    for balls in ([], [rho.Sphere([4.0, 1.5, 0.0], 0.8)]):
+        scenario = single(limits=FAST, waypoints=free, obstacles=balls, grid=rho.Grid(0.4, 31))
+        plan = rho.plan(scenario)
+        assert rho.verify(plan).ok
+        passed = plan.scenario.vehicles[0].waypoints
+        for k in (0, 1):
+            for later in (-0.05, 0.05):
+                times = [float(each.time or 0.0) for each in passed]
+                times[k] += later
+                moved = [
+                    dataclasses.replace(each, time=time)
+                    for each, time in zip(passed, times, strict=True)
+                ]
+                other = single(limits=FAST, waypoints=moved, obstacles=balls, grid=scenario.grid)
+                assert rho.plan(other, reference=plan).cost > plan.cost * (1.0 - 1e-6)
+
+
+def test_a_scenario_with_free_waypoints_is_saved_and_drawn() -> None:
+    scenario = through(CUBOID, FAST, 61)
+    assert scenario_from_yaml(scenario_to_yaml(scenario)) == scenario
+    assert "time" not in scenario_to_yaml(scenario).split("waypoints")[1]
+    assert rho.paths_figure(scenario) is not None
+
+
+def test_free_waypoints_need_a_planner_that_finds_their_times() -> None:
+    scenario = through(CUBOID, FAST, 61)
+    for planner in (rho.plan_convex, rho.plan_rho, rho.diagnose):
+        with pytest.raises(rho.ScenarioError, match=r"waypoints\[0\]\.time: got none"):
+            planner(scenario)
+
+
+def test_what_has_no_least_time_is_refused() -> None:
+    with pytest.raises(rho.ScenarioError, match="limits: .*least time is zero"):
+        rho.plan_minimum_time(single())
+    with pytest.raises(rho.ScenarioError, match=r"waypoints\[1\]\.position: .*another position"):
+        through([[0, 0, 0], [1, 0, 0], [1, 0, 0], [2, 0, 0]], FAST, 21)
+    with pytest.raises(rho.ScenarioError, match=r"waypoints\[2\]\.time: .*after 3 s"):
+        single(waypoints=[rho.Waypoint(t, [1, t or 0, 0]) for t in (3.0, None, 2.0)])
+    with pytest.raises(rho.ScenarioError, match=r"waypoints\[0\]\.position: .*outside obstacle 1"):
+        single(waypoints=[rho.Waypoint(None, [5, 0, 0])], obstacles=[rho.Sphere([5, 0, 0], 1)])
+    with pytest.raises(rho.ScenarioError, match="knots"):
+        rho.plan_minimum_time(single(limits=FAST), knots=1)
+    wall = rho.Box([4.0, -99, -99], [5.0, 99, 99])
+    room = dataclasses.replace(FAST, position=rho.Box([-1, -5, -5], [11, 5, 5]))
+    with pytest.raises(rho.InfeasibleError, match="obstacle 1"):
+        rho.plan_minimum_time(single(limits=room, obstacles=[wall]))
+
+
+def test_the_command_prints_and_saves_the_plan(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: object
+) -> None:
+    path = f"{tmp_path}/track.yaml"
+    rho.save_scenario(through(CUBOID, rho.Limits(max_thrust=34.32), 61), path)
+    status, out, _ = run(capsys, monkeypatch, "fastest", path, "--knots", "121", "--json")
+    assert status == 0
+    assert read(out, Verified)["ok"]
