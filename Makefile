@@ -7,7 +7,7 @@ PYTEST := $(BIN)/python -m pytest -n auto -q
 SEED := $(shell od -An -N4 -tu4 /dev/urandom | tr -d ' ')
 PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check
 
-.PHONY: help reproduce animate notebooks pictures docs bench bench-fleet bench-world bench-flight bench-scale bench-open bench-map test test-all lint format clean
+.PHONY: help reproduce animate notebooks pictures docs bench bench-fleet bench-world bench-flight bench-scale bench-open bench-map bench-time test test-all lint format clean
 .DEFAULT_GOAL := help
 
 help: ## This list
@@ -51,6 +51,9 @@ bench-open: $(VENV)/.bench ## The same for requirements: links, formations, corr
 bench-map: $(VENV)/.bench ## The same for maps (ten minutes); MISSIONS=folder of the LSC planner's OctoMaps
 	$(BIN)/python -m benchmarks --maps $(if $(MISSIONS),--missions "$(MISSIONS)")
 
+bench-time: $(VENV)/.bench .venv-casadi/.ready ## The same for least times; MISSIONS as for maps
+	$(BIN)/python -m benchmarks --times $(if $(MISSIONS),--missions "$(MISSIONS)")
+
 test: $(VENV)/.test ## Run the tests, but for slow ones (four minutes on two cores)
 	@sh tools/setup-browser $(VENV)
 	$(PYTEST) -m "not slow"
@@ -92,7 +95,7 @@ $(VENV)/.pins: pyproject.toml constraints.txt tools/check-pins $(READY)
 	@touch $@
 
 # Peers that nothing else may share an environment with: each has its own, with an extra of its name.
-.venv-crazyflow/.ready .venv-ampyc/.ready .venv-openscvx/.ready: .venv-%/.ready: pyproject.toml $(READY)
+.venv-crazyflow/.ready .venv-ampyc/.ready .venv-openscvx/.ready .venv-casadi/.ready: .venv-%/.ready: pyproject.toml $(READY)
 	$(BIN)/python -m venv .venv-$*
 	.venv-$*/bin/python -m pip --quiet --disable-pip-version-check install '.[$*]'
 	@touch $@

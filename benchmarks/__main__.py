@@ -34,10 +34,11 @@ DRAWN = {
     "links_chains": 50,
     "links_formation": 5,
     "links_corridors": 20,
+    "time_fleets": 12,
 }
 """Benchmarks of random fleets, worlds and links, with the number of each: `run(seeds) -> Table`."""
 
-MISSIONS = ("fleet_b3", "world_b6", "map_forests", "map_office")
+MISSIONS = ("fleet_b3", "world_b6", "map_forests", "map_office", "time_bisection")
 """Benchmarks of missions in files: `run(folder) -> Table`."""
 
 SCALE = ("scale_campaigns", "scale_fleets")
@@ -83,6 +84,9 @@ OPEN = ("links_cvxpy", "links_corridors", "links_chains", "links_formation")
 MAPS = ("map_forests", "map_office", "map_meshes", "map_points")
 """Benchmarks of maps; those that are in no `MISSIONS` need no folder: `run() -> Table`."""
 
+TIMES = ("time_tracks", "time_closed_forms", "time_fleets", "time_bisection")
+"""Benchmarks of least times; those that are in no `DRAWN` or `MISSIONS` are `run() -> Table`."""
+
 
 def main() -> None:
     """Run the benchmarks named on the command line, by default the races and studies."""
@@ -97,7 +101,7 @@ def main() -> None:
             *FLIGHT,
             *FLOWN_MISSIONS,
             *SCALE,
-            *(each for each in MAPS if each not in MISSIONS),
+            *(each for each in MAPS + TIMES if each not in (*MISSIONS, *DRAWN)),
         )
         if find_spec(f"benchmarks.{name}")
     ]
@@ -110,6 +114,7 @@ def main() -> None:
         "--scale", action="store_true", help="benchmarks of large fleets and campaigns"
     )
     parser.add_argument("--maps", action="store_true", help="all benchmarks of maps")
+    parser.add_argument("--times", action="store_true", help="all benchmarks of least times")
     parser.add_argument("--open", action="store_true", help="all benchmarks of requirements")
     parser.add_argument("--repetitions", type=int, default=9, help="rounds of a race (9)")
     parser.add_argument("--seeds", type=int, help="number of random fleets or worlds of each size")
@@ -131,13 +136,14 @@ def main() -> None:
         parser.error("--seeds: expected at least 1")
     console = Console()
     alone, worlds, flight = RACES + STUDIES, WORLDS, FLIGHT + FLOWN_MISSIONS
-    others = alone + worlds + flight + SCALE + OPEN + MAPS
+    others = alone + worlds + flight + SCALE + OPEN + MAPS + TIMES
     fleets = tuple(name for name in known if name not in others)
     chosen = (fleets if arguments.fleets else ()) + (worlds if arguments.worlds else ())
     chosen += flight if arguments.flight else ()
     chosen += SCALE if arguments.scale else ()
     chosen += OPEN if arguments.open else ()
     chosen += MAPS if arguments.maps else ()
+    chosen += TIMES if arguments.times else ()
     by_default = chosen or alone
     for name in arguments.names or by_default:
         console.rule(name)
