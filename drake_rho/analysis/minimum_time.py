@@ -132,7 +132,7 @@ def plan_minimum_time(
     """
     grid = scenario.grid
     if knots is not None:
-        grid = Grid(grid.duration / (knots - 1), knots, grid.start)
+        grid = Grid(grid.duration / max(knots - 1, 1), knots, grid.start)
     search = _Search(scenario, grid, Backend.of(solver), progress, options or DEFAULTS)
     return search.plan()
 
@@ -221,7 +221,7 @@ class _Search:
         """
         scenario, own = free.of_vehicles([number]), passing.vehicles == number
         least, grid = LeastTime(Backend(), self._progress), scenario.grid
-        ratio = coarsening(grid.knots - 1, 1 + np.count_nonzero(own))
+        ratio = coarsening(grid.knots - 1, 1 + int(np.count_nonzero(own)))
         coarse = Grid(grid.step * ratio, (grid.knots - 1) // ratio + 1, grid.start)
         rough = scenario.ending_with(coarse)
         accelerations = Problem.of(rough).effort.motion.accelerations

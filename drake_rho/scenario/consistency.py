@@ -170,8 +170,8 @@ def check_outside(
         obstacles: all obstacles, numbered from 1 in this order.
         where: field of a vehicle that holds the positions, such as `"start.position"`.
         positions: of the vehicles [m], shape (N, 3).
-        times: on the scenario's clock [s], shape (N,). Where they are NaN, only obstacles count that
-            are always at one place.
+        times: on the scenario's clock [s], shape (N,). Where they are NaN, only those obstacles
+            count that are always at one place.
 
     Raises:
         ScenarioError: a vehicle is too close to an obstacle.

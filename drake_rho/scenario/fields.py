@@ -21,6 +21,7 @@ from pydantic import (
     ValidationError,
 )
 from pydantic.dataclasses import dataclass as pydantic_dataclass
+from pydantic.fields import FieldInfo
 
 from drake_rho.scenario.described import described, signature_of
 from drake_rho.scenario.errors import Description, ScenarioError
@@ -179,6 +180,9 @@ def record(cls: type[_Record]) -> type[_Record]:
         json_schema_extra={"description": description},
     )
     made: Any = pydantic_dataclass(described(cls), frozen=True, eq=False, config=config)
+    for field in dataclasses.fields(made):
+        if isinstance(field.default, FieldInfo):  # required, after a field that is not
+            delattr(made, field.name)
     validate: Callable[..., None] = made.__init__
 
     names = [field.name for field in dataclasses.fields(made) if not field.kw_only]

@@ -35,7 +35,7 @@ class KeepInNorm(KeepInSets):
         values = motion.values(self.quantity)[vehicles, knots].reshape(-1, 3)
         who, times = np.repeat(vehicles, len(self.times)), np.tile(self.times, len(vehicles))
         if self.quantity == "jerk":  # the first acceleration may be free of a jerk limit
-            limited = ~np.isnan(values[:, 0])
+            limited = (times > 0.0) | ~np.isnan(motion.before[who, 0])
             who, times, values = who[limited], times[limited], values[limited]
         return EvaluatedValues(who, times, values)
 
