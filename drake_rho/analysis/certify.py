@@ -83,6 +83,9 @@ def certify(
     without obstacles. Where the Lagrangian is not convex there, the multipliers are scaled down and
     the bound is then maximised over them. The bound is valid for any multipliers.
 
+    With a smoothing it is valid for plans that are in convex sets themselves and keep the margin of
+    positions that planners keep.
+
     Args:
         flown: any plan or flight of a scenario; it need not be optimal or satisfy its constraints.
             A flight whose windows begin with thinner tubes than a plan has by then may cost less

@@ -87,7 +87,7 @@ class Samples(metaclass=Described):
         return Samples(self.names[index : index + 1], self.times, p, v, a)
 
 
-def times_of(grid: Grid, times: npt.ArrayLike) -> FloatArray:
+def times_of(grid: Grid, times: npt.ArrayLike, lead: float = 0.0) -> FloatArray:
     """Return times since the first knot [s], shape (T,), for times on the scenario's clock.
 
     Times that equal a knot but for rounding become the knot's.
@@ -95,6 +95,7 @@ def times_of(grid: Grid, times: npt.ArrayLike) -> FloatArray:
     Args:
         grid: the grid of the flight.
         times: times on the scenario's clock [s], shape (T,), or a single one.
+        lead: time by which the flight begins before the first knot and ends after the last [s].
 
     Raises:
         ValueError: the times have another shape, or one of them is outside the flight.
@@ -103,10 +104,11 @@ def times_of(grid: Grid, times: npt.ArrayLike) -> FloatArray:
     if asked.ndim > 1:
         raise ValueError(f"times: got shape {asked.shape}, expected (T,) or a single time")
     asked, knots = np.atleast_1d(asked), grid.elapsed
-    inside = (asked >= grid.start - grid.rounding) & (asked <= grid.end + grid.rounding)
+    first, last = grid.start - lead, grid.end + lead
+    inside = (asked >= first - grid.rounding) & (asked <= last + grid.rounding)
     if not inside.all():
         got = asked[np.argmin(inside)]
-        expected = f"times of the flight, from {grid.start:.12g} to {grid.end:.12g} s"
+        expected = f"times of the flight, from {first:.12g} to {last:.12g} s"
         raise ValueError(f"times: got {got:.12g} s, expected {expected}")
     elapsed = asked - grid.start
     nearest = knots[np.clip(np.rint(elapsed / grid.step).astype(np.int64), 0, len(knots) - 1)]

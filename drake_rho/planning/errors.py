@@ -128,6 +128,8 @@ class InfeasibleError(DrakeRhoError):
             what.append(f"{obstacles} linearised around this reference")
         if self.scenario is not None and self.scenario.disturbance is not None:
             what.append("the constraints tightened for the disturbance")
+        if self.scenario is not None and self.scenario.smoothing is not None:
+            what.append("the margin that is kept for the smoothing")
         return f"with {' and '.join(what)}" if what else ""
 
 

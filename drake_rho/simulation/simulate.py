@@ -69,6 +69,7 @@ def simulate(
         InfeasibleError: the first window has no plan.
         SolverError: the solvers fail numerically in the first window.
         ValueError: an argument is invalid.
+        ScenarioError: the scenario has a smoothing.
 
     Examples:
         >>> scenario = rho.load_scenario("courier")
@@ -96,6 +97,7 @@ def simulate(
     else:
         _check_no_windows(scenario, replan_every, planner, fallback)
         plan = scenario.plan
+        plan.scenario.check_stepwise("simulation")
         horizon = OnePlan(adopted(_disturbed(plan.scenario, disturbance), plan))
     return simulated(horizon, winds.none() if wind is None else wind, plant, rng)
 

@@ -22,9 +22,9 @@ class Summary(metaclass=Described):
     fastest_at: float
     """time of the top speed on the scenario's clock [s]"""
     start: float
-    """time of the first knot on the scenario's clock [s]"""
+    """time at which the motion begins, that of the first knot but for a smoothing [s]"""
     end: float
-    """time of the last knot on the scenario's clock [s]"""
+    """time at which the motion ends, that of the last knot but for a smoothing [s]"""
     cost: float
     """cost of the plan [m²/s⁴], the performance index f (13)"""
     least_effort: float
@@ -35,7 +35,8 @@ class Summary(metaclass=Described):
     def of(cls, trajectory: PiecewiseTrajectory, cost: float) -> Summary:
         """Return the summary of a trajectory whose plan has a cost [m²/s⁴].
 
-        The velocity is linear in a step, so that the largest speed occurs at an instant.
+        The velocity is linear in a step, so that the largest speed occurs at an instant. That of a
+        smooth motion, whose velocity is a polynomial, is looked for at these instants as well.
         """
         scenario = trajectory.scenario
         speeds = np.linalg.norm(trajectory.velocities, axis=2)
@@ -44,8 +45,8 @@ class Summary(metaclass=Described):
             top_speed=float(speeds[vehicle, instant]),
             fastest=scenario.vehicles[vehicle].name,
             fastest_at=float(trajectory.times[instant]),
-            start=scenario.grid.start,
-            end=scenario.grid.end,
+            start=scenario.grid.start - scenario.lead,
+            end=scenario.grid.end + scenario.lead,
             cost=cost,
             least_effort=least_effort(scenario),
         )

@@ -1,4 +1,8 @@
-"""Constraint tightening margins, so that a flight anywhere in the error tube meets its limits."""
+"""Constraint tightening margins: for flights anywhere in an error tube, and for smooth motions.
+
+Averages of a plan are in every convex set in which the plan is, so that a smoothing needs a margin
+only where something is kept out of, or at single instants (`scenario/smoothing.py`).
+"""
 
 from __future__ import annotations
 
@@ -34,11 +38,13 @@ class Margins:
     """margins at each knot, or in the step that begins there, in the quantity's unit"""
     tube: ErrorTube | None = None
     """error tube with these radii; None without a disturbance"""
+    smoothing: float = 0.0
+    """margin of positions at all times for a smoothing [m]; 0 without one"""
 
     def at(self, quantity: Quantity, times: FloatArray) -> FloatArray:
         """Return margins at times since the first knot [s] of any shape, in the quantity's unit."""
         if self.tube is None:
-            return np.zeros(times.shape)
+            return np.full(times.shape, self.smoothing if quantity == "position" else 0.0)
         steps, knots = self.steps[quantity], self.knots[quantity]
         k = np.clip(step_at(times, self.grid.step), 0, len(knots) - 1)
         at_knot = np.abs(times - self.grid.step * k) <= SAME_TIME * self.grid.step
@@ -47,7 +53,7 @@ class Margins:
     def position_radius(self, times: FloatArray) -> FloatArray:
         """Return position radii [m] at times since the first knot [s] of any shape."""
         if self.tube is None:
-            return np.zeros(times.shape)
+            return np.full(times.shape, self.smoothing)
         return self.tube.position(self.grid.start + times)
 
     @property
@@ -67,21 +73,28 @@ class PlanMargins:
     that are constant over pieces of each step"""
     pieces: int
     """number of equal pieces of a step over which `inner` is constant"""
+    convex: Margins | None = None
+    """margins of values in convex sets at all times, if others than `steps` and `inner`"""
 
     def of(self, quantity: Quantity) -> tuple[Margins, int]:
-        """Return the margins of a quantity, and the number of pieces of a step."""
+        """Return the margins of a quantity in convex sets, and the number of pieces of a step."""
+        if self.convex is not None:
+            return self.convex, 1
         inner = quantity in ("position", "velocity")
         return (self.inner, self.pieces) if inner else (self.steps, 1)
 
 
 def margins_of(scenario: Scenario, pieces: int = 1) -> PlanMargins:
-    """Return the margins for plans of a scenario; zero without a disturbance.
+    """Return the margins for plans of a scenario; zero without a disturbance or a smoothing.
 
     Args:
         scenario: the scenario to plan.
         pieces: the number of pieces of each step for positions and velocities.
     """
     steps = _margins(scenario, 1)
+    if scenario.smoothing is not None:
+        larger = _everywhere(steps, scenario.smoothing_margin)
+        return PlanMargins(larger, larger, 1, convex=steps)
     return PlanMargins(steps, steps if pieces == 1 else _margins(scenario, pieces), pieces)
 
 
@@ -98,6 +111,15 @@ def _none(step: float, knots: int, start: float) -> Margins:
     steps = {each: np.zeros(knots - 1) for each in quantities}
     inner = {each: np.zeros(knots) for each in quantities[:2]}
     return Margins(Grid(step, knots, start), steps, steps | inner)
+
+
+def _everywhere(none: Margins, margin: float) -> Margins:
+    """Return margins with one margin of positions at all times [m]."""
+    steps, knots = (
+        {**each, "position": np.full(len(each["position"]), margin)}
+        for each in (none.steps, none.knots)
+    )
+    return Margins(none.grid, steps, knots, smoothing=margin)
 
 
 @lru_cache(maxsize=64)

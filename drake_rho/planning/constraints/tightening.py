@@ -202,8 +202,9 @@ def _pair_slacks(scenario: Scenario, margins: Margins, end: int) -> Iterator[Tig
 
 
 def enlarged_by_margins(scenario: Scenario, margins: PlanMargins) -> Scenario:
-    """Return the undisturbed scenario with vehicles and separation enlarged by their margins.
+    """Return a scenario with vehicles and separation enlarged by their margins, and without these.
 
+    It has neither disturbance nor smoothing.
     Path search uses it, since margins over time are unknown for a path without times. Vehicles are
     enlarged only as far as obstacles and other vehicles at their starts and goals permit.
     """
@@ -225,5 +226,7 @@ def enlarged_by_margins(scenario: Scenario, margins: PlanMargins) -> Scenario:
     if separation is not None:
         distance = separation.distance + 2.0 * float(pair_growth.min())
         separation = dataclasses.replace(separation, distance=distance)
-    larger = scenario.derived(vehicles=vehicles, separation=separation, disturbance=None)
+    larger = scenario.derived(
+        vehicles=vehicles, separation=separation, disturbance=None, smoothing=None
+    )
     return larger.of_vehicles(range(len(vehicles)))
