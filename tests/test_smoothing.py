@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import csv
 import dataclasses
+import warnings
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,10 +14,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import drake_rho as rho
+from drake_rho.display.common.drawable import drawn
 from drake_rho.motion.dynamics import Motion, roll_out
 from drake_rho.motion.smooth import SmoothMotion
 from drake_rho.scenario.fleet import Fleet
 from drake_rho.scenario.smoothing import largest_accelerations
+from tests.sampled import _center, _signed_distance
 from tests.scenarios import box, fleet, single
 
 LIMITS = rho.Limits(max_speed=4.0, max_acceleration=2.0)
@@ -219,15 +224,15 @@ def test_verify_sees_limits_that_the_smooth_motion_exceeds() -> None:
     }
     for limit, value in values.items():
         for factor, holds in ((1.001, True), (0.999, False)):
-            given = value
+            given: Any = value
             if isinstance(value, rho.Box):
                 given = rho.Box(factor * value.lower, factor * value.upper)
             else:
                 given = factor * float(value)
-            others = (
-                {} if limit in ("max_acceleration", "acceleration") else {"max_acceleration": 9}
-            )
-            scenario = smooth(rho.Smoothing(0.5, 3), limits=rho.Limits(**{limit: given}, **others))
+            given = {limit: given}
+            if limit not in ("max_acceleration", "acceleration"):
+                given["max_acceleration"] = 9.0
+            scenario = smooth(rho.Smoothing(0.5, 3), limits=rho.Limits(**given))
             again = rho.Plan.from_accelerations(scenario, plan.accelerations)
             broken = {check.kind for check in rho.verify(again).violations}
             assert broken == (set() if holds else {limit}), limit
@@ -251,3 +256,282 @@ def test_fleets_keep_apart(times: int, downwash: float) -> None:
     for i in range(len(starts)):
         for j in range(i):
             assert np.linalg.norm(p[i] - p[j], axis=1).min() >= 1.0 - 1e-6
+
+
+def _random(seed: int) -> rho.Scenario:
+    """Return a random scene with a smoothing, of any scale, with obstacles of several kinds."""
+    rng = np.random.default_rng(seed)
+    size, duration, knots = (
+        10 ** rng.uniform(0, 2),
+        10 ** rng.uniform(0.6, 1.6),
+        rng.integers(8, 30),
+    )
+    count, step = int(rng.integers(1, 5)), duration / (knots - 1)
+    apart = rho.Separation(0.08 * size, float(rng.choice([1.0, 2.0])))
+    obstacles = [_obstacle(rng, size, duration) for _ in range(rng.integers(1, 4))]
+    most = rng.uniform(12.0, 30.0) * size / duration**2
+    limits = rho.Limits(max_acceleration=most)
+    if rng.random() < 0.5:
+        limits = rho.Limits(acceleration=box(most), max_speed=6.0 * size / duration)
+    vehicles = []
+    for number in range(count):
+        start, goal = rng.uniform(-size, size, (2, 3))
+        place = (start + goal) / 2.0 + 0.05 * size * rng.standard_normal(3)
+        time = duration * rng.uniform(0.4, 0.6)
+        waypoints = [rho.Waypoint(time, place, 0.1 * size)] * int(rng.random() < 0.3)
+        ends = rho.State(start), rho.State(goal)
+        vehicles.append(rho.Vehicle(f"v{number}", *ends, radius=0.02 * size, waypoints=waypoints))
+    return rho.Scenario(
+        f"random {seed}",
+        rho.Grid(step, int(knots)),
+        vehicles,
+        limits,
+        obstacles,
+        separation=apart,
+        smoothing=rho.Smoothing(step * rng.uniform(0.2, 1.0), int(rng.integers(1, 4))),
+    )
+
+
+def _obstacle(rng: np.random.Generator, size: float, duration: float) -> rho.Obstacle:
+    """Return a random obstacle: at rest, active for a time, at a velocity or along a track."""
+    center, radius = rng.uniform(-0.6, 0.6, 3) * size, rng.uniform(0.05, 0.25) * size
+    sphere, halves = rho.Sphere(center, radius), radius * rng.uniform(0.5, 1.0, 3)
+    places = center + 0.3 * size * np.array([[0, 0, 0], [1, 1, 0], [0, 0, 1]])
+    track = rho.Track([0.0, 0.4 * duration, duration], places)
+    kinds = [
+        rho.Obstacle(sphere),
+        rho.Obstacle(rho.Box(center - halves, center + halves)),
+        rho.Obstacle(rho.Ellipsoid(center, halves)),
+        rho.Obstacle(sphere, active=(0.3 * duration, 0.6 * duration)),
+        rho.Obstacle(sphere, velocity=rng.uniform(-0.3, 0.3, 3) * size / duration),
+        rho.Obstacle(rho.Sphere([0.0, 0.0, 0.0], radius), track=track),
+    ]
+    return kinds[rng.integers(len(kinds))]
+
+
+def _check_densely(plan: rho.Plan) -> None:
+    """Check distances at many instants with formulas of the tests' own."""
+    scenario = plan.scenario
+    times, samples = dense(plan)
+    p, size = samples.positions, float(np.abs(samples.positions).max())
+    for body in scenario.bodies:
+        away = _signed_distance(p - _center(body, times), body.shape)
+        first, last = body.active or (-np.inf, np.inf)
+        due = (times >= first) & (times <= last)
+        assert (away[:, due] >= scenario.vehicles[0].radius - 1e-6 * size).all()
+    assert scenario.separation is not None
+    scaled = p / [1.0, 1.0, scenario.separation.downwash]
+    for one in range(len(p)):
+        apart = np.linalg.norm(scaled[one] - scaled[:one], axis=2)
+        assert (apart >= scenario.separation.distance - 1e-6 * size).all()
+    for vehicle in scenario.vehicles:
+        for each in vehicle.waypoints:
+            there = plan.at(each.time, vehicle.name).positions[0]
+            assert np.linalg.norm(there - each.position) <= each.within + 1e-6 * size
+
+
+def test_random_scenes_hold_at_every_instant() -> None:
+    planned = 0
+    for seed in range(60):
+        try:
+            scenario = _random(seed)
+            plan = rho.plan(scenario)
+        except (rho.ScenarioError, rho.InfeasibleError):  # a start inside an obstacle, ...
+            continue
+        planned += 1
+        assert rho.verify(plan).ok, seed
+        _check_densely(plan)
+    assert planned >= 30
+
+
+def test_a_moving_obstacle_is_met_where_it_is_at_the_same_time() -> None:
+    """An obstacle turns back just beside the vehicle: its position is not averaged."""
+    track = rho.Track([0.0, 4.0, 8.0], [[5.0, 9.0, -1.0], [5.0, 2.0, -1.0], [5.0, 9.0, -1.0]])
+    crossing = rho.Obstacle(rho.Sphere([0.0, 0.0, 0.0], 1.0), track=track)
+    plan = rho.plan(smooth(rho.Smoothing(0.5, 3), obstacles=(crossing,)))
+    assert rho.verify(plan).ok
+    times, samples = dense(plan, 2000)
+    away = np.linalg.norm(samples.positions[0] - _center(crossing, times), axis=1) - 1.0
+    assert -1e-6 <= away.min() <= 0.1
+
+
+def test_an_obstacle_that_leaves_the_start_in_time_is_refused() -> None:
+    """The smooth motion begins before the first knot, when the obstacle is still at the start."""
+    passing = rho.Obstacle(rho.Sphere([1.05, 0.0, 0.0], 1.0), velocity=[0.0, 4.0, 0.0])
+    assert rho.plan(smooth(None, obstacles=(passing,))).cost > 0.0
+    leaving = rho.Obstacle(rho.Sphere([1.6, 0.0, 0.0], 1.0), velocity=[2.0, 0.0, 0.0])
+    with pytest.raises(rho.ScenarioError, match=r"start\.position.*of it for the smoothing"):
+        smooth(rho.Smoothing(0.5, 3), obstacles=(leaving,))
+    assert smooth(rho.Smoothing(0.5, 1), obstacles=(leaving,)).lead == 0.25
+
+
+@pytest.mark.parametrize("times", [1, 2, 3])
+def test_requirements_hold_for_averages(times: int) -> None:
+    """An interval is longer for the plan: its averages are required in the interval itself."""
+    high = rho.KeepIn(rho.HalfSpace([0, 0, -1], -0.5), active=(2.0, 3.0), name="high")
+    slow = rho.KeepIn(rho.Sphere([0, 0, 0], 1.2), of="velocity", active=(4.0, 5.0))
+    calm = rho.KeepIn(rho.Sphere([0, 0, 0], 0.3), of="acceleration", active=(4.0, 5.0))
+    scenario = smooth(rho.Smoothing(0.5, times), obstacles=(), requirements=(high, slow, calm))
+    plan = rho.plan(scenario)
+    assert rho.verify(plan).ok
+    during = plan.at(np.linspace(2.0, 3.0, 999), "solo")
+    assert during.positions[:, 2].min() >= 0.5 - 1e-5
+    during = plan.at(np.linspace(4.0, 5.0, 999), "solo")
+    assert np.linalg.norm(during.velocities, axis=1).max() <= 1.2 + 1e-5
+    assert np.linalg.norm(during.accelerations, axis=1).max() <= 0.3 + 1e-5
+    without = rho.plan(smooth(None, obstacles=(), requirements=(high, slow, calm)))
+    lacking = rho.Plan.from_accelerations(scenario, without.accelerations)
+    broken = {check.constraint for check in rho.verify(lacking).violations}
+    assert "requirement 1 (high)" in broken
+
+
+def _vehicle(start: dict[str, Any], goal: dict[str, Any]) -> tuple[rho.Vehicle, ...]:
+    ends = rho.State([0, 0, 0], **start), rho.State([10, 4, -2], **goal)
+    return (rho.Vehicle("solo", *ends),)
+
+
+_TRACK = rho.Track([0.0, 8.0], [[0.0, 0.0, 0.0], [10.0, 4.0, -2.0]])
+_BALL = rho.Sphere([0.0, 0.0, 0.0], 50.0)
+REFUSED: dict[str, dict[str, Any]] = {
+    "smoothing.width": {"smoothing": rho.Smoothing(0.6)},
+    "between_knots": {"between_knots": False},
+    "disturbance": {"disturbance": rho.Disturbance(0.1)},
+    "vehicles[0].start.velocity": {"vehicles": _vehicle({"velocity": [1, 0, 0]}, {})},
+    "vehicles[0].start.acceleration": {"vehicles": _vehicle({"acceleration": [1, 0, 0]}, {})},
+    "vehicles[0].goal.velocity": {"vehicles": _vehicle({}, {"velocity": [1, 0, 0]})},
+    "limits.acceleration": {"limits": rho.Limits(acceleration=rho.Box([0.1, -9, -9], [9, 9, 9]))},
+    "limits.jerk": {"limits": rho.Limits(jerk=box(9.0), max_acceleration=2.0)},
+    "limits.max_jerk": {"limits": rho.Limits(max_jerk=9.0, max_acceleration=2.0)},
+    "limits.max_acceleration": {"limits": rho.Limits(max_speed=4.0)},
+    "vehicles[0].waypoints[0].within": {
+        "vehicles": tuple(
+            dataclasses.replace(each, waypoints=(rho.Waypoint(4.0, [5, 5, 0], 0.01),))
+            for each in _vehicle({}, {})
+        )
+    },
+    "requirements[0].of": {"requirements": (rho.KeepIn(_BALL, of="jerk"),)},
+    "requirements[0].relative_to": {"requirements": (rho.KeepIn(_BALL, relative_to=_TRACK),)},
+    "requirements[0].set": {
+        "requirements": (
+            rho.KeepIn(rho.HalfSpace([-1, 0, 0], -0.1), of="acceleration", active=(0.2, 1.0)),
+        )
+    },
+}
+
+
+@pytest.mark.parametrize("field", REFUSED)
+def test_what_averages_do_not_keep_is_refused_by_its_field(field: str) -> None:
+    with pytest.raises(rho.ScenarioError) as caught:
+        smooth(**({"smoothing": rho.Smoothing(0.5, 2)} | REFUSED[field]))
+    assert caught.value.field == f"scenario.{field}"
+
+
+@pytest.mark.parametrize("values", [(0.0, 1), (-1.0, 1), (0.5, 0), (0.5, 4), (np.nan, 1)])
+def test_widths_are_positive_and_averages_one_to_three(values: tuple[float, int]) -> None:
+    with pytest.raises(rho.ScenarioError):
+        rho.Smoothing(*values)
+
+
+def test_what_flies_in_motion_refuses_smoothing() -> None:
+    scenario = smooth()
+    plan = rho.plan(scenario)
+    for call in (
+        lambda: rho.plan_rho(scenario),
+        lambda: rho.RecedingHorizon(scenario),
+        lambda: rho.simulate(scenario),
+        lambda: rho.simulate(plan),
+        lambda: rho.simulate(plan, disturbance=rho.Disturbance(0.1)),
+    ):
+        with pytest.raises(rho.ScenarioError) as caught:
+            call()
+        assert caught.value.field == "smoothing"
+    with pytest.raises(ValueError, match="begin at rest"):
+        plan.remainder(3)
+
+
+@pytest.mark.parametrize("times", [1, 3])
+@pytest.mark.parametrize("knots", [9, 17, 41])
+def test_exports_hold_the_smooth_motion(times: int, knots: int, tmp_path: Path) -> None:
+    grid = rho.Grid(8.0 / (knots - 1), knots)
+    plan = rho.plan(smooth(rho.Smoothing(0.9 * grid.step, times), grid=grid))
+    lead = plan.scenario.lead
+    written = rho.export(plan, tmp_path / "swarm", format="crazyswarm")
+    assert (written.deviation > 0.0) == (len(plan.polynomials().instants) > 32)
+    rows = [[float(each) for each in row] for row in _rows_of(written.files[0])]
+    begin, last = -lead, None
+    for duration, *numbers in rows:
+        c, s = np.array(numbers[:24]).reshape(3, 8), np.linspace(0.0, duration, 50)
+        own = plan.at(np.clip(begin + s, -lead, 8.0 + lead), "solo")
+        off = np.linalg.norm((c @ s ** np.arange(8)[:, None]).T - own.positions, axis=1)
+        assert off.max() <= written.deviation + 1e-12
+        rates = [np.polynomial.Polynomial(axis).deriv(2) for axis in c]
+        if last is not None:  # no jump of the acceleration between pieces
+            assert [rate(0.0) for rate in rates] == pytest.approx(last, abs=1e-9)
+        begin, last = begin + duration, [rate(duration) for rate in rates]
+    assert len(rows) <= 31
+    assert begin == pytest.approx(8.0 + lead)
+    rho.export(plan, tmp_path / "plan.csv", format="csv", rate=10)
+    table = np.array([row[1:] for row in _rows_of(tmp_path / "plan.csv")], dtype=np.float64)
+    assert table[0, 0] == pytest.approx(-lead)
+    assert table[-1, :4] == pytest.approx([8.0 + lead, 10.0, 4.0, -2.0])
+    assert table[:-1, 1:] == pytest.approx(plan.at(table[:-1, 0], "solo").states, abs=1e-9)
+    rho.export(plan, tmp_path / "px4.csv", format="px4")
+    assert rho.export(plan, tmp_path / "show.zip", format="skybrush").deviation > 0.0
+    setpoints = _rows_of(tmp_path / "px4.csv")
+    assert float(setpoints[-1][1]) == np.ceil(1000.0 * (8.0 + 2.0 * lead) - 1e-6)
+
+
+def _rows_of(path: Path) -> list[list[str]]:
+    with open(path, newline="") as file:
+        return list(csv.reader(file))[1:]
+
+
+def test_files_hold_the_plan_and_its_smoothing(tmp_path: Path) -> None:
+    scenario = smooth(rho.Smoothing(0.4, 2))
+    rho.save_scenario(scenario, tmp_path / "scenario.yaml")
+    assert rho.load_scenario(tmp_path / "scenario.yaml") == scenario
+    plan = rho.plan(scenario)
+    rho.save(plan, tmp_path / "plan.npz")
+    rho.export(plan, tmp_path / "plan.json", format="json")
+    for name in ("plan.npz", "plan.json"):
+        again = rho.load(tmp_path / name)
+        assert again.scenario == scenario
+        assert np.array_equal(again.at(1.23).states, plan.at(1.23).states)
+        assert rho.verify(again).ok
+    with pytest.raises(ValueError, match="the plan that is averaged"):
+        rho.export(plan, tmp_path / "more.json", format="json", rate=10)
+    rho.export(plan, tmp_path / "plan.csv", format="csv")
+    with pytest.raises(rho.PlanFileError, match="holds averages"):
+        rho.load(tmp_path / "plan.csv", scenario=scenario)
+    schema = rho.scenario_schema()
+    assert "smoothing" in schema["properties"]
+
+
+def test_figures_show_the_smooth_motion() -> None:
+    plan = rho.plan(smooth(rho.Smoothing(0.5, 1)))
+    shown = drawn(plan)
+    times = np.linspace(0.0, 8.0, 17)
+    assert np.array_equal(shown.positions, plan.sampled(times).positions)
+    between = shown.motion().at("position", times[:-1] + 0.21)
+    assert np.abs(between - plan.at(times[:-1] + 0.21).positions).max() < 1e-3
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        rho.paths_figure(plan)
+        rho.accelerations_figure(plan)
+        rho.distances_figure(plan)
+
+
+def test_plans_without_smoothing_are_as_before() -> None:
+    """A smoothing needs no margin where nothing is to be kept clear of: the plan is the same."""
+    free = smooth(None, obstacles=())
+    plan, same = rho.plan(free), rho.plan(smooth(rho.Smoothing(0.5, 3), obstacles=()))
+    assert np.array_equal(plan.accelerations, same.accelerations)
+    assert same.scenario.smoothing_margin == 0.0
+    assert rho.verify(same).ok
+
+
+def test_a_certificate_says_of_which_plans_it_is() -> None:
+    plan = rho.plan(smooth())
+    certificate = rho.certify(plan)
+    assert certificate.lower_bound <= plan.cost * (1.0 + 1e-6)
+    assert "of plans that keep the smoothing's margin" in str(certificate)

@@ -214,6 +214,10 @@ class Plan(ShownInNotebooks, metaclass=Described):
         smoothing = self.scenario.smoothing
         return None if smoothing is None else SmoothMotion(self.motion(), smoothing)
 
+    def stepwise(self) -> Plan:
+        """Return the plan as if it were flown as planned, without its smoothing."""
+        return unchecked(self, scenario=self.scenario.derived(smoothing=None))
+
     def polynomials(self) -> Polynomials:
         """Return the motion as piecewise polynomials, with a smoothing that of the averages."""
         if (smooth := self.smooth()) is not None:

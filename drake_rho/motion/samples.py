@@ -126,15 +126,27 @@ def check_rate(rate: float | None) -> None:
         raise ValueError(f"rate: got {rate:g}, expected {expected}")
 
 
-def evenly(grid: Grid, rate: float) -> FloatArray:
-    """Return times since the first knot at a rate [1/s], followed by the end [s], shape (M,)."""
-    count = int(grid.duration * rate * (1.0 + SAME_TIME))
+def evenly(grid: Grid, rate: float, lead: float = 0.0) -> FloatArray:
+    """Return times since the beginning at a rate [1/s], followed by the end [s], shape (M,).
+
+    Args:
+        grid: the grid of the flight.
+        rate: times per second [1/s].
+        lead: time by which the flight begins before the first knot and ends after the last [s].
+    """
+    end = float(grid.elapsed[-1]) + 2.0 * lead
+    count = int((grid.duration + 2.0 * lead) * rate * (1.0 + SAME_TIME))
     times = np.arange(count + 1) / rate
-    return np.append(times[times < grid.elapsed[-1] - SAME_TIME * grid.step], grid.elapsed[-1])
+    return np.append(times[times < end - SAME_TIME * grid.step], end)
 
 
-def with_knots(grid: Grid, rate: float | None) -> tuple[FloatArray, IntArray]:
+def with_knots(grid: Grid, rate: float | None, lead: float = 0.0) -> tuple[FloatArray, IntArray]:
     """Return the times of all knots and, if a rate is given [1/s], times at that rate as well.
+
+    Args:
+        grid: the grid of the flight.
+        rate: times per second [1/s], if any.
+        lead: time by which the flight begins before the first knot and ends after the last [s].
 
     Returns:
         Times since the first knot [s], shape (M,), and the indices of the knots, shape (K,).
@@ -142,7 +154,7 @@ def with_knots(grid: Grid, rate: float | None) -> tuple[FloatArray, IntArray]:
     knots = grid.elapsed
     if rate is None:
         return knots, np.arange(len(knots))
-    times = evenly(grid, rate)
+    times = evenly(grid, rate, lead) - lead
     nearest = np.clip(np.rint(times / grid.step).astype(np.int64), 0, len(knots) - 1)
     times = np.union1d(times[np.abs(times - knots[nearest]) > SAME_TIME * grid.step], knots)
     return times, np.searchsorted(times, knots)
