@@ -64,7 +64,7 @@ class VehicleCertificate(metaclass=Described):
 class Certificate(metaclass=Described):
     """Bound on how far a plan is from the optimum; prints as a short table.
 
-    With a smoothing it is a bound for plans that keep its margin and are in convex sets themselves.
+    With a smoothing it is a bound for plans that meet the constraints themselves too.
     """
 
     scenario: Scenario
@@ -116,7 +116,7 @@ class Certificate(metaclass=Described):
 
     def _planned_gap(self) -> str:
         if self.scenario.smoothing is not None:
-            return " (of plans that keep the smoothing's margin)"
+            return " (of plans that meet the constraints before they are averaged too)"
         if self.scenario.disturbance is None:
             return ""
         return f" ({percent(self.planned_gap)} with the margins that planners keep)"

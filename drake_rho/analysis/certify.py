@@ -83,8 +83,8 @@ def certify(
     without obstacles. Where the Lagrangian is not convex there, the multipliers are scaled down and
     the bound is then maximised over them. The bound is valid for any multipliers.
 
-    With a smoothing it is valid for plans that are in convex sets themselves and keep the margin of
-    positions that planners keep.
+    With a smoothing it is valid for plans that meet the constraints themselves, without margins, as
+    those of this package's planners do.
 
     Args:
         flown: any plan or flight of a scenario; it need not be optimal or satisfy its constraints.
@@ -106,7 +106,7 @@ def certify(
     """
     backend = Backend.of(solver)
     plan = flown.plan
-    scenario, vehicles = plan.scenario, len(plan.scenario.vehicles)
+    scenario, vehicles = plan.scenario.derived(smoothing=None), len(plan.scenario.vehicles)
     if vehicles > MOST_CERTIFIED_TOGETHER:  # without separation the bound is lower, but still valid
         scenario = scenario.without_separation()
     start = Plan.from_accelerations(scenario, plan.accelerations)

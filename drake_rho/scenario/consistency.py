@@ -12,7 +12,7 @@ from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.fleet import Fleet
 from drake_rho.scenario.maps.map import Map
 from drake_rho.scenario.obstacles import AnyObstacle, Obstacle
-from drake_rho.scenario.pairs import check_separation, of_smoothing
+from drake_rho.scenario.pairs import check_separation
 from drake_rho.scenario.parts import UNITS, Grid, Quantity, Separation, Vehicle
 from drake_rho.scenario.requirements import KeepIn
 from drake_rho.scenario.waypoints import is_during_flight
@@ -96,7 +96,7 @@ def check_ends(
         separation: required of every pair, if any.
         under_way: whether starts are states that a flight has reached, which are not checked.
         smoothing: margin of positions [m], and time before the start and after the end [s] at which
-            vehicles are still there.
+            vehicles are still there, or within this margin.
 
     Raises:
         ScenarioError: a start or a goal violates one of these constraints.
@@ -110,9 +110,10 @@ def check_ends(
     for end, positions, time, longer in ends[under_way:]:
         for at in np.linspace(time, time + longer, _RESTING if lead > 0.0 else 1):
             times = np.full(len(positions), at)
-            check_outside(fleet, obstacles, f"{end}.position", positions, times, margin)
+            moved = 0.0 if at == time else margin
+            check_outside(fleet, obstacles, f"{end}.position", positions, times, moved)
         if separation is not None:
-            check_separation(separation, vehicles, f"{end}.position", positions, 2.0 * margin)
+            check_separation(separation, vehicles, f"{end}.position", positions)
 
 
 def check_limits(fleet: Fleet, *, under_way: bool = False) -> None:
@@ -181,7 +182,7 @@ def check_outside(
         where: field of a vehicle that holds the positions, such as `"start.position"`.
         positions: of the vehicles [m], shape (N, 3).
         times: on the scenario's clock [s], shape (N,); NaN for a vehicle that is not checked.
-        margin: further distance that a smoothing needs [m].
+        margin: further distance from obstacles that are not always there [m].
 
     Raises:
         ScenarioError: a vehicle is too close to an obstacle.
@@ -189,7 +190,9 @@ def check_outside(
     checked = np.flatnonzero(np.isfinite(times))
     for number, obstacle in enumerate(obstacles, start=1):
         distances = obstacle.distances(positions[checked], times[checked])
-        margins = fleet.radii[checked] + obstacle.deviation + margin
+        margins = fleet.radii[checked] + obstacle.deviation
+        if not obstacle.is_steady:
+            margins += margin
         tolerances = fleet.obstacle_tolerances(obstacle.shape)[checked]
         inside = distances < margins - tolerances
         if np.any(inside):
@@ -198,10 +201,11 @@ def check_outside(
             required = f"at least {least:g} m from" if least > 0.0 else "outside"
             actual = f"{d:g} m from" if d > 0.0 else f"{-d:g} m in"
             when = f" at {clock_time(float(times[i]))}" if not obstacle.is_steady else ""
+            when += " (with smoothing, vehicles rest before their plan and after)" * (margin > 0.0)
             relative = positions[i] - obstacle.centers(times[i : i + 1])[0]
             expected = (
-                f"a position {required} {obstacle.called(number)}, not {actual} it{when}"
-                f"{of_smoothing(margin)} ({obstacle.shape.described_near(relative)})"
+                f"a position {required} {obstacle.called(number)}, not {actual} it{when} "
+                f"({obstacle.shape.described_near(relative)})"
             )
             raise ScenarioError(f"vehicles[{i}].{where}", positions[i].tolist(), expected)
 

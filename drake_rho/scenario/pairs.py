@@ -12,11 +12,7 @@ from drake_rho.scenario.parts import Separation, Vehicle
 
 
 def check_separation(
-    separation: Separation,
-    vehicles: Sequence[Vehicle],
-    where: str,
-    positions: FloatArray,
-    margin: float = 0.0,
+    separation: Separation, vehicles: Sequence[Vehicle], where: str, positions: FloatArray
 ) -> None:
     """Check that no two vehicles are closer than their separation, within its tolerance.
 
@@ -25,7 +21,6 @@ def check_separation(
         vehicles: the vehicles, whose names appear in the error.
         where: field of a vehicle that holds the positions, such as `"start.position"`.
         positions: of the vehicles [m], shape (N, 3).
-        margin: further distance that a smoothing needs of a pair, in any direction [m].
 
     Raises:
         ScenarioError: two vehicles are too close; it names the closest pair and its distance.
@@ -33,20 +28,14 @@ def check_separation(
     if len(vehicles) < 2:
         return
     first, second, distance = closest_two(separation.scaled(positions))
-    margin *= float(separation.shape.scales.max())
-    if distance < separation.distance + margin - separation.tolerance:
+    if distance < separation.distance - separation.tolerance:
         dz = f", with dz / {separation.downwash:g}," if separation.downwash != 1.0 else ""
         expected = (
-            f"{vehicles[second].name} at least {separation.distance + margin:g} m{dz} "
-            f"from {vehicles[first].name}, not {distance:.7g} m{of_smoothing(margin)}"
+            f"{vehicles[second].name} at least {separation.distance:g} m{dz} "
+            f"from {vehicles[first].name}, not {distance:.7g} m"
         )
         value = positions[second].tolist()
         raise ScenarioError(f"vehicles[{second}].{where}", value, expected)
-
-
-def of_smoothing(margin: float) -> str:
-    """Return which part of a distance a smoothing needs, in words; nothing if there is none."""
-    return f" ({margin:.3g} m of it for the smoothing)" if margin > 0.0 else ""
 
 
 def nearest_others(points: FloatArray) -> tuple[FloatArray, IntArray]:

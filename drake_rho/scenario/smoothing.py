@@ -52,6 +52,10 @@ class Smoothing:
         return self.times * self.width / 2.0
 
     def margin(self, acceleration: float) -> float:
+        """Return `margins` of a single acceleration [m]."""
+        return float(self.margins(np.float64(acceleration)))
+
+    def margins(self, accelerations: FloatArray | np.float64) -> FloatArray:
         """Return the largest distance of the smooth motion from its plan at the same time [m].
 
         With the weights g of the averages, which are symmetric and have the variance n w²/12, the
@@ -59,9 +63,9 @@ class Smoothing:
         most norm(a) s²/2. It is attained where the acceleration is constant.
 
         Args:
-            acceleration: largest norm of the plan's accelerations [m/s²].
+            accelerations: largest norms of the plan's accelerations within `lead` [m/s²].
         """
-        return self.times * self.width**2 / 24.0 * acceleration
+        return np.asarray(self.times * self.width**2 / 24.0 * accelerations)
 
     def for_grid(self, grid: Grid) -> Self:
         """Return the smoothing for another grid: its width is at most the step."""
@@ -177,12 +181,12 @@ def _limit_of(vehicles: Sequence[Vehicle], vehicle: int, limit: str) -> str:
 
 
 def _check_waypoints(vehicles: Sequence[Vehicle], margin: float) -> None:
-    """Check that waypoints have room for the margin."""
+    """Check that waypoints have room for a margin."""
     for vehicle, each in enumerate(vehicles):
         for index, waypoint in enumerate(each.waypoints):
-            if waypoint.within < margin:
+            if waypoint.within == 0.0:
                 field = f"vehicles[{vehicle}].waypoints[{index}].within"
-                expected = f"at least {margin:.4g} m, by which smoothing may move positions"
+                expected = f"above 0 m: smoothing may move positions by up to {margin:.4g} m"
                 raise ScenarioError(field, waypoint.within, expected)
 
 

@@ -7,7 +7,7 @@ only where something is kept out of, or at single instants (`scenario/smoothing.
 from __future__ import annotations
 
 import dataclasses
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -38,13 +38,11 @@ class Margins:
     """margins at each knot, or in the step that begins there, in the quantity's unit"""
     tube: ErrorTube | None = None
     """error tube with these radii; None without a disturbance"""
-    smoothing: float = 0.0
-    """margin of positions at all times for a smoothing [m]; 0 without one"""
 
     def at(self, quantity: Quantity, times: FloatArray) -> FloatArray:
         """Return margins at times since the first knot [s] of any shape, in the quantity's unit."""
-        if self.tube is None:
-            return np.full(times.shape, self.smoothing if quantity == "position" else 0.0)
+        if self.tube is None and not (quantity == "position" and self.largest > 0.0):
+            return np.zeros(times.shape)
         steps, knots = self.steps[quantity], self.knots[quantity]
         k = np.clip(step_at(times, self.grid.step), 0, len(knots) - 1)
         at_knot = np.abs(times - self.grid.step * k) <= SAME_TIME * self.grid.step
@@ -53,10 +51,10 @@ class Margins:
     def position_radius(self, times: FloatArray) -> FloatArray:
         """Return position radii [m] at times since the first knot [s] of any shape."""
         if self.tube is None:
-            return np.full(times.shape, self.smoothing)
+            return self.at("position", times)
         return self.tube.position(self.grid.start + times)
 
-    @property
+    @cached_property
     def largest(self) -> float:
         """Largest margin of the position [m]."""
         return float(self.steps["position"].max())
@@ -84,16 +82,23 @@ class PlanMargins:
         return (self.inner, self.pieces) if inner else (self.steps, 1)
 
 
-def margins_of(scenario: Scenario, pieces: int = 1) -> PlanMargins:
+def margins_of(
+    scenario: Scenario, pieces: int = 1, accelerations: FloatArray | None = None
+) -> PlanMargins:
     """Return the margins for plans of a scenario; zero without a disturbance or a smoothing.
 
     Args:
         scenario: the scenario to plan.
         pieces: the number of pieces of each step for positions and velocities.
+        accelerations: largest norms in each step and those that its averages reach [m/s²], shape
+            (K-1,), for the margin of a smoothing; those that limits allow if not given.
     """
     steps = _margins(scenario, 1)
     if scenario.smoothing is not None:
-        larger = _everywhere(steps, scenario.smoothing_margin)
+        margins = np.full(scenario.grid.knots - 1, scenario.smoothing_margin)
+        if accelerations is not None:
+            margins = np.minimum(margins, scenario.smoothing.margins(accelerations))
+        larger = _of_positions(steps, margins)
         return PlanMargins(larger, larger, 1, convex=steps)
     return PlanMargins(steps, steps if pieces == 1 else _margins(scenario, pieces), pieces)
 
@@ -113,13 +118,10 @@ def _none(step: float, knots: int, start: float) -> Margins:
     return Margins(Grid(step, knots, start), steps, steps | inner)
 
 
-def _everywhere(none: Margins, margin: float) -> Margins:
-    """Return margins with one margin of positions at all times [m]."""
-    steps, knots = (
-        {**each, "position": np.full(len(each["position"]), margin)}
-        for each in (none.steps, none.knots)
-    )
-    return Margins(none.grid, steps, knots, smoothing=margin)
+def _of_positions(none: Margins, margins: FloatArray) -> Margins:
+    """Return margins with those of positions in each step [m], shape (K-1,)."""
+    steps = none.steps | {"position": margins}
+    return Margins(none.grid, steps, none.knots | {"position": _greater(margins)})
 
 
 @lru_cache(maxsize=64)

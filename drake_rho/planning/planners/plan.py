@@ -12,6 +12,7 @@ from drake_rho.planning.call.wall_time import with_wall_time
 from drake_rho.planning.constraints.coupling import COUPLINGS, Coupling, CouplingName
 from drake_rho.planning.planners.first_plan import FirstPlan
 from drake_rho.planning.planners.related import fitted
+from drake_rho.planning.planners.smoothed import with_own_margin
 from drake_rho.planning.problem import Problem, with_finer_margins
 from drake_rho.planning.programs.backend import Backend, Solver, SolverName
 from drake_rho.planning.scp.fleet_improvement import AroundReferences
@@ -89,10 +90,12 @@ def plan(
     if reference is not None:
         reference = fitted(reference, scenario)
 
-    def best(problem: Problem) -> Plan:
-        return _iterated(problem, search.of_any_duration(problem, reference), kept_apart, search)
+    def best(problem: Problem, near: Plan | None) -> Plan:
+        return _iterated(problem, search.of_any_duration(problem, near), kept_apart, search)
 
-    return with_finer_margins(best, Problem.of(scenario))
+    if scenario.smoothing_margin > 0.0:
+        return with_own_margin(best, Problem.of(scenario), reference)
+    return with_finer_margins(lambda problem: best(problem, reference), Problem.of(scenario))
 
 
 def _iterated(problem: Problem, first: Plan, coupling: Coupling, search: FirstPlan) -> Plan:
