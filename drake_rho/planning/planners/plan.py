@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from concurrent.futures import Executor
+from functools import partial
 
 from drake_rho.motion.plan import Plan
 from drake_rho.planning.call.options import DEFAULTS, Options
@@ -10,7 +11,8 @@ from drake_rho.planning.call.progress import Progress
 from drake_rho.planning.call.time_limit import with_time_limit
 from drake_rho.planning.call.wall_time import with_wall_time
 from drake_rho.planning.constraints.coupling import COUPLINGS, Coupling, CouplingName
-from drake_rho.planning.planners.first_plan import FirstPlan
+from drake_rho.planning.errors import InfeasibleError, SolverError
+from drake_rho.planning.planners.first_plan import FirstPlan, plan_near
 from drake_rho.planning.planners.related import fitted
 from drake_rho.planning.planners.smoothed import with_own_margin
 from drake_rho.planning.problem import Problem, with_finer_margins
@@ -90,12 +92,22 @@ def plan(
     if reference is not None:
         reference = fitted(reference, scenario)
 
-    def best(problem: Problem, near: Plan | None) -> Plan:
-        return _iterated(problem, search.of_any_duration(problem, near), kept_apart, search)
+    def best(problem: Problem) -> Plan:
+        return _iterated(problem, search.of_any_duration(problem, reference), kept_apart, search)
 
     if scenario.smoothing_margin > 0.0:
-        return with_own_margin(best, Problem.of(scenario), reference)
-    return with_finer_margins(lambda problem: best(problem, reference), Problem.of(scenario))
+        again = partial(_from_similar, kept_apart, search)
+        return with_own_margin(best, again, Problem.of(scenario))
+    return with_finer_margins(best, Problem.of(scenario))
+
+
+def _from_similar(coupling: Coupling, search: FirstPlan, problem: Problem, similar: Plan) -> Plan:
+    """Return the plan of a problem from that of a similar one, which may violate a little."""
+    try:
+        first = plan_near(problem, similar, backend=search.backend, progress=search.progress)
+    except (InfeasibleError, SolverError):
+        first = search.of_any_duration(problem, similar)
+    return _iterated(problem, first, coupling, search)
 
 
 def _iterated(problem: Problem, first: Plan, coupling: Coupling, search: FirstPlan) -> Plan:

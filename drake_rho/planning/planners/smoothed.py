@@ -21,7 +21,7 @@ _ROUNDS = 4
 
 
 def with_own_margin(
-    find: Callable[[Problem, Plan | None], Plan], problem: Problem, reference: Plan | None
+    first: Callable[[Problem], Plan], again: Callable[[Problem, Plan], Plan], problem: Problem
 ) -> Plan:
     """Return a plan that keeps the margin that its own accelerations need for its smoothing.
 
@@ -29,25 +29,25 @@ def with_own_margin(
     margins, and for more where the plan with these margins has more.
 
     Args:
-        find: function that plans a problem, around a reference if one is given.
+        first: function that plans a problem.
+        again: function that plans a problem from the plan of a similar one.
         problem: problem of a scenario with a smoothing, with the margin that its limits need.
-        reference: motion to begin with, if any.
 
     Raises:
         InfeasibleError: no plan is found.
         SolverError: the solvers fail numerically.
     """
     largest = np.zeros(problem.scenario.grid.knots - 1)
-    plan = find(problem.for_accelerations(largest), reference)
+    plan = first(problem.for_accelerations(largest))
     spent = plan.statistics
     for _ in range(_ROUNDS):
         largest = np.maximum(largest, _MORE * accelerations_near(plan))
         largest = np.maximum(largest, _LEAST * largest.max())
-        plan = find(problem.for_accelerations(largest), plan)
+        plan = again(problem.for_accelerations(largest), plan)
         spent += plan.statistics
         if np.all(accelerations_near(plan) <= largest):
             return plan.with_statistics(spent)
-    plan = find(problem, plan)
+    plan = again(problem, plan)
     return plan.with_statistics(spent + plan.statistics)
 
 
