@@ -43,6 +43,7 @@ TREATMENT: dict[str, str] = {
     "active obstacles": "as obstacles, if they are active at the start or at the end",
     "separation": "half the distance of starts and goals against the position's radius",
     "disturbance": "the radii",
+    "smoothing": "not compared: programs decide whether there is room for its margin",
 }
 """Comparison with the radii of the error tube, for every kind of requirement."""
 
