@@ -19,6 +19,8 @@ from drake_rho.motion.dynamics import Motion, roll_out
 from drake_rho.motion.smooth import SmoothMotion
 from drake_rho.scenario.fleet import Fleet
 from drake_rho.scenario.smoothing import largest_accelerations
+from drake_rho.simulation.small_steps import in_small_steps
+from drake_rho.verification.holds import first_violation
 from tests.sampled import _center, _signed_distance
 from tests.scenarios import box, fleet, single
 
@@ -439,14 +441,36 @@ def test_what_flies_in_motion_refuses_smoothing() -> None:
         lambda: rho.plan_rho(scenario),
         lambda: rho.RecedingHorizon(scenario),
         lambda: rho.simulate(scenario),
-        lambda: rho.simulate(plan),
-        lambda: rho.simulate(plan, disturbance=rho.Disturbance(0.1)),
     ):
         with pytest.raises(rho.ScenarioError) as caught:
             call()
         assert caught.value.field == "smoothing"
     with pytest.raises(ValueError, match="begin at rest"):
         plan.remainder(3)
+
+
+@pytest.mark.parametrize("smoothing", SMOOTHINGS, ids=str)
+def test_simulations_fly_the_smooth_motion(smoothing: rho.Smoothing) -> None:
+    plan = rho.plan(smooth(smoothing))
+    lead = plan.scenario.lead
+    small = in_small_steps(plan)
+    assert small.scenario.grid.start == pytest.approx(-lead)
+    assert small.scenario.grid.end == pytest.approx(8.0 + lead)
+    times = np.linspace(-lead, 8.0 + lead, 999)
+    apart = np.linalg.norm(small.at(times).positions - plan.at(times).positions, axis=2).max()
+    most = float(np.linalg.norm(plan.accelerations, axis=2).max())
+    assert apart <= smoothing.width**2 * most / 12_000.0
+    jumps = np.abs(np.diff(small.accelerations, axis=1)).max()
+    assert jumps <= most / 10.0
+    flown = rho.simulate(plan)
+    apart = np.linalg.norm(flown.at(times).positions - small.at(times).positions, axis=2).max()
+    assert apart <= 1e-9
+    windy = rho.simulate(
+        plan,
+        wind=lambda t, p, v: 0.05 * np.ones_like(p),
+        disturbance=rho.Disturbance(0.1, feedback_every=0.1),
+    )
+    assert 0.0 < windy.errors().max() <= windy.radii().max()
 
 
 @pytest.mark.parametrize("times", [1, 3])
@@ -528,6 +552,25 @@ def test_plans_without_smoothing_are_as_before() -> None:
     assert np.array_equal(plan.accelerations, same.accelerations)
     assert same.scenario.smoothing_margin == 0.0
     assert rho.verify(same).ok
+
+
+def test_maps_are_kept_clear_of() -> None:
+    occupied = np.zeros((8, 8, 8), dtype=bool)
+    occupied[2:6, 2:6, 2:6] = True
+    crates = rho.Voxels.from_grid(occupied, 0.5, [3.0, 0.5, -3.0])
+    vehicles = tuple(dataclasses.replace(each, radius=0.3) for each in smooth().vehicles)
+    scenario = smooth(rho.Smoothing(0.5, 3), obstacles=(crates,), vehicles=vehicles)
+    plan = rho.plan(scenario)
+    assert rho.verify(plan).ok
+    _, samples = dense(plan, 500)
+    beyond = np.abs(samples.positions[0] - [5.0, 2.5, -1.0]) - 1.0  # the occupied cells are a cube
+    assert np.linalg.norm(np.maximum(beyond, 0.0), axis=1).min() >= 0.3 - 1e-6
+    without = rho.plan(dataclasses.replace(scenario, smoothing=None))
+    lacking = rho.Plan.from_accelerations(scenario, without.accelerations)
+    broken = first_violation(lacking)
+    assert broken is not None
+    assert broken.constraint == "obstacle 1"
+    assert first_violation(plan) is None
 
 
 def test_a_certificate_says_of_which_plans_it_is() -> None:
