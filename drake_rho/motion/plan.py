@@ -244,15 +244,8 @@ class Plan(ShownInNotebooks, metaclass=Described):
         Raises:
             ValueError: there is no such vehicle.
         """
-        from pydrake.polynomial import Polynomial
-        from pydrake.trajectories import PiecewisePolynomial
-
-        vehicle, whole = self.scenario.index_of(name), self.polynomials()
-        pieces = [
-            np.array([[Polynomial(axis)] for axis in piece])
-            for piece in whole.coefficients[vehicle]
-        ]
-        return PiecewisePolynomial(pieces, self.scenario.grid.start + whole.instants)
+        vehicle = self.scenario.index_of(name)
+        return self.polynomials().trajectory(vehicle, self.scenario.grid.start)
 
     def remainder(self, knot: int) -> Scenario:
         """Return the scenario of the rest of the flight from `knot`, counted from 0.

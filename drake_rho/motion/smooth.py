@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import dataclasses
 from math import comb, factorial
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -22,6 +23,9 @@ from drake_rho.motion.dynamics import Motion, step_at
 from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.parts import SAME_TIME
 from drake_rho.scenario.smoothing import Smoothing
+
+if TYPE_CHECKING:
+    from pydrake.trajectories import PiecewisePolynomial
 
 _RESTING = 4
 """Steps of rest with which a plan is extended on both sides: averages reach three half steps, and
@@ -37,6 +41,16 @@ class Polynomials:
     coefficients: FloatArray
     """coefficients of the powers of the time since a piece began, from the lowest up: [m], [m/s],
     [m/s²], …, shape (N, J, 3, D + 1)"""
+
+    def trajectory(self, vehicle: int, start: float) -> PiecewisePolynomial:
+        """Return a vehicle's motion as Drake's type, on a clock with the first knot at `start`."""
+        from pydrake.polynomial import Polynomial
+        from pydrake.trajectories import PiecewisePolynomial
+
+        pieces = [
+            np.array([[Polynomial(axis)] for axis in piece]) for piece in self.coefficients[vehicle]
+        ]
+        return PiecewisePolynomial(pieces, start + self.instants)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
