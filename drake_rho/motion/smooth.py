@@ -14,6 +14,7 @@ latter; F_(n-1) and so on are its derivatives. After the knot they are the same 
 from __future__ import annotations
 
 import dataclasses
+from functools import cached_property
 from math import comb, factorial
 from typing import TYPE_CHECKING
 
@@ -99,7 +100,7 @@ class SmoothMotion:
         ]
         return Polynomials(instants, np.stack(moved, axis=-1))
 
-    @property
+    @cached_property
     def _extended(self) -> Motion:
         """The motions with rest before and after."""
         own = self.motion
