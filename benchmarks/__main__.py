@@ -23,6 +23,7 @@ STUDIES = ("growth", "import_time")
 DRAWN = {
     "fleet_b1": 50,
     "fleet_joint": 5,
+    "smoothing_b1": 6,
     "fleet_b2": 10,
     "world_b7": 20,
     "world_b8": 50,

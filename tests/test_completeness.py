@@ -59,6 +59,10 @@ def _scenario(kind: str) -> rho.Scenario:
     if kind == "separation":
         ends = [[0, 0, 0], [0, 4, 0]], [[10, 4, 0], [10, 0, 0]]
         return fleet(*ends, separation=rho.Separation(1.0))
+    if kind == "smoothing":
+        limits = rho.Limits(max_acceleration=2.0)
+        averaged = single(limits=limits, obstacles=[SPHERE], between_knots=True)
+        return dataclasses.replace(averaged, smoothing=rho.Smoothing(0.5, 2))
     return disturbed(0) if kind == "disturbance" else single()
 
 
@@ -113,7 +117,8 @@ def test_every_kind_is_planned_for_and_verified(kind: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "kind", [each for each in KINDS if each not in ("dynamics", "goals", "disturbance")]
+    "kind",
+    [each for each in KINDS if each not in ("dynamics", "goals", "disturbance", "smoothing")],
 )
 def test_what_breaks_a_requirement_is_not_said_to_hold(kind: str) -> None:
     """A motion through everything in its way, or with too much of everything, is seen."""

@@ -338,6 +338,7 @@ CHANGES: dict[str, Any] = {
     "between_knots": False,
     "disturbance": None,
     "requirements": (rho.KeepIn(rho.HalfSpace([0, 0, 1], 90.0)),),
+    "smoothing": None,  # none is allowed beside a disturbance, and nothing cached depends on it
 }
 """Other values of every field."""
 

@@ -62,7 +62,10 @@ class VehicleCertificate(metaclass=Described):
 
 @dataclasses.dataclass(frozen=True)
 class Certificate(metaclass=Described):
-    """Bound on how far a plan is from the optimum; prints as a short table."""
+    """Bound on how far a plan is from the optimum; prints as a short table.
+
+    With a smoothing it is a bound for plans that meet the constraints themselves too.
+    """
 
     scenario: Scenario
     """scenario of the plan"""
@@ -112,6 +115,8 @@ class Certificate(metaclass=Described):
         return min(each.least_eigenvalue for each in self.vehicles)
 
     def _planned_gap(self) -> str:
+        if self.scenario.smoothing is not None:
+            return " (of plans that meet the constraints before they are averaged too)"
         if self.scenario.disturbance is None:
             return ""
         return f" ({percent(self.planned_gap)} with the margins that planners keep)"

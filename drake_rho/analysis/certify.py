@@ -64,6 +64,7 @@ TREATMENT = {
     "active obstacles": "as obstacles, at instants of the interval",
     "separation": "quadratics of the separation's ellipsoid; left out in large fleets",
     "disturbance": "a bound for the plan's margins, and one without them",
+    "smoothing": "a bound for plans that meet the constraints before they are averaged too",
 }
 """Contribution of every kind of requirement to the lower bound."""
 
@@ -82,6 +83,9 @@ def certify(
     The multipliers come from plans iterated to convergence, from this plan and from the one
     without obstacles. Where the Lagrangian is not convex there, the multipliers are scaled down and
     the bound is then maximised over them. The bound is valid for any multipliers.
+
+    With a smoothing it is valid for plans that meet the constraints themselves, without margins, as
+    those of this package's planners do.
 
     Args:
         flown: any plan or flight of a scenario; it need not be optimal or satisfy its constraints.
@@ -103,7 +107,7 @@ def certify(
     """
     backend = Backend.of(solver)
     plan = flown.plan
-    scenario, vehicles = plan.scenario, len(plan.scenario.vehicles)
+    scenario, vehicles = plan.scenario.derived(smoothing=None), len(plan.scenario.vehicles)
     if vehicles > MOST_CERTIFIED_TOGETHER:  # without separation the bound is lower, but still valid
         scenario = scenario.without_separation()
     start = Plan.from_accelerations(scenario, plan.accelerations)

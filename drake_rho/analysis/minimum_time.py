@@ -192,7 +192,12 @@ class _Search:
         """
         tell(self._progress, "looking for the least time of each vehicle alone")
         free = dataclasses.replace(
-            self._scenario, obstacles=(), separation=None, disturbance=None, requirements=()
+            self._scenario,
+            obstacles=(),
+            separation=None,
+            disturbance=None,
+            requirements=(),
+            smoothing=None,
         )
         passing = passing_of(self._waypoints, free, free.grid)
         if passing.given.any():

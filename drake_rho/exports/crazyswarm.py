@@ -9,6 +9,7 @@ import numpy as np
 
 from drake_rho.exports.folders import check_folder, file_names, write_folder
 from drake_rho.exports.format import Format, exported, planned
+from drake_rho.exports.merged import merged
 from drake_rho.exports.pieces import DEGREE, Pieces, as_pieces
 from drake_rho.exports.record import Exported
 from drake_rho.motion.dynamics import Motion
@@ -31,13 +32,18 @@ class Crazyswarm(Format):
 
     def write(self, flown: Flown, path: Path, rate: float | None) -> Exported:
         """Write a file for each vehicle, named after it."""
-        motion = _with_two_steps(planned(flown, self.name).motion())
+        plan = planned(flown, self.name)
         names = file_names((vehicle.name for vehicle in flown.scenario.vehicles), ".csv")
         check_folder(path, names)
-        pieces = as_pieces(motion, MAX_PIECES)
+        if plan.scenario.smoothing is None:
+            motion = _with_two_steps(plan.motion())
+            steps, pieces = motion.accelerations.shape[1], as_pieces(motion, MAX_PIECES)
+        else:
+            whole = plan.polynomials()
+            steps, pieces = len(whole.instants) - 1, merged(whole, MAX_PIECES)
         write_folder(path, dict(zip(names, _tables(pieces), strict=True)))
-        steps, count = motion.accelerations.shape[1], len(pieces.durations)
-        words = f"{steps} steps of each vehicle as {count} pieces"
+        count, kind = len(pieces.durations), "polynomials" if plan.scenario.smoothing else "steps"
+        words = f"{steps} {kind} of each vehicle as {count} pieces"
         return exported(flown, path, [path / name for name in names], words, pieces.deviations)
 
 

@@ -82,7 +82,7 @@ def _merged(motion: Motion, first: int, last: int) -> tuple[FloatArray, FloatArr
     left = moved(u) - ends @ _powers(u)
     weights, *_ = np.linalg.lstsq((_free() @ _powers(u)).T, left.reshape(-1, len(u)).T, rcond=None)
     c = ends + weights.T.reshape(*ends.shape[:2], -1) @ _free()
-    nodes, to_control = _control_points()
+    nodes, to_control = to_control_points()
     u = ((np.arange(_PARTS * steps)[:, None] + nodes) / (_PARTS * steps)).ravel()
     off = (c @ _powers(u) - moved(u)).reshape(*c.shape[:2], -1, len(nodes)) @ to_control.T
     lengths = np.linalg.norm(off, axis=1)  # of control points, shape (N, parts, 8)
@@ -114,7 +114,7 @@ def _free() -> FloatArray:
 
 
 @cache
-def _control_points() -> tuple[FloatArray, FloatArray]:
+def to_control_points() -> tuple[FloatArray, FloatArray]:
     """Return nodes in [0, 1] and the map from values there to Bézier control points.
 
     A polynomial stays in the convex hull of its control points, so its norm is bounded by the

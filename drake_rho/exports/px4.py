@@ -51,10 +51,11 @@ class Px4(Format):
         if (count := len(plan.scenario.vehicles)) > _SYSTEMS:
             expected = f"at most {_SYSTEMS} with {self.name}: MAVLink numbers no more systems"
             raise ValueError(f"vehicles: got {count}, expected {expected}")
-        ticks = milliseconds(plan.scenario.grid, rate or RATE)
+        ticks = milliseconds(plan.scenario, rate or RATE)
         with atomic_write(path) as file:
             write_rows(file, [COLUMNS])
-            write_rows(file, _rows(sample(plan, ticks / 1000.0), ticks.tolist()))
+            samples = sample(plan, ticks / 1000.0 - plan.scenario.lead)
+            write_rows(file, _rows(samples, ticks.tolist()))
         return exported(flown, path, [path], f"{len(ticks)} setpoints of each vehicle")
 
 

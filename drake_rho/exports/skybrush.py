@@ -30,8 +30,8 @@ class Skybrush(Format):
 
     def write(self, flown: Flown, path: Path, rate: float | None) -> Exported:
         """Write a file for each vehicle, named after it."""
-        ticks = milliseconds(flown.scenario.grid, rate or RATE)
-        samples = sample(flown, ticks / 1000.0)
+        ticks = milliseconds(flown.scenario, rate or RATE)
+        samples = sample(flown, ticks / 1000.0 - flown.scenario.lead)
         names = file_names(samples.names, ".csv")
         contents = {
             name: _table(ticks, positions)
@@ -55,7 +55,7 @@ def _chord_deviations(flown: Flown, ticks: IntArray) -> FloatArray:
     """Return upper bounds of the distance between motions and straight lines between samples [m].
 
     A motion whose acceleration is at most a is within a w²/8 of the line between two of its points
-    that are a time w apart. The shape is (N,).
+    that are a time w apart, and so is an average of it. The shape is (N,).
     """
     accelerations = flown.plan.accelerations
     if flown.simulation is not None:

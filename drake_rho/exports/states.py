@@ -24,7 +24,7 @@ class Csv(Format):
 
     def write(self, flown: Flown, path: Path, rate: float | None) -> Exported:
         """Write one row for each vehicle and time."""
-        times, _ = with_knots(flown.scenario.grid, rate or RATE)
+        times, _ = with_knots(flown.scenario.grid, rate or RATE, flown.scenario.lead)
         samples = sample(flown, times)
         with atomic_write(path) as file:
             write_table(file, samples)
@@ -32,13 +32,19 @@ class Csv(Format):
 
 
 class Json(Format):
-    """Document with scenario, units and states at every knot, and at a rate if one is given."""
+    """Document with scenario, units and states at every knot, and at a rate if one is given.
+
+    With a smoothing, which the scenario says, the states are those of the plan that is averaged.
+    """
 
     name = "json"
     endings = (".json",)
 
     def write(self, flown: Flown, path: Path, rate: float | None) -> Exported:
         """Write one document, which `load` reads as the same plan."""
+        if rate is not None and flown.scenario.smoothing is not None:
+            expected = f"none with {self.name} and smoothing: it holds the plan that is averaged"
+            raise ValueError(f"rate: got {rate:g}, expected {expected}")
         with atomic_write(path) as file:
             write_document(file, flown, rate)
         return exported(flown, path, [path], "scenario and states")

@@ -48,9 +48,12 @@ _DOCUMENT = TypeAdapter(_Document)
 
 
 def write_document(file: IO[bytes], flown: Flown, rate: float | None = None) -> None:
-    """Write the states at every knot and, if a rate is given [1/s], at that rate as well."""
+    """Write the states at every knot and, if a rate is given [1/s], at that rate as well.
+
+    With a smoothing they are those of the plan that is averaged.
+    """
     times, knots = with_knots(flown.scenario.grid, rate)
-    samples = sample(flown, times)
+    samples = sample(flown.plan.stepwise() if flown.scenario.smoothing else flown, times)
     content = {
         "format": _PLAN if flown.simulation is None else _TRUE,
         "units": UNITS,

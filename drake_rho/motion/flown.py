@@ -26,14 +26,16 @@ at times on the scenario's clock, `sampled` at times since the first knot.
 def sample(flown: Flown, elapsed: FloatArray) -> Samples:
     """Return the states to export at some times since the first knot [s], shape (M,).
 
-    From the last knot on, positions and velocities remain constant and accelerations are zero.
+    From the end on, which is the last knot but for a smoothing, positions and velocities remain
+    constant and accelerations are zero.
 
     Raises:
         ValueError: a number is so large that it would be rejected when read again.
     """
     scenario = flown.scenario
-    found = flown.sampled(np.minimum(elapsed, scenario.grid.elapsed[-1]))
-    ended = elapsed >= scenario.grid.elapsed[-1] - SAME_TIME * scenario.grid.step
+    end = scenario.grid.elapsed[-1] + scenario.lead
+    found = flown.sampled(np.minimum(elapsed, end))
+    ended = elapsed >= end - SAME_TIME * scenario.grid.step
     accelerations = np.where(ended[:, None], 0.0, found.accelerations)
     vectors = (found.positions, found.velocities, accelerations)
     if not all(np.all(np.abs(each) <= LARGEST) for each in vectors):

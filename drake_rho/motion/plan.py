@@ -12,6 +12,7 @@ from drake_rho.motion.costs import cost_of
 from drake_rho.motion.dynamics import Motion
 from drake_rho.motion.samples import Samples, times_of
 from drake_rho.motion.scenario_tube import tube_of
+from drake_rho.motion.smooth import Polynomials, SmoothMotion
 from drake_rho.motion.statistics import Statistics
 from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.described import Described, ShownInNotebooks
@@ -152,6 +153,9 @@ class Plan(ShownInNotebooks, metaclass=Described):
     def at(self, times: npt.ArrayLike, vehicle: str | None = None) -> Samples:
         """Return positions, velocities and accelerations at times; they are exact at any time.
 
+        With a smoothing they are those of the smooth motion, which begins before the first knot
+        and ends after the last.
+
         Args:
             times: times on the scenario's clock [s], shape (T,), or a single one.
             vehicle: name of one vehicle; all vehicles if not given.
@@ -164,11 +168,17 @@ class Plan(ShownInNotebooks, metaclass=Described):
             ValueError: a time is outside the flight, or there is no such vehicle.
         """
         index = None if vehicle is None else self.scenario.index_of(vehicle)
-        samples = self.sampled(times_of(self.scenario.grid, times))
+        samples = self.sampled(times_of(self.scenario.grid, times, self.scenario.lead))
         return samples if index is None else samples.of(index)
 
     def sampled(self, elapsed: FloatArray) -> Samples:
-        """Return the states at times since the first knot [s]; at knots, the plan's own numbers."""
+        """Return the states at times since the first knot [s]; at knots, the plan's own numbers.
+
+        With a smoothing they are those of the smooth motion, at knots too.
+        """
+        if (smooth := self.smooth()) is not None:
+            start = self.scenario.grid.start
+            return Samples(self.scenario.names, start + elapsed, *smooth.at(elapsed))
         motion, knots = self.motion(), self.scenario.grid.elapsed
         p, v, a = (motion.at(each, elapsed) for each in ("position", "velocity", "acceleration"))
         k = np.minimum(np.searchsorted(knots, elapsed), len(knots) - 1)
@@ -199,6 +209,23 @@ class Plan(ShownInNotebooks, metaclass=Described):
             self.scenario.fleet.accelerations_before,
         )
 
+    def smooth(self) -> SmoothMotion | None:
+        """Return the smooth motion of all vehicles; None without a smoothing."""
+        smoothing = self.scenario.smoothing
+        return None if smoothing is None else SmoothMotion(self.motion(), smoothing)
+
+    def stepwise(self) -> Plan:
+        """Return the plan as if it were flown as planned, without its smoothing."""
+        return unchecked(self, scenario=self.scenario.derived(smoothing=None))
+
+    def polynomials(self) -> Polynomials:
+        """Return the motion as piecewise polynomials, with a smoothing that of the averages."""
+        if (smooth := self.smooth()) is not None:
+            return smooth.polynomials()
+        p, v, a = self.positions[:, :-1], self.velocities[:, :-1], self.accelerations
+        coefficients = np.stack([p, v, a / 2], axis=-1)
+        return Polynomials(self.scenario.grid.elapsed, coefficients)
+
     def motions(self) -> list[Motion]:
         """Return a motion for each vehicle."""
         whole = self.motion()
@@ -212,21 +239,13 @@ class Plan(ShownInNotebooks, metaclass=Described):
     def trajectory(self, name: str) -> PiecewisePolynomial:
         """Return the trajectory of the vehicle called `name` as Drake's type, exact at all times.
 
+        Its pieces are quadratic, and with a smoothing of n averages polynomials of degree n + 2.
+
         Raises:
             ValueError: there is no such vehicle.
         """
-        from pydrake.polynomial import Polynomial
-        from pydrake.trajectories import PiecewisePolynomial
-
         vehicle = self.scenario.index_of(name)
-        p, v, a = (
-            self.positions[vehicle],
-            self.velocities[vehicle],
-            self.accelerations[vehicle],
-        )
-        coefficients = np.stack([p[:-1], v[:-1], a / 2], axis=-1)
-        pieces = [np.array([[Polynomial(axis)] for axis in coefficients[k]]) for k in range(len(a))]
-        return PiecewisePolynomial(pieces, self.times)
+        return self.polynomials().trajectory(vehicle, self.scenario.grid.start)
 
     def remainder(self, knot: int) -> Scenario:
         """Return the scenario of the rest of the flight from `knot`, counted from 0.
@@ -235,8 +254,11 @@ class Plan(ShownInNotebooks, metaclass=Described):
         acceleration of the step before it.
 
         Raises:
-            ValueError: no step begins at `knot`.
+            ValueError: no step begins at `knot`, or the scenario has a smoothing, which begins at
+                rest.
         """
+        if knot != 0 and self.scenario.smoothing is not None:
+            raise ValueError(f"knot: got {knot}, expected 0: with smoothing, flights begin at rest")
         if not 0 <= knot < self.scenario.grid.knots - 1:
             expected = f"0 to {self.scenario.grid.knots - 2}"
             raise ValueError(f"knot: got {knot}, expected {expected}")

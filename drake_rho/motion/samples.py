@@ -87,7 +87,7 @@ class Samples(metaclass=Described):
         return Samples(self.names[index : index + 1], self.times, p, v, a)
 
 
-def times_of(grid: Grid, times: npt.ArrayLike) -> FloatArray:
+def times_of(grid: Grid, times: npt.ArrayLike, lead: float = 0.0) -> FloatArray:
     """Return times since the first knot [s], shape (T,), for times on the scenario's clock.
 
     Times that equal a knot but for rounding become the knot's.
@@ -95,6 +95,7 @@ def times_of(grid: Grid, times: npt.ArrayLike) -> FloatArray:
     Args:
         grid: the grid of the flight.
         times: times on the scenario's clock [s], shape (T,), or a single one.
+        lead: time by which the flight begins before the first knot and ends after the last [s].
 
     Raises:
         ValueError: the times have another shape, or one of them is outside the flight.
@@ -103,10 +104,11 @@ def times_of(grid: Grid, times: npt.ArrayLike) -> FloatArray:
     if asked.ndim > 1:
         raise ValueError(f"times: got shape {asked.shape}, expected (T,) or a single time")
     asked, knots = np.atleast_1d(asked), grid.elapsed
-    inside = (asked >= grid.start - grid.rounding) & (asked <= grid.end + grid.rounding)
+    first, last = grid.start - lead, grid.end + lead
+    inside = (asked >= first - grid.rounding) & (asked <= last + grid.rounding)
     if not inside.all():
         got = asked[np.argmin(inside)]
-        expected = f"times of the flight, from {grid.start:.12g} to {grid.end:.12g} s"
+        expected = f"times of the flight, from {first:.12g} to {last:.12g} s"
         raise ValueError(f"times: got {got:.12g} s, expected {expected}")
     elapsed = asked - grid.start
     nearest = knots[np.clip(np.rint(elapsed / grid.step).astype(np.int64), 0, len(knots) - 1)]
@@ -124,15 +126,27 @@ def check_rate(rate: float | None) -> None:
         raise ValueError(f"rate: got {rate:g}, expected {expected}")
 
 
-def evenly(grid: Grid, rate: float) -> FloatArray:
-    """Return times since the first knot at a rate [1/s], followed by the end [s], shape (M,)."""
-    count = int(grid.duration * rate * (1.0 + SAME_TIME))
+def evenly(grid: Grid, rate: float, lead: float = 0.0) -> FloatArray:
+    """Return times since the beginning at a rate [1/s], followed by the end [s], shape (M,).
+
+    Args:
+        grid: the grid of the flight.
+        rate: times per second [1/s].
+        lead: time by which the flight begins before the first knot and ends after the last [s].
+    """
+    end = float(grid.elapsed[-1]) + 2.0 * lead
+    count = int((grid.duration + 2.0 * lead) * rate * (1.0 + SAME_TIME))
     times = np.arange(count + 1) / rate
-    return np.append(times[times < grid.elapsed[-1] - SAME_TIME * grid.step], grid.elapsed[-1])
+    return np.append(times[times < end - SAME_TIME * grid.step], end)
 
 
-def with_knots(grid: Grid, rate: float | None) -> tuple[FloatArray, IntArray]:
+def with_knots(grid: Grid, rate: float | None, lead: float = 0.0) -> tuple[FloatArray, IntArray]:
     """Return the times of all knots and, if a rate is given [1/s], times at that rate as well.
+
+    Args:
+        grid: the grid of the flight.
+        rate: times per second [1/s], if any.
+        lead: time by which the flight begins before the first knot and ends after the last [s].
 
     Returns:
         Times since the first knot [s], shape (M,), and the indices of the knots, shape (K,).
@@ -140,7 +154,7 @@ def with_knots(grid: Grid, rate: float | None) -> tuple[FloatArray, IntArray]:
     knots = grid.elapsed
     if rate is None:
         return knots, np.arange(len(knots))
-    times = evenly(grid, rate)
+    times = evenly(grid, rate, lead) - lead
     nearest = np.clip(np.rint(times / grid.step).astype(np.int64), 0, len(knots) - 1)
     times = np.union1d(times[np.abs(times - knots[nearest]) > SAME_TIME * grid.step], knots)
     return times, np.searchsorted(times, knots)

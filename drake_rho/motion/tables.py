@@ -37,8 +37,12 @@ def read_table(text: str, scenario: Scenario) -> Plan:
     """Return the plan whose states a table contains at every knot of its scenario.
 
     Raises:
-        ValueError: the columns or vehicles differ, or a vehicle or a knot is missing.
+        ValueError: the columns or vehicles differ, a vehicle or a knot is missing, or the scenario
+            has a smoothing: a table holds averages, from which no plan follows.
     """
+    if scenario.smoothing is not None:
+        expected = "expected one without smoothing: a table holds averages, .json the plan"
+        raise ValueError(f"{scenario.name} has a smoothing, {expected}")
     header, *lines = csv.reader(io.StringIO(text, newline=""), strict=True)
     if tuple(header) != COLUMNS:
         raise ValueError(f"expected the columns {', '.join(COLUMNS)}")

@@ -24,7 +24,8 @@ class InfeasibleError(DrakeRhoError):
     If the scenario has no disturbance, and neither obstacles nor other vehicles take part in the
     conflicts, this is proved of the scenario itself (`is_proved`). If they take part, it is proved
     of their linearisation (15): another reference may have a plan. With a disturbance it is proved
-    for the constraint tightening that planners use, which is slightly larger than the errors.
+    for the constraint tightening that planners use, which is slightly larger than the errors, and
+    with a smoothing for its margin.
     `drake_rho.infeasible_subset` reduces the conflicts, and `drake_rho.diagnose` computes changes
     that would make the scenario feasible.
 
@@ -128,6 +129,8 @@ class InfeasibleError(DrakeRhoError):
             what.append(f"{obstacles} linearised around this reference")
         if self.scenario is not None and self.scenario.disturbance is not None:
             what.append("the constraints tightened for the disturbance")
+        if self.scenario is not None and self.scenario.smoothing is not None:
+            what.append("the margin that is kept for the smoothing")
         return f"with {' and '.join(what)}" if what else ""
 
 

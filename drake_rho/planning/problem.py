@@ -26,7 +26,7 @@ from drake_rho.planning.constraints.tightening import (
 )
 from drake_rho.planning.errors import InfeasibleError, SolverError
 from drake_rho.planning.minimum_effort import MinimumEffort
-from drake_rho.scenario.fields import IntArray
+from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.records import Scenario
 from drake_rho.scenario.requirements import linked_groups
 from drake_rho.scenario.waypoints import check_times
@@ -51,6 +51,8 @@ class Problem:
     """number of equal pieces of a step with constant margins of positions and velocities"""
     elastic: bool = False
     """true if only violations are penalised and goals may be missed"""
+    accelerations: FloatArray | None = None
+    """largest accelerations for the margin of a smoothing, as in `margins_of`"""
 
     @classmethod
     def of(cls, scenario: Scenario) -> Problem:
@@ -69,7 +71,7 @@ class Problem:
     @cached_property
     def margins(self) -> PlanMargins:
         """Margins by which plans tighten limits, for the errors of disturbed flights."""
-        return margins_of(self.scenario, self.pieces)
+        return margins_of(self.scenario, self.pieces, self.accelerations)
 
     @cached_property
     def effort(self) -> MinimumEffort:
@@ -189,6 +191,10 @@ class Problem:
             calm = dataclasses.replace(self, scenario=without_wind(scenario)).margins
             wind = largest_tolerable_wind(scenario, self.margins, calm)
             raise InfeasibleError(conflicts, scenario=scenario, bearable=wind, because=NO_SLACK)
+
+    def for_accelerations(self, accelerations: FloatArray) -> Problem:
+        """Return this problem with the margin that accelerations need, as in `margins_of`."""
+        return dataclasses.replace(self, accelerations=accelerations)
 
     def without_obstacles(self) -> Problem:
         """Return this problem without obstacles."""

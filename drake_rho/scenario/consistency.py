@@ -20,6 +20,10 @@ from drake_rho.scenario.waypoints import is_during_flight
 _TIMES = 10.0
 """Least radius of a vehicle among maps, as a multiple of their tolerance."""
 
+_RESTING = 17
+"""Number of instants at which vehicles at rest before the start, or after the end, are compared
+with obstacles that move; `verify` compares every instant."""
+
 
 def check_names(vehicles: Sequence[Vehicle]) -> None:
     """Check that the names of vehicles are unique.
@@ -80,6 +84,7 @@ def check_ends(
     separation: Separation | None,
     *,
     under_way: bool,
+    smoothing: tuple[float, float] = (0.0, 0.0),
 ) -> None:
     """Check that starts and goals satisfy limits and separation and are outside obstacles.
 
@@ -90,18 +95,23 @@ def check_ends(
         obstacles: all obstacles.
         separation: required of every pair, if any.
         under_way: whether starts are states that a flight has reached, which are not checked.
+        smoothing: margin of positions [m], and time before the start and after the end [s] at which
+            vehicles are still there, or within this margin.
 
     Raises:
         ScenarioError: a start or a goal violates one of these constraints.
     """
     check_limits(fleet, under_way=under_way)
+    margin, lead = smoothing
     ends = (
-        ("start", fleet.start_positions, grid.start),
-        ("goal", fleet.goal_positions, grid.end),
+        ("start", fleet.start_positions, grid.start, -lead),
+        ("goal", fleet.goal_positions, grid.end, lead),
     )
-    for end, positions, time in ends[under_way:]:
-        times = np.full(len(positions), time)
-        check_outside(fleet, obstacles, f"{end}.position", positions, times)
+    for end, positions, time, longer in ends[under_way:]:
+        for at in np.linspace(time, time + longer, _RESTING if lead > 0.0 else 1):
+            times = np.full(len(positions), at)
+            moved = 0.0 if at == time else margin
+            check_outside(fleet, obstacles, f"{end}.position", positions, times, moved)
         if separation is not None:
             check_separation(separation, vehicles, f"{end}.position", positions)
 
@@ -160,6 +170,7 @@ def check_outside(
     where: str,
     positions: FloatArray,
     times: FloatArray,
+    margin: float = 0.0,
 ) -> None:
     """Check that vehicles are at least their radius away from all obstacles, known or not.
 
@@ -172,6 +183,7 @@ def check_outside(
         positions: of the vehicles [m], shape (N, 3).
         times: on the scenario's clock [s], shape (N,). Where they are NaN, only those obstacles
             count that are always at one place.
+        margin: further distance from obstacles that are not always there [m].
 
     Raises:
         ScenarioError: a vehicle is too close to an obstacle.
@@ -182,14 +194,17 @@ def check_outside(
         at = np.where(timed, times, 0.0)[checked]
         distances = obstacle.distances(positions[checked], at)
         margins = fleet.radii[checked] + obstacle.deviation
+        if not obstacle.is_steady:
+            margins += margin
         tolerances = fleet.obstacle_tolerances(obstacle.shape)[checked]
         inside = distances < margins - tolerances
         if np.any(inside):
             first = int(np.argmax(inside))
-            i, margin, d = checked[first], margins[first], float(distances[first])
-            required = f"at least {margin:g} m from" if margin > 0.0 else "outside"
+            i, least, d = checked[first], margins[first], float(distances[first])
+            required = f"at least {least:g} m from" if least > 0.0 else "outside"
             actual = f"{d:g} m from" if d > 0.0 else f"{-d:g} m in"
             when = f" at {clock_time(float(times[i]))}" if not obstacle.is_steady else ""
+            when += " (with smoothing, vehicles rest before their plan and after)" * (margin > 0.0)
             relative = positions[i] - obstacle.centers(times[i : i + 1])[0]
             expected = (
                 f"a position {required} {obstacle.called(number)}, not {actual} it{when} "

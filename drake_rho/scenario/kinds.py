@@ -32,6 +32,7 @@ KINDS: tuple[str, ...] = (
     "active obstacles",
     "separation",
     "disturbance",
+    "smoothing",
 )
 """All kinds. Moving obstacles, those that are known late and those that are active for a time are
 obstacles too."""
@@ -49,6 +50,7 @@ def kinds_of(scenario: Scenario) -> set[str]:
         "active obstacles": any(each.active is not None for each in bodies),
         "separation": scenario.separation is not None and len(scenario.vehicles) > 1,
         "disturbance": scenario.disturbance is not None,
+        "smoothing": scenario.smoothing is not None,
     }
     given = [scenario.limits, *(each.limits for each in scenario.vehicles if each.limits)]
     limits = {kind for kind in LIMITS if any(getattr(each, kind) is not None for each in given)}

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, Annotated, Self
 
+import numpy as np
 from pydantic import Field, ValidationInfo, model_validator
 
 from drake_rho.scenario.consistency import (
@@ -20,7 +21,7 @@ from drake_rho.scenario.consistency import (
 from drake_rho.scenario.context import Context, context_of
 from drake_rho.scenario.described import ShownInNotebooks
 from drake_rho.scenario.disturbance import Disturbance, Tracking
-from drake_rho.scenario.errors import one_of
+from drake_rho.scenario.errors import ScenarioError, one_of
 from drake_rho.scenario.fields import FloatArray, Name, read_only, record, unchecked
 from drake_rho.scenario.fleet import Fleet
 from drake_rho.scenario.limits import Limits
@@ -37,6 +38,7 @@ from drake_rho.scenario.shapes.polyhedra import Box, Polytope
 from drake_rho.scenario.shapes.posed import Posed
 from drake_rho.scenario.shapes.quadrics import Ellipsoid, Sphere
 from drake_rho.scenario.shapes.unbounded import Cone, HalfSpace
+from drake_rho.scenario.smoothing import Smoothing, check_smoothing, largest_accelerations
 from drake_rho.scenario.tracks import Track
 from drake_rho.scenario.waypoints import is_during_flight
 from drake_rho.scenario.worlds import Obstacles
@@ -61,6 +63,7 @@ __all__ = [
     "Quantity",
     "Scenario",
     "Separation",
+    "Smoothing",
     "Sphere",
     "State",
     "Track",
@@ -106,6 +109,9 @@ class Scenario(ShownInNotebooks):
     """wind, estimation errors, and the feedback that counteracts them; none if not given"""
     requirements: tuple[KeepIn, ...] = ()
     """convex sets in which quantities of vehicles, or of two, stay; numbered from 1 in reports"""
+    smoothing: Smoothing | None = None
+    """moving averages with which plans are flown; as planned, with jumps of the acceleration, if
+    not given"""
 
     if TYPE_CHECKING:
 
@@ -120,6 +126,7 @@ class Scenario(ShownInNotebooks):
             between_knots: bool = True,
             disturbance: Disturbance | None = None,
             requirements: Sequence[KeepIn] = (),
+            smoothing: Smoothing | None = None,
         ) -> None: ...
 
     @cached_property
@@ -144,7 +151,50 @@ class Scenario(ShownInNotebooks):
         self.check_ends(under_way=under_way)
         check_waypoints(self.fleet, self.grid, self.bodies)
         check_requirements(self.requirements, self.fleet, self.names, self.grid, under_way)
+        if self.smoothing is not None:
+            check_smoothing(
+                self.smoothing,
+                self.grid,
+                self.fleet,
+                self.vehicles,
+                self.requirements,
+                self.between_knots,
+                self.disturbance,
+                self.smoothing_margin,
+            )
         return self
+
+    @cached_property
+    def smoothing_margin(self) -> float:
+        """Distance from the plan that its smooth motion may have by the limits [m]; 0 without one.
+
+        It is also 0 if nothing is to be kept clear of and no waypoint is to be passed.
+        """
+        clear_of = self.bodies or (self.separation is not None and len(self.vehicles) > 1)
+        if self.smoothing is None or not (clear_of or self.fleet.waypoints):
+            return 0.0
+        return self.smoothing.margin(float(largest_accelerations(self.fleet).max()))
+
+    def check_stepwise(self, by: str) -> None:
+        """Check that plans are flown as planned, without a smoothing.
+
+        Args:
+            by: what flies or continues plans in motion, where averages would need what was before.
+
+        Raises:
+            ScenarioError: the scenario has a smoothing.
+        """
+        if self.smoothing is not None:
+            expected = f"none with {by}: averages of a plan begin at rest"
+            raise ScenarioError("smoothing", self.smoothing, expected)
+
+    @property
+    def lead(self) -> float:
+        """Time by which the motion begins before the first knot and ends after the last [s].
+
+        It is that of the smoothing, and 0 without one.
+        """
+        return 0.0 if self.smoothing is None else self.smoothing.lead
 
     def check_ends(self, *, under_way: bool = False) -> None:
         """Check that starts and goals satisfy limits and separation and are outside obstacles.
@@ -156,7 +206,9 @@ class Scenario(ShownInNotebooks):
             ScenarioError: a start or a goal violates one of these constraints.
         """
         parts = self.fleet, self.vehicles, self.grid, self.bodies, self.separation
-        check_ends(*parts, under_way=under_way)
+        margin = self.smoothing_margin
+        smoothing = (margin if margin < np.inf else 0.0, self.lead)
+        check_ends(*parts, under_way=under_way, smoothing=smoothing)
 
     @cached_property
     def under_way(self) -> bool:
@@ -207,13 +259,14 @@ class Scenario(ShownInNotebooks):
         """Return the scenario on another grid.
 
         The feedback is sampled as often as before or, where that does not divide the grid's step,
-        slightly more often; see `Disturbance.for_grid`.
+        slightly more often; see `Disturbance.for_grid`. Averages are at most as wide as a step.
 
         Raises:
             ScenarioError: the scenario does not fit the grid.
         """
         disturbance = None if self.disturbance is None else self.disturbance.for_grid(grid)
-        return dataclasses.replace(self, grid=grid, disturbance=disturbance)
+        smoothing = None if self.smoothing is None else self.smoothing.for_grid(grid)
+        return dataclasses.replace(self, grid=grid, disturbance=disturbance, smoothing=smoothing)
 
     def ending_with(self, grid: Grid, vehicles: Sequence[Vehicle] | None = None) -> Scenario:
         """Return the scenario on a grid with another end, and with other waypoints if given.

@@ -212,6 +212,12 @@ class KeepIn:
         left = tuple(each for each in self.vehicles if each in names)
         return unchecked(self, vehicles=left) if left else None
 
+    def longer(self, time: float) -> Self:
+        """Return the requirement with an interval, if any, longer by a time on both sides [s]."""
+        if self.active is None:
+            return self
+        return unchecked(self, active=(self.active[0] - time, self.active[1] + time))
+
     def since(self, time: float) -> Self:
         """Return the requirement on a clock that is 0 at `time` [s] of the present one."""
         active = self.active and (self.active[0] - time, self.active[1] - time)

@@ -97,8 +97,11 @@ def adopted(scenario: Scenario, plan: Plan) -> Plan:
 
     Raises:
         ValueError: the scenario has another number of vehicles or another grid.
+        ScenarioError: one of the scenarios has a smoothing.
     """
     own = plan.scenario
+    scenario.check_stepwise("simulation")
+    own.check_stepwise("simulation")
     if own.grid != scenario.grid or len(own.vehicles) != len(scenario.vehicles):
         expected = f"one for {len(scenario.vehicles)} vehicles on {scenario.grid}"
         raise ValueError(

@@ -21,6 +21,7 @@ from drake_rho.simulation import winds
 from drake_rho.simulation.closed_loop import OnePlan, adopted
 from drake_rho.simulation.diagram import simulated
 from drake_rho.simulation.feedback import Horizon
+from drake_rho.simulation.small_steps import in_small_steps
 from drake_rho.simulation.winds import Wind
 
 _EVERY = 5
@@ -46,6 +47,9 @@ def simulate(
     the plan of a flight, is tracked as it is, with the feedback of its scenario. Without a
     disturbance there is no feedback, and `verify` notes this.
 
+    A plan with a smoothing is flown as averaged, in small steps of constant acceleration: the
+    simulation's scenario is that of these steps.
+
     Args:
         scenario: scenario to fly, or the plan or flight to track.
         replan_every: number of steps flown of each window; of a scenario only.
@@ -69,6 +73,7 @@ def simulate(
         InfeasibleError: the first window has no plan.
         SolverError: the solvers fail numerically in the first window.
         ValueError: an argument is invalid.
+        ScenarioError: a scenario with a smoothing is given, not a plan of it.
 
     Examples:
         >>> scenario = rho.load_scenario("courier")
@@ -95,7 +100,9 @@ def simulate(
         )
     else:
         _check_no_windows(scenario, replan_every, planner, fallback)
-        plan = scenario.plan
+        plan = in_small_steps(scenario.plan)
+        if plan is not scenario.plan and disturbance is not None:
+            disturbance = disturbance.for_grid(plan.scenario.grid)
         horizon = OnePlan(adopted(_disturbed(plan.scenario, disturbance), plan))
     return simulated(horizon, winds.none() if wind is None else wind, plant, rng)
 

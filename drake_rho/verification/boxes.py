@@ -18,6 +18,7 @@ from drake_rho.scenario.records import Quantity, Scenario
 from drake_rho.verification.between_samples import greatest_velocity
 from drake_rho.verification.check import AT_ALL_TIMES, AT_KNOTS, PRECISION, Column
 from drake_rho.verification.continuous_time import lowest_over_time
+from drake_rho.verification.steps import Steps
 from drake_rho.verification.trajectory import PiecewiseTrajectory
 
 
@@ -29,7 +30,7 @@ def check_position_box(trajectory: PiecewiseTrajectory) -> Iterator[Column]:
     values, errors = trajectory.positions[:, trajectory.knots], trajectory.errors(trajectory.knots)
     found = _extremes_at(trajectory.times[trajectory.knots], values, errors)
     yield _check_box(scenario, "position", AT_KNOTS, box, found)
-    always = _extremes_at_all_times(trajectory, box)
+    always = _extremes_at_all_times(trajectory, trajectory.steps, box)
     yield _check_box(scenario, "position", AT_ALL_TIMES, box, always)
 
 
@@ -44,10 +45,14 @@ def check_boxes(trajectory: PiecewiseTrajectory, jerks: FloatArray) -> Iterator[
     position = list(check_position_box(trajectory))
     yield from position[:1]
     if (box := bounds("velocity")) is not None:
-        yield _check_box(scenario, "velocity", AT_KNOTS, box, _extremes_of_velocity(trajectory))
+        yield _check_box(
+            scenario, "velocity", AT_KNOTS, box, _extremes_of_velocity(trajectory, box)
+        )
     if (box := bounds("acceleration")) is not None:
         times, errors = trajectory.times[:-1], trajectory.feedback
         found = _extremes_at(times, trajectory.commands, errors)
+        if trajectory.higher is not None:
+            found = _extremes_at_all_times(trajectory, trajectory.derivatives(2), box)
         yield _check_box(scenario, "acceleration", AT_KNOTS, box, found)
     if (box := bounds("jerk")) is not None:
         # the first jerk is unlimited where the acceleration before the first knot is not given
@@ -90,8 +95,10 @@ def _extremes_at(
     return _Extremes(times[k], np.stack(both, axis=1), errors[k])
 
 
-def _extremes_of_velocity(trajectory: PiecewiseTrajectory) -> _Extremes:
+def _extremes_of_velocity(trajectory: PiecewiseTrajectory, bounds: Bounds) -> _Extremes:
     """Return the extremes of the velocity: at the instants or, with errors, at any time."""
+    if trajectory.higher is not None:
+        return _extremes_at_all_times(trajectory, trajectory.derivatives(1), bounds)
     if trajectory.tubes is None:
         return _extremes_at(
             trajectory.times, trajectory.velocities, np.zeros(len(trajectory.times))
@@ -101,20 +108,38 @@ def _extremes_of_velocity(trajectory: PiecewiseTrajectory) -> _Extremes:
     return _Extremes(found.times, signs * found.values, found.errors)
 
 
-def _extremes_at_all_times(trajectory: PiecewiseTrajectory, bounds: Bounds) -> _Extremes:
-    """Return the extremes of the position over all times.
+def _extremes_at_all_times(
+    trajectory: PiecewiseTrajectory, steps: Steps, bounds: Bounds
+) -> _Extremes:
+    """Return the extremes of positions or other curves over all times.
 
     They are the least values of x, y, z and of -x, -y, -z, found like distances from a wall.
+
+    Args:
+        trajectory: the trajectory to verify.
+        steps: the curves in its pieces, vehicle by vehicle.
+        bounds: the box whose tolerances the precision follows.
     """
-    signs = np.array([1.0, -1.0])[:, None, None, None]
-    states = (trajectory.positions, trajectory.velocities, trajectory.accelerations)
-    p, v, a = (signs * np.moveaxis(each, 1, 2)[:, None, ..., None] for each in states)
-    precision, shape = PRECISION * bounds.tolerances[:, None], p.shape[:3]
-    error_radii = trajectory.error_radii(np.tile(np.arange(a.shape[3]), int(np.prod(shape))))
-    steps = trajectory.steps_of(p, v, a)
-    least = lowest_over_time(steps, shape, lambda x: x[..., 0], precision, error_radii)
+    signs = np.array([1.0, -1.0])[:, None, None]
+    count, pieces = len(bounds.lower), len(trajectory.durations)
+    shape = (count, 2, 3)
+
+    def along_axes(values: FloatArray) -> FloatArray:
+        """Return values (N J, 3) along each axis and against it, one curve after another."""
+        axes = np.moveaxis(values.reshape(count, pieces, 3), 1, 2)
+        return (signs * axes[:, None]).reshape(-1, 1)
+
+    higher = None
+    if steps.higher is not None:
+        powers = np.moveaxis(steps.higher, 1, 0)
+        higher = np.stack([along_axes(each) for each in powers], axis=1)
+    p, v, a = (along_axes(each) for each in (steps.p, steps.v, steps.a))
+    precision = PRECISION * bounds.tolerances[:, None]
+    error_radii = trajectory.error_radii(np.tile(np.arange(pieces), int(np.prod(shape))))
+    walls = Steps(p, v, a, higher)
+    least = lowest_over_time(walls, shape, lambda x: x[..., 0], precision, error_radii)
     times = trajectory.scenario.grid.start + trajectory.moments(least.steps, least.moments)
-    return _Extremes(times, signs[..., 0, 0] * (least.values + least.radii), least.radii)
+    return _Extremes(times, signs[..., 0] * (least.values + least.radii), least.radii)
 
 
 def _check_box(

@@ -136,12 +136,14 @@ def closest_at_all_times(
         return knots
     count = len(trajectory.durations)
     states = (trajectory.positions, trajectory.velocities, trajectory.accelerations)
-    scaled = trajectory.steps_of(*(separation.scaled(each) for each in states))
+    higher = None if trajectory.higher is None else separation.scaled(trajectory.higher)
+    p, v, a = (separation.scaled(each) for each in states)
+    scaled = trajectory.steps_of(p, v, a, higher)
     pairs, k = _candidates(scaled, trajectory, separation, knots, far * separation.distance)
     one, other = (count * vehicle + k for vehicle in pairs.T)
     exactly = trajectory.tubes is not None and not separation.is_round
     steps = trajectory.steps if exactly else scaled
-    relative = Steps(*(each[one] - each[other] for each in (steps.p, steps.v, steps.a)))
+    relative = steps.select(one).less(steps.select(other))
     error_radii = trajectory.error_radii(k, vehicles=2.0)
     least = least_over_time(
         relative,
@@ -186,7 +188,10 @@ def _candidates(
     from scipy.spatial import cKDTree  # slow to load, see above
 
     vehicles, count = len(knots.distances), len(trajectory.durations)
-    middles = (steps.p + steps.v / 2 + steps.a / 8).reshape(vehicles, count, 3)
+    middles = steps.p + steps.v / 2 + steps.a / 8
+    if steps.higher is not None:
+        middles = steps.at(np.arange(len(middles)), np.full((len(middles), 1), 0.5))[:, 0]
+    middles = middles.reshape(vehicles, count, 3)
     reach = steps.speeds.reshape(vehicles, count) / 2
     errors = 2.0 * trajectory.errors_over
     undercut, scale = knots.less_errors, float(separation.shape.scales.max())

@@ -16,6 +16,7 @@ from collections.abc import Callable
 import numpy as np
 
 from drake_rho.scenario.fields import FloatArray, IntArray
+from drake_rho.verification.steps import powers_of
 
 _LEVELS = 30
 """Largest number of successive halvings: an interval is then 1e-9 of a piece of time."""
@@ -54,6 +55,7 @@ def highest_over_time(
     curvatures: FloatArray,
     precision: FloatArray,
     known: Highest,
+    higher: tuple[FloatArray, FloatArray] | None = None,
 ) -> Highest:
     """Return when each motion's distance plus error radius is greatest.
 
@@ -67,11 +69,13 @@ def highest_over_time(
         curvatures: κ in each piece [m/s²], shape (J,).
         precision: amount by which a greater value may be missed, shape (M,).
         known: values at the ends of the pieces. Changed in place into the answer.
+        higher: coefficients of the time from the third power up, (M, J, n, 3), and upper bounds of
+            the accelerations' norms, (M, J), of smooth motions.
     """
     p, v, a = states
     count = len(p)
     rows, piece = np.repeat(np.arange(count), len(pieces)), np.tile(pieces, count)
-    bend = np.linalg.norm(a, axis=2) + curvatures
+    bend = (np.linalg.norm(a, axis=2) if higher is None else higher[1]) + curvatures
     low, width = np.zeros(len(piece)), 1.0
     for _ in range(_LEVELS):
         if len(piece) == 0:
@@ -81,6 +85,8 @@ def highest_over_time(
         times = instants[piece] + s
         turn = s[..., None] / 2.0 * a[rows, piece]
         x = p[rows, piece] + s[..., None] * (v[rows, piece] + turn)
+        if higher is not None:
+            x += powers_of(s[..., None, None], higher[0][rows, piece]).sum(axis=-2)
         values, errors = distance(x, times), radius(piece, times)
         known.offer(rows, times, values, errors)
         width /= 2.0

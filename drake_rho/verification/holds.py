@@ -23,6 +23,7 @@ from drake_rho.scenario.limits import GRAVITY
 from drake_rho.scenario.maps.map import Map
 from drake_rho.scenario.parts import Quantity
 from drake_rho.scenario.records import TOLERANCE, Scenario
+from drake_rho.verification.averages import averaged
 from drake_rho.verification.boxes import check_boxes
 from drake_rho.verification.check import PRECISION, Check, Column
 from drake_rho.verification.closest_pairs import ellipsoid_distance
@@ -53,8 +54,9 @@ def first_violation(plan: Plan, obstacles: Iterable[int] | None = None) -> Check
     with np.errstate(over="ignore", invalid="ignore"):  # values that overflow become NaN or inf
         refuse_unknown(plan.scenario)
         check = _PlanCheck.of(plan)
+        smooth = plan.scenario.smoothing is not None  # quick conditions are those of steps
         for is_kept, columns in check.kinds(obstacles):
-            if not is_kept():
+            if smooth or not is_kept():
                 for column in columns():
                     if not column.holds:
                         return _worst(column, plan.scenario)
@@ -77,7 +79,10 @@ class _PlanCheck:
     """A plan's trajectory with upper bounds of the error radii in each step."""
 
     plan: Plan
+    stepwise: PiecewiseTrajectory
+    """motion with constant accelerations in steps"""
     trajectory: PiecewiseTrajectory
+    """motion that is flown: with a smoothing its averages"""
     radii: Maximum
     """greatest error radii in each step, arrays of shape (K-1,)"""
 
@@ -85,20 +90,20 @@ class _PlanCheck:
     def of(cls, plan: Plan) -> _PlanCheck:
         scenario, grid = plan.scenario, plan.scenario.grid
         motion = Motion.from_starts(scenario.fleet, plan.accelerations, grid.step)
-        trajectory = PiecewiseTrajectory.of(scenario, motion, Tubes.of(plan))
+        stepwise = PiecewiseTrajectory.of(scenario, motion, Tubes.of(plan))
         nothing = np.zeros(grid.knots - 1)
         radii = Maximum(nothing, nothing, nothing, np.zeros(grid.knots))
         if scenario.disturbance is not None:
             tube = tube_of(scenario)
             first = round((grid.start - tube.grid.start) / grid.step)
             radii = tube.over_steps(first, grid.knots - 1)
-        return cls(plan, trajectory, radii)
+        return cls(plan, stepwise, averaged(stepwise), radii)
 
     def kinds(self, obstacles: Iterable[int] | None) -> Iterator[Kind]:
         """Yield all kinds of constraints, or only those of the given obstacles."""
         trajectory, scenario = self.trajectory, self.trajectory.scenario
         if obstacles is None:
-            yield self._states_are_right, lambda: check_planned(self.plan, trajectory)
+            yield self._states_are_right, lambda: check_planned(self.plan, self.stepwise)
             jerks = self.plan.motion().jerks()
             yield (lambda: self._boxes_are_kept(jerks)), lambda: check_boxes(trajectory, jerks)
             yield (lambda: self._norms_are_kept(jerks)), lambda: check_norms(trajectory, jerks)

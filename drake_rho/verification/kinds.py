@@ -30,6 +30,7 @@ TREATMENT = {
     "active obstacles": f"{_OF_OBSTACLES}, in its interval of time",
     "separation": "distance of every pair at the knots and at every instant",
     "disturbance": "every check with the radius of the errors",
+    "smoothing": "every check is of the averages, which are computed anew",
 }
 """Verification of every kind of requirement."""
 
@@ -39,6 +40,7 @@ _WITHOUT_COLUMNS = {
     "late obstacles",
     "active obstacles",
     "disturbance",
+    "smoothing",
 }
 """Kinds that need no check of their own."""
 

@@ -56,8 +56,10 @@ def encounters(solid: Map, steps: Steps, within: FloatArray) -> Encounters:
     """
     parts = solid.parts
     p, v, a = (parts.in_frame(each) for each in (steps.p, steps.v, steps.a))
-    ends = p + v + a / 2.0
-    bulge = np.linalg.norm(a, axis=1) / 8.0  # greatest distance of a parabola from its chord
+    higher = None if steps.higher is None else parts.in_frame(steps.higher)
+    ends = p + v + a / 2.0 + (0.0 if higher is None else higher.sum(axis=1))
+    # greatest distance of a parabola from its chord
+    bulge = (np.linalg.norm(a, axis=1) if higher is None else steps.acceleration_norms) / 8.0
     finite = np.isfinite(p).all(axis=1) & np.isfinite(ends).all(axis=1)
     reach = np.maximum(within, 0.0) + bulge
     endless = np.flatnonzero(np.isinf(reach) & finite)
@@ -81,4 +83,7 @@ def encounters(solid: Map, steps: Steps, within: FloatArray) -> Encounters:
         fixed = parts.corners[numbers].reshape(-1, 9)
     still = np.zeros_like(fixed)
     beside = (np.hstack([p, fixed]), np.hstack([v, still]), np.hstack([a, still]))
-    return Encounters(which, Steps(*beside), parts)
+    if higher is not None:
+        more = np.zeros((len(fixed), higher.shape[1], fixed.shape[1]))
+        higher = np.concatenate([higher[which], more], axis=2)
+    return Encounters(which, Steps(*beside, higher), parts)

@@ -8,6 +8,7 @@ sample of the feedback.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
 
 import numpy as np
 
@@ -16,7 +17,8 @@ from drake_rho.scenario.limits import GRAVITY
 from drake_rho.scenario.norms import NormLimit
 from drake_rho.scenario.parts import UNITS
 from drake_rho.verification.between_samples import Maximum, greatest_velocity
-from drake_rho.verification.check import Column
+from drake_rho.verification.check import PRECISION, Column
+from drake_rho.verification.smooth_extremes import greatest_of_smooth
 from drake_rho.verification.trajectory import PiecewiseTrajectory
 
 
@@ -32,6 +34,9 @@ def check_norms(trajectory: PiecewiseTrajectory, jerks: FloatArray) -> Iterator[
     if "max_speed" in limits:
         yield _check_norm(limits["max_speed"], _greatest_speed(trajectory), UNITS["velocity"])
     unit = UNITS["acceleration"]
+    if trajectory.higher is not None:
+        yield from _norms_of_smooth(trajectory)
+        return
     if "max_acceleration" in limits:
         found = _greatest_norm(times, trajectory.commands, errors)
         yield _check_norm(limits["max_acceleration"], found, unit)
@@ -51,7 +56,44 @@ def check_norms(trajectory: PiecewiseTrajectory, jerks: FloatArray) -> Iterator[
         yield _check_inside_cone(limits["max_tilt"], times, thrusts, errors)
 
 
+def _norms_of_smooth(trajectory: PiecewiseTrajectory) -> Iterator[Column]:
+    """Yield the checks of accelerations of smooth motions, at every instant."""
+    for field, limit in trajectory.scenario.fleet.norms.items():
+        if limit.kind.quantity != "acceleration":
+            continue
+        precision, vertical = PRECISION * limit.sets.tolerances, np.array([0.0, 0.0, GRAVITY])
+        if field == "max_tilt":
+            yield _inside_cone_of_smooth(trajectory, limit, precision)
+            continue
+        offset = vertical if field == "max_thrust" else np.zeros(3)
+        found = greatest_of_smooth(trajectory, 2, partial(_length_beyond, offset), precision)
+        yield _check_norm(limit, found, UNITS["acceleration"])
+
+
+def _length_beyond(offset: FloatArray, x: FloatArray) -> FloatArray:
+    return np.asarray(np.linalg.norm(x + offset, axis=-1))
+
+
+def _inside_cone_of_smooth(
+    trajectory: PiecewiseTrajectory, limit: NormLimit, precision: FloatArray
+) -> Column:
+    """Return the check of how close smooth thrusts come to leaving the tilt cone."""
+    upright, found = np.array([0.0, 0.0, GRAVITY]), list[Maximum]()
+    for i, angle in enumerate(limit.limits):
+
+        def outside(a: FloatArray, angle: FloatArray = angle) -> FloatArray:
+            return -_inside(angle, a + upright)
+
+        found.append(greatest_of_smooth(trajectory.only(i), 2, outside, precision[i : i + 1]))
+    times = np.concatenate([each.times for each in found])
+    least = -np.concatenate([each.values for each in found])
+    return _cone_column(limit, times, least, np.zeros(len(least)))
+
+
 def _greatest_speed(trajectory: PiecewiseTrajectory) -> Maximum:
+    if trajectory.higher is not None:
+        precision = PRECISION * trajectory.scenario.fleet.norms["max_speed"].sets.tolerances
+        return greatest_of_smooth(trajectory, 1, partial(_length_beyond, np.zeros(3)), precision)
     if trajectory.tubes is None:
         return _greatest_norm(
             trajectory.times, trajectory.velocities, np.zeros(len(trajectory.times))
@@ -100,18 +142,30 @@ def _check_inside_cone(
     surface than the ball's radius. So the value checked is the distance from the surface, an
     acceleration: as an angle the same error would grow as the thrust falls.
     """
-    angle = np.minimum(limit.limits, np.pi)[:, None]
-    level, up = np.linalg.norm(thrusts[..., :2], axis=2), thrusts[..., 2]
+    inside = _inside(limit.limits[:, None], thrusts)
+    k = np.argmin(inside - errors, axis=1)
+    return _cone_column(limit, times[k], _pick(inside, k), errors[k])
+
+
+def _inside(angles: FloatArray, thrusts: FloatArray) -> FloatArray:
+    """Return how far thrusts (..., 3) are inside cones of angles [rad], of shape (...)."""
+    angle = np.minimum(angles, np.pi)
+    level, up = np.linalg.norm(thrusts[..., :2], axis=-1), thrusts[..., 2]
     inside = up * np.sin(angle) - level * np.cos(angle)
     below = (up < 0.0) & (level * np.sin(angle) + up * np.cos(angle) <= 0.0)
-    inside = np.where(below, -np.linalg.norm(thrusts, axis=2), inside)  # the apex is nearest
-    k = np.argmin(inside - errors, axis=1)
-    found, least = _pick(inside, k), errors[k]
+    # the apex is nearest below
+    return np.asarray(np.where(below, -np.linalg.norm(thrusts, axis=-1), inside))
+
+
+def _cone_column(
+    limit: NormLimit, times: FloatArray, found: FloatArray, least: FloatArray
+) -> Column:
+    """Return the checks of least distances inside the tilt cone, of which errors need some."""
     return Column(
         kind=limit.field,
         constraint=limit.kind.name,
         parts=["(thrust from the cone)"] * len(found),
-        times=times[k],
+        times=times,
         values=found,
         limits=least,
         excess=least - found,

@@ -146,6 +146,8 @@ class RelativeMotion:
             times, off = instants[knots][k], errors[k]
         at_knots = _Closest(times, values + off, off)
 
+        # a smooth motion begins before the first knot, from which obstacles are known
+        since = since if since > 0.0 else instants[0]
         during = (instants[:-1] >= since) == known
         during &= self.active_pieces
         lowest = self._between(outside) - trajectory.errors_over
@@ -194,7 +196,8 @@ def relative_to(
     width = trajectory.durations[:, None]
     velocities = width * trajectory.velocities[:, :-1] - np.diff(centers, axis=0)
     pieces = (positions[:, :-1], velocities, width**2 * trajectory.accelerations)
-    steps = Steps(*(each.reshape(-1, 3) for each in pieces))
+    p, v, a = (each.reshape(-1, 3) for each in pieces)
+    steps = Steps(p, v, a, trajectory.steps.higher)
     return RelativeMotion(trajectory, obstacle, tolerance, positions, steps)
 
 

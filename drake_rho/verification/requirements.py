@@ -20,6 +20,8 @@ from drake_rho.scenario.parts import SAME_TIME
 from drake_rho.scenario.requirements import KeepIn
 from drake_rho.verification.check import AT_ALL_TIMES, AT_KNOTS, PRECISION, Column
 from drake_rho.verification.highest_over_time import Highest, highest_over_time
+from drake_rho.verification.smooth_extremes import highest_of_steps
+from drake_rho.verification.steps import Steps
 from drake_rho.verification.trajectory import PiecewiseTrajectory
 
 
@@ -77,6 +79,9 @@ class _Check:
         first, last = asked.interval(grid) or (grid.start, grid.end)
         own = asked.since(grid.start)
         interval = (first - grid.start, last - grid.start)
+        if asked.active is None:  # a smooth motion is longer than its plan
+            lead = trajectory.scenario.lead
+            interval = (interval[0] - lead, interval[1] + lead)
         near = grid.rounding
         turns = np.concatenate([own.corners, interval])
         turns = turns[np.abs(turns[:, None] - trajectory.elapsed).min(axis=1) > near]
@@ -174,6 +179,8 @@ class _Check:
         known = self.positions_at(self._active(trajectory.elapsed))
         if self._is_instant:
             return known
+        if trajectory.higher is not None:
+            return self._highest_of_smooth(trajectory.steps)
         middles = (trajectory.elapsed[:-1] + trajectory.elapsed[1:]) / 2.0
         states = (trajectory.positions, trajectory.velocities, trajectory.accelerations)
         p, v, a = (self._relative(each) for each in states)
@@ -208,9 +215,27 @@ class _Check:
         shape = [np.broadcast_to(each, times.shape) for each in (begins, ends)]
         return self._vehicles * trajectory.tubes.position_in(at, *shape) + deviation
 
+    def _highest_of_smooth(self, steps: Steps) -> Highest:
+        """Return the worst instants of smooth curves (N J, 3), at all times in the interval."""
+        trajectory, count = self.trajectory, len(self.trajectory.durations)
+        own = steps.select((count * self.members[:, None] + np.arange(count)).ravel())
+        if self.partner is not None:
+            other = count * self.partner + np.tile(np.arange(count), len(self.members))
+            own = own.less(steps.select(other))
+        offset, scenario = self.requirement.offset(np.zeros(1))[0], trajectory.scenario
+        return highest_of_steps(
+            own,
+            trajectory.elapsed,
+            lambda x: np.asarray(self.requirement.set.signed_distance(x - offset)),
+            PRECISION * self.requirement.tolerances(scenario.fleet, scenario.names),
+            self._active((trajectory.elapsed[:-1] + trajectory.elapsed[1:]) / 2.0),
+        )
+
     def velocities(self) -> Highest:
         """Return the worst velocities: at ends of pieces and, with errors, of samples."""
         trajectory = self.trajectory
+        if trajectory.higher is not None and not self._is_instant:
+            return self._highest_of_smooth(trajectory.derivatives(1))
         if trajectory.tubes is not None:
             tube = tube_of(trajectory.scenario)
             step = trajectory.scenario.grid.step
@@ -242,6 +267,8 @@ class _Check:
 
     def accelerations(self) -> Highest:
         """Return the worst accelerations or thrusts of the pieces of time."""
+        if self.trajectory.higher is not None and not self._is_instant:
+            return self._highest_of_smooth(self.trajectory.derivatives(2))
         begins, ends = self.trajectory.elapsed[:-1], self.trajectory.elapsed[1:]
         chosen = self._steps(begins, ends)
         values = self._relative(self.trajectory.commands[:, chosen])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from functools import cached_property
+from math import comb
 from typing import Self
 
 import numpy as np
@@ -13,17 +14,30 @@ from drake_rho.scenario.fields import FloatArray, IntArray
 
 @dataclasses.dataclass(frozen=True)
 class Steps:
-    """Steps of motions: in step m the position is p[m] + u v[m] + u²/2 a[m], with u from 0 to 1."""
+    """Steps of motions: in step m the position is p[m] + u v[m] + u²/2 a[m], with u from 0 to 1.
+
+    Smooth motions have higher powers of u too.
+    """
 
     p: FloatArray
     """positions at the beginning [m], shape (M, D)"""
     v: FloatArray
     """velocities at the beginning [m per step], shape (M, D)"""
     a: FloatArray
-    """accelerations [m per step²], shape (M, D)"""
+    """accelerations, of smooth motions at the beginning [m per step²], shape (M, D)"""
+    higher: FloatArray | None = None
+    """coefficients of the powers of u from the third up [m], shape (M, n, D); None if there are
+    none"""
 
     @classmethod
-    def of(cls, step: float | FloatArray, p: FloatArray, v: FloatArray, a: FloatArray) -> Self:
+    def of(
+        cls,
+        step: float | FloatArray,
+        p: FloatArray,
+        v: FloatArray,
+        a: FloatArray,
+        higher: FloatArray | None = None,
+    ) -> Self:
         """Return the steps of motions, one motion after another.
 
         Args:
@@ -31,36 +45,96 @@ class Steps:
             p: positions at the knots [m], shape (..., K, D).
             v: velocities at the knots [m/s], shape (..., K, D).
             a: accelerations in the steps [m/s²], shape (..., K-1, D).
+            higher: coefficients of the time from the third power up, shape (..., K-1, n, D).
         """
         each = (p[..., :-1, :], step * v[..., :-1, :], step**2 * a)
-        return cls(*(array.reshape(-1, array.shape[-1]) for array in each))
+        p, v, a = (array.reshape(-1, array.shape[-1]) for array in each)
+        if higher is not None:
+            scaled = powers_of(np.asarray(step)[..., None], higher)
+            higher = scaled.reshape(-1, *higher.shape[-2:])
+        return cls(p, v, a, higher)
 
     def select(self, which: IntArray) -> Steps:
         """Return the steps with the given indices."""
-        return Steps(self.p[which], self.v[which], self.a[which])
+        higher = None if self.higher is None else self.higher[which]
+        return Steps(self.p[which], self.v[which], self.a[which], higher)
+
+    def less(self, other: Steps) -> Steps:
+        """Return the steps relative to others."""
+        higher = self.higher
+        if higher is not None and other.higher is not None:
+            higher = higher - other.higher
+        return Steps(self.p - other.p, self.v - other.v, self.a - other.a, higher)
+
+    def derivative(self, order: int, durations: FloatArray) -> Steps:
+        """Return derivatives of smooth motions by time, as curves of u in the same steps.
+
+        Args:
+            order: 1 for velocities, 2 for accelerations.
+            durations: of the steps [s], shape (M,).
+        """
+        c = self._coefficients
+        for _ in range(order):
+            c = [m * each / durations[:, None] for m, each in enumerate(c)][1:]
+        c += [np.zeros_like(self.p)] * (3 - len(c))
+        higher = np.stack(c[3:], axis=1) if len(c) > 3 else None
+        return Steps(c[0], c[1], 2.0 * c[2], higher)
 
     def at(self, which: IntArray, u: FloatArray) -> FloatArray:
         """Return positions (P, S, D) in the steps `which`, shape (P,), at moments u, (P, S)."""
         p, v, a = (array[which, None] for array in (self.p, self.v, self.a))
         u = u[..., None]
         positions: FloatArray = p + u * (v + u / 2 * a)
+        if self.higher is not None:
+            positions += powers_of(u[..., None], self.higher[which, None]).sum(axis=-2)
         return positions
 
     @cached_property
     def speeds(self) -> FloatArray:
-        """Maximum speed in each step, attained at one of its ends [m per step], shape (M,)."""
+        """Upper bound of the speed in each step [m per step], shape (M,).
+
+        It is attained at an end where accelerations are constant.
+        """
         ends = np.linalg.norm(np.stack([self.v, self.v + self.a]), axis=2)
         speeds: FloatArray = ends.max(axis=0)
-        return speeds
+        return speeds if self.higher is None else self._greatest_derivative(1)
 
     @cached_property
     def acceleration_norms(self) -> FloatArray:
-        """Norm of the acceleration in each step [m per step²], shape (M,)."""
+        """Upper bound of the acceleration's norm in each step [m per step²], shape (M,).
+
+        It is that norm where accelerations are constant.
+        """
         acceleration_norms: FloatArray = np.linalg.norm(self.a, axis=1)
-        return acceleration_norms
+        return acceleration_norms if self.higher is None else self._greatest_derivative(2)
+
+    @property
+    def _coefficients(self) -> list[FloatArray]:
+        """Coefficients of the powers of u, from the lowest up, shape (M, D) each."""
+        higher = [] if self.higher is None else list(np.moveaxis(self.higher, 1, 0))
+        return [self.p, self.v, self.a / 2.0, *higher]
+
+    def _greatest_derivative(self, order: int) -> FloatArray:
+        """Return an upper bound of a derivative's norm in each step, by u, shape (M,).
+
+        A polynomial is in the convex hull of its Bézier control points.
+        """
+        c = self._coefficients
+        for _ in range(order):
+            c = [m * each for m, each in enumerate(c)][1:]
+        degree = len(c) - 1
+        points = [
+            sum(comb(i, m) / comb(degree, m) * c[m] for m in range(i + 1)) for i in range(len(c))
+        ]
+        return np.asarray(np.linalg.norm(np.array(points), axis=2).max(axis=0))
 
     @cached_property
     def coordinate_bounds(self) -> FloatArray:
         """Upper bound of the coordinates' absolute values in each step [m], shape (M,)."""
         coordinate_bounds: FloatArray = np.abs(self.p).max(axis=1, initial=0.0) + self.speeds
         return coordinate_bounds
+
+
+def powers_of(u: FloatArray, higher: FloatArray) -> FloatArray:
+    """Return coefficients (..., n, D) times u (..., 1, 1) to the powers from the third up."""
+    return np.asarray(higher * u ** np.arange(3.0, 3.0 + higher.shape[-2])[:, None])

@@ -7,7 +7,10 @@ import dataclasses
 import numpy as np
 
 from drake_rho.scenario.described import Described
-from drake_rho.scenario.records import Scenario
+from drake_rho.scenario.fields import FloatArray
+from drake_rho.scenario.records import TOLERANCE, Scenario
+from drake_rho.verification.check import PRECISION
+from drake_rho.verification.smooth_extremes import greatest_of_smooth
 from drake_rho.verification.trajectory import PiecewiseTrajectory
 
 
@@ -22,9 +25,9 @@ class Summary(metaclass=Described):
     fastest_at: float
     """time of the top speed on the scenario's clock [s]"""
     start: float
-    """time of the first knot on the scenario's clock [s]"""
+    """time at which the motion begins, that of the first knot but for a smoothing [s]"""
     end: float
-    """time of the last knot on the scenario's clock [s]"""
+    """time at which the motion ends, that of the last knot but for a smoothing [s]"""
     cost: float
     """cost of the plan [m²/s⁴], the performance index f (13)"""
     least_effort: float
@@ -35,20 +38,31 @@ class Summary(metaclass=Described):
     def of(cls, trajectory: PiecewiseTrajectory, cost: float) -> Summary:
         """Return the summary of a trajectory whose plan has a cost [m²/s⁴].
 
-        The velocity is linear in a step, so that the largest speed occurs at an instant.
+        The velocity is linear in a step, so that the largest speed occurs at an instant. That of a
+        smooth motion is sought at all times.
         """
         scenario = trajectory.scenario
         speeds = np.linalg.norm(trajectory.velocities, axis=2)
         vehicle, instant = np.unravel_index(np.argmax(speeds), speeds.shape)
+        top_speed, time = speeds[vehicle, instant], trajectory.times[instant]
+        if trajectory.higher is not None:
+            precision = PRECISION * TOLERANCE * scenario.fleet.scale("velocity")
+            found = greatest_of_smooth(trajectory, 1, _length, precision)
+            vehicle = np.argmax(found.values)
+            top_speed, time = found.values[vehicle], found.times[vehicle]
         return cls(
-            top_speed=float(speeds[vehicle, instant]),
+            top_speed=float(top_speed),
             fastest=scenario.vehicles[vehicle].name,
-            fastest_at=float(trajectory.times[instant]),
-            start=scenario.grid.start,
-            end=scenario.grid.end,
+            fastest_at=float(time),
+            start=scenario.grid.start - scenario.lead,
+            end=scenario.grid.end + scenario.lead,
             cost=cost,
             least_effort=least_effort(scenario),
         )
+
+
+def _length(x: FloatArray) -> FloatArray:
+    return np.asarray(np.linalg.norm(x, axis=-1))
 
 
 def least_effort(scenario: Scenario) -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from functools import cached_property
+from math import comb
 
 import numpy as np
 
@@ -11,13 +12,16 @@ from drake_rho.motion.dynamics import Motion
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.parts import SAME_TIME
 from drake_rho.scenario.records import Scenario
-from drake_rho.verification.steps import Steps
+from drake_rho.verification.steps import Steps, powers_of
 from drake_rho.verification.tubes import ErrorRadii, Tubes
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class PiecewiseTrajectory:
-    """Motions with constant accelerations in J pieces of time, the same for all vehicles."""
+    """Motions in J pieces of time, the same for all vehicles.
+
+    Accelerations are constant in each piece; those of smooth motions are polynomials in time.
+    """
 
     scenario: Scenario
     """scenario whose constraints are verified"""
@@ -32,11 +36,14 @@ class PiecewiseTrajectory:
     velocities: FloatArray
     """velocities at the instants [m/s], shape (N, J + 1, 3)"""
     accelerations: FloatArray
-    """accelerations in the pieces [m/s²], shape (N, J, 3)"""
+    """accelerations in the pieces, or at their beginnings [m/s²], shape (N, J, 3)"""
     commands: FloatArray
     """commanded accelerations, to which the limits apply [m/s²], shape (N, J, 3)"""
     tubes: Tubes | None = None
     """error tubes around these motions; None if vehicles follow them exactly"""
+    higher: FloatArray | None = None
+    """coefficients of positions as polynomials of the time since a piece began, from the third
+    power up [m/s³], …, shape (N, J, n, 3); None where accelerations are constant in pieces"""
 
     @classmethod
     def of(
@@ -64,17 +71,33 @@ class PiecewiseTrajectory:
     @property
     def steps(self) -> Steps:
         """Pieces of all vehicles, vehicle by vehicle."""
-        return self.steps_of(self.positions, self.velocities, self.accelerations)
+        return self.steps_of(self.positions, self.velocities, self.accelerations, self.higher)
 
-    def steps_of(self, p: FloatArray, v: FloatArray, a: FloatArray) -> Steps:
+    def steps_of(
+        self, p: FloatArray, v: FloatArray, a: FloatArray, higher: FloatArray | None = None
+    ) -> Steps:
         """Return the pieces of other motions on the same instants.
 
         Args:
             p: positions at the instants, shape (..., J + 1, D).
             v: velocities at the instants, shape (..., J + 1, D).
             a: accelerations in the pieces, shape (..., J, D).
+            higher: coefficients of higher powers, if any, shape (..., J, n, D).
         """
-        return Steps.of(self.durations[:, None], p, v, a)
+        return Steps.of(self.durations[:, None], p, v, a, higher)
+
+    def derivatives(self, order: int) -> Steps:
+        """Return velocities (1) or accelerations (2) of smooth motions in the pieces as curves."""
+        return self.steps.derivative(order, np.tile(self.durations, len(self.positions)))
+
+    def only(self, vehicle: int) -> PiecewiseTrajectory:
+        """Return the trajectory of one vehicle, in the scenario of all."""
+        arrays = {
+            name: getattr(self, name)[vehicle : vehicle + 1]
+            for name in ("positions", "velocities", "accelerations", "commands")
+        }
+        higher = None if self.higher is None else self.higher[vehicle : vehicle + 1]
+        return dataclasses.replace(self, **arrays, higher=higher)
 
     def each_at(self, vehicles: IntArray, times: FloatArray) -> FloatArray:
         """Return the position of one vehicle at each of M times on the scenario's clock, (M, 3)."""
@@ -85,11 +108,14 @@ class PiecewiseTrajectory:
         s = (times - self.elapsed[k])[:, None]
         v = self.velocities[vehicles, k]
         velocities = v + s * self.accelerations[vehicles, k]
-        return np.asarray(self.positions[vehicles, k] + s / 2 * (v + velocities))
+        positions = self.positions[vehicles, k] + s / 2 * (v + velocities)
+        if self.higher is not None:
+            positions += powers_of(s[..., None], self.higher[vehicles, k]).sum(axis=1)
+        return np.asarray(positions)
 
     def cut(self, times: FloatArray) -> PiecewiseTrajectory:
         """Return this trajectory with its pieces cut at times since the first knot [s]."""
-        times = times[(times > 0.0) & (times < self.elapsed[-1])]
+        times = times[(times > self.elapsed[0]) & (times < self.elapsed[-1])]
         if len(times) == 0:
             return self
         instants = np.union1d(self.elapsed, times)
@@ -98,6 +124,8 @@ class PiecewiseTrajectory:
         k = np.minimum(k, len(self.durations) - 1)  # the last instant begins no piece
         s = (instants - self.elapsed[k])[:, None]
         p, v, a = self.positions[:, k], self.velocities[:, k], self.accelerations[:, k]
+        if self.higher is not None:
+            return self._cut_smooth(instants, knots, k)
         velocities = v + s * a
         return PiecewiseTrajectory(
             self.scenario,
@@ -109,6 +137,30 @@ class PiecewiseTrajectory:
             a[:, :-1],
             self.commands[:, k[:-1]],
             self.tubes,
+        )
+
+    def _cut_smooth(
+        self, instants: FloatArray, knots: BoolArray, k: IntArray
+    ) -> PiecewiseTrajectory:
+        """Return smooth motions with other instants, which are in the pieces k, shape (J' + 1,)."""
+        assert self.higher is not None  # noqa: S101  # the caller checks this
+        s = (instants - self.elapsed[k])[:, None]
+        lower = [self.positions[:, k], self.velocities[:, k], self.accelerations[:, k] / 2.0]
+        c = [*lower, *np.moveaxis(self.higher[:, k], 2, 0)]
+        moved = [
+            sum(comb(m, i) * s ** (m - i) * c[m] for m in range(i, len(c))) for i in range(len(c))
+        ]
+        a = 2.0 * np.asarray(moved[2])[:, :-1]
+        return dataclasses.replace(
+            self,
+            elapsed=instants,
+            durations=np.diff(instants),
+            knots=knots,
+            positions=np.asarray(moved[0]),
+            velocities=np.asarray(moved[1]),
+            accelerations=a,
+            commands=a,
+            higher=np.stack(moved[3:], axis=2)[:, :-1],
         )
 
     def moments(self, pieces: IntArray, parts: FloatArray) -> FloatArray:

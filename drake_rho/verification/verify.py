@@ -10,6 +10,7 @@ from drake_rho.motion.dynamics import Motion
 from drake_rho.motion.flight import Sighting
 from drake_rho.motion.flown import Flown
 from drake_rho.scenario.arguments import checked
+from drake_rho.verification.averages import averaged
 from drake_rho.verification.boxes import check_boxes
 from drake_rho.verification.check import Check
 from drake_rho.verification.kinds import refuse_unchecked
@@ -51,6 +52,10 @@ def verify(flown: Flown) -> Report:
     its first knot to that of the next window. Jerk and goal are those of the plan. The margins that
     planners keep are not used.
 
+    With a smoothing the smooth motion is verified, from before the first knot until after the last,
+    which is computed anew from the accelerations (`drake_rho.verification.averages`). Limits on
+    velocities and accelerations are verified at every instant too.
+
     For a simulation the true motion is verified, without a tube and against the limits as given.
     Limits on accelerations apply to the commands, and the limit on jerk to the plans. A vehicle
     reaches its goal if it ends within the radii of the last window's tube.
@@ -84,11 +89,8 @@ def verify(flown: Flown) -> Report:
             fleet, grid = plan.scenario.fleet, plan.scenario.grid
             motion = Motion.from_starts(fleet, plan.accelerations, grid.step)
             trajectory = PiecewiseTrajectory.of(plan.scenario, motion, Tubes.of(flown))
-            own, jerks, notes = (
-                check_planned(plan, trajectory),
-                motion.jerks(),
-                notes_on(trajectory),
-            )
+            own, jerks = check_planned(plan, trajectory), motion.jerks()
+            trajectory, notes = averaged(trajectory), notes_on(trajectory)
         columns = [
             *own,
             *check_boxes(trajectory, jerks),

@@ -23,6 +23,8 @@ _MAX_PLANNED = 14
 """Largest number of vehicles whose plans are drawn beside their true motion."""
 _PER_STEP = 12
 """Samples per step of the closest distance, unless the motion itself has finer steps."""
+_SMOOTH_PARTS = 16
+"""Steps in which a smooth motion is drawn, per step of the grid."""
 
 
 class Drawn(Protocol):
@@ -160,9 +162,63 @@ class StraightLines:
         return Motion(self.scenario.grid.step, self.positions, self.velocities, still, before)
 
 
-def drawn(flown: Flown | StraightLines) -> Drawn:
-    """Return the motion to draw: of a flight its plan, of a simulation the true motion."""
-    return flown.plan if flown.simulation is None else TrueMotion(flown.simulation)
+@dataclasses.dataclass(frozen=True, eq=False)
+class Smoothed:
+    """Smooth motion of a plan from its first knot to its last, in steps of a fraction of the grid.
+
+    States at the ends of these steps are exact. What is before the first knot and after the last is
+    not drawn.
+    """
+
+    plan: Plan
+    """plan with a smoothing"""
+
+    kind: ClassVar = "plan"
+    windows: ClassVar[tuple[()]] = ()
+    simulation: ClassVar[None] = None
+
+    @property
+    def scenario(self) -> Scenario:
+        """The scenario."""
+        return self.plan.scenario
+
+    @property
+    def times(self) -> FloatArray:
+        """Time of every knot [s], shape (K,)."""
+        return self.scenario.grid.times
+
+    @property
+    def positions(self) -> FloatArray:
+        """Positions at the knots [m], shape (N, K, 3)."""
+        return self._fine.positions[:, ::_SMOOTH_PARTS]
+
+    @property
+    def velocities(self) -> FloatArray:
+        """Velocities at the knots [m/s], shape (N, K, 3)."""
+        return self._fine.velocities[:, ::_SMOOTH_PARTS]
+
+    def motion(self) -> Motion:
+        """Return the motion as a function of the time since the first knot."""
+        return self._fine
+
+    @cached_property
+    def _fine(self) -> Motion:
+        grid = self.scenario.grid
+        step, steps = grid.step / _SMOOTH_PARTS, _SMOOTH_PARTS * (grid.knots - 1)
+        states = self.plan.sampled(np.asarray(step * np.arange(steps + 1), dtype=np.float64))
+        p, v = states.positions, states.velocities
+        return Motion(step, p, v, np.diff(v, axis=1) / step, np.full((len(p), 3), np.nan))
+
+
+def drawn(flown: Flown | StraightLines | Smoothed) -> Drawn:
+    """Return the motion to draw: of a flight its plan, of a simulation the true motion.
+
+    Of a plan with a smoothing it is the smooth motion.
+    """
+    if flown.simulation is not None:
+        return TrueMotion(flown.simulation)
+    plan = flown.plan
+    return Smoothed(plan) if isinstance(plan, Plan) and plan.scenario.smoothing else plan
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -207,6 +263,8 @@ def planned_jerks(shown: Drawn) -> FloatArray:
 
     The first is no number where no acceleration is given before it.
     """
+    if isinstance(shown, Smoothed):
+        return shown.plan.motion().jerks()
     flown = shown.simulation.plan if isinstance(shown, TrueMotion) else shown
     return flown.motion().jerks()
 
@@ -221,4 +279,8 @@ def commands(shown: Drawn) -> tuple[FloatArray, FloatArray]:
     if isinstance(shown, TrueMotion):
         record = shown.simulation
         return record.times, np.swapaxes(record.commands[:-1], 0, 1)
-    return shown.times, shown.motion().accelerations
+    times = shown.times
+    if isinstance(shown, Smoothed):
+        count = (len(times) - 1) * _SMOOTH_PARTS + 1
+        times = np.linspace(times[0], times[-1], count)
+    return times, shown.motion().accelerations

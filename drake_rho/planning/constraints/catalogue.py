@@ -82,5 +82,6 @@ TREATMENT: dict[str, str] = {
     "active obstacles": "half-spaces within the active interval only",
     "separation": "half-spaces of pairs around a reference (`Problem.linearized`)",
     "disturbance": "all rows tightened by the radius of the error tube",
+    "smoothing": "rows of obstacles, pairs and waypoints with its margin; longer requirements",
 }
 """Planners' treatment of every kind of requirement."""

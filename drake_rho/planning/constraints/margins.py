@@ -1,9 +1,13 @@
-"""Constraint tightening margins, so that a flight anywhere in the error tube meets its limits."""
+"""Constraint tightening margins: for flights anywhere in an error tube, and for smooth motions.
+
+Averages of a plan are in every convex set in which the plan is, so that a smoothing needs a margin
+only where something is kept out of, or at single instants (`scenario/smoothing.py`).
+"""
 
 from __future__ import annotations
 
 import dataclasses
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -37,7 +41,7 @@ class Margins:
 
     def at(self, quantity: Quantity, times: FloatArray) -> FloatArray:
         """Return margins at times since the first knot [s] of any shape, in the quantity's unit."""
-        if self.tube is None:
+        if self.tube is None and not (quantity == "position" and self.largest > 0.0):
             return np.zeros(times.shape)
         steps, knots = self.steps[quantity], self.knots[quantity]
         k = np.clip(step_at(times, self.grid.step), 0, len(knots) - 1)
@@ -47,10 +51,10 @@ class Margins:
     def position_radius(self, times: FloatArray) -> FloatArray:
         """Return position radii [m] at times since the first knot [s] of any shape."""
         if self.tube is None:
-            return np.zeros(times.shape)
+            return self.at("position", times)
         return self.tube.position(self.grid.start + times)
 
-    @property
+    @cached_property
     def largest(self) -> float:
         """Largest margin of the position [m]."""
         return float(self.steps["position"].max())
@@ -67,21 +71,35 @@ class PlanMargins:
     that are constant over pieces of each step"""
     pieces: int
     """number of equal pieces of a step over which `inner` is constant"""
+    convex: Margins | None = None
+    """margins of values in convex sets at all times, if others than `steps` and `inner`"""
 
     def of(self, quantity: Quantity) -> tuple[Margins, int]:
-        """Return the margins of a quantity, and the number of pieces of a step."""
+        """Return the margins of a quantity in convex sets, and the number of pieces of a step."""
+        if self.convex is not None:
+            return self.convex, 1
         inner = quantity in ("position", "velocity")
         return (self.inner, self.pieces) if inner else (self.steps, 1)
 
 
-def margins_of(scenario: Scenario, pieces: int = 1) -> PlanMargins:
-    """Return the margins for plans of a scenario; zero without a disturbance.
+def margins_of(
+    scenario: Scenario, pieces: int = 1, accelerations: FloatArray | None = None
+) -> PlanMargins:
+    """Return the margins for plans of a scenario; zero without a disturbance or a smoothing.
 
     Args:
         scenario: the scenario to plan.
         pieces: the number of pieces of each step for positions and velocities.
+        accelerations: largest norms in each step and those that its averages reach [m/s²], shape
+            (K-1,), for the margin of a smoothing; those that limits allow if not given.
     """
     steps = _margins(scenario, 1)
+    if scenario.smoothing is not None:
+        margins = np.full(scenario.grid.knots - 1, scenario.smoothing_margin)
+        if accelerations is not None:
+            margins = np.minimum(margins, scenario.smoothing.margins(accelerations))
+        larger = _of_positions(steps, margins)
+        return PlanMargins(larger, larger, 1, convex=steps)
     return PlanMargins(steps, steps if pieces == 1 else _margins(scenario, pieces), pieces)
 
 
@@ -98,6 +116,12 @@ def _none(step: float, knots: int, start: float) -> Margins:
     steps = {each: np.zeros(knots - 1) for each in quantities}
     inner = {each: np.zeros(knots) for each in quantities[:2]}
     return Margins(Grid(step, knots, start), steps, steps | inner)
+
+
+def _of_positions(none: Margins, margins: FloatArray) -> Margins:
+    """Return margins with those of positions in each step [m], shape (K-1,)."""
+    steps = none.steps | {"position": margins}
+    return Margins(none.grid, steps, none.knots | {"position": _greater(margins)})
 
 
 @lru_cache(maxsize=64)

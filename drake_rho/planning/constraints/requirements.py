@@ -249,7 +249,7 @@ def requirements_of(scenario: Scenario, margins: PlanMargins) -> list[Constraint
     """Return the constraints of all requirements that are not over."""
     found, names, grid = list[Constraint](), scenario.names, scenario.grid
     for number, asked in enumerate(scenario.requirements, start=1):
-        each = asked.since(grid.start)
+        each = asked.since(grid.start).longer(scenario.lead)
         local = Grid(grid.step, grid.knots)
         if (interval := each.interval(local)) is None:
             continue

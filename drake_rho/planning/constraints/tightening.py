@@ -43,6 +43,7 @@ TREATMENT: dict[str, str] = {
     "active obstacles": "as obstacles, if they are active at the start or at the end",
     "separation": "half the distance of starts and goals against the position's radius",
     "disturbance": "the radii",
+    "smoothing": "not compared: programs decide whether there is room for its margin",
 }
 """Comparison with the radii of the error tube, for every kind of requirement."""
 
@@ -202,8 +203,9 @@ def _pair_slacks(scenario: Scenario, margins: Margins, end: int) -> Iterator[Tig
 
 
 def enlarged_by_margins(scenario: Scenario, margins: PlanMargins) -> Scenario:
-    """Return the undisturbed scenario with vehicles and separation enlarged by their margins.
+    """Return a scenario with vehicles and separation enlarged by their margins, and without these.
 
+    It has neither disturbance nor smoothing.
     Path search uses it, since margins over time are unknown for a path without times. Vehicles are
     enlarged only as far as obstacles and other vehicles at their starts and goals permit.
     """
@@ -225,5 +227,7 @@ def enlarged_by_margins(scenario: Scenario, margins: PlanMargins) -> Scenario:
     if separation is not None:
         distance = separation.distance + 2.0 * float(pair_growth.min())
         separation = dataclasses.replace(separation, distance=distance)
-    larger = scenario.derived(vehicles=vehicles, separation=separation, disturbance=None)
+    larger = scenario.derived(
+        vehicles=vehicles, separation=separation, disturbance=None, smoothing=None
+    )
     return larger.of_vehicles(range(len(vehicles)))

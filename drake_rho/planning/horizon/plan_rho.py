@@ -73,6 +73,7 @@ def plan_rho(
         OutOfTimeError: the time limit expired before the first window had a plan.
         SolverError: the solvers fail numerically in the first window, even with the fallback.
         ValueError: `replan_every` is not a whole number of at least 1.
+        ScenarioError: the scenario has a smoothing, with which windows would begin in motion.
 
     Examples:
         >>> flight = rho.plan_rho(rho.load_scenario("paper"), replan_every=5)

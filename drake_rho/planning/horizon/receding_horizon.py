@@ -76,6 +76,7 @@ class RecedingHorizon:
 
     Raises:
         ValueError: `replan_every` is not a whole number of at least 1.
+        ScenarioError: the scenario has a smoothing.
     """
 
     @checked
@@ -94,6 +95,7 @@ class RecedingHorizon:
         whole = isinstance(replan_every, Integral) and not isinstance(replan_every, bool)
         if not whole or replan_every < 1:
             raise ValueError(f"replan_every: got {replan_every!r}, expected a whole number >= 1")
+        scenario.check_stepwise("a receding horizon")
         if reference is None:
             reference = free_reference if scenario.separation is None else tail_reference
         self.scenario, self.replan_every = scenario, int(replan_every)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from concurrent.futures import Executor
+from functools import partial
 
 from drake_rho.motion.plan import Plan
 from drake_rho.planning.call.options import DEFAULTS, Options
@@ -11,8 +12,9 @@ from drake_rho.planning.call.time_limit import with_time_limit
 from drake_rho.planning.call.wall_time import with_wall_time
 from drake_rho.planning.constraints.coupling import COUPLINGS, Coupling, CouplingName
 from drake_rho.planning.errors import InfeasibleError, OutOfTimeError, SolverError
-from drake_rho.planning.planners.first_plan import FirstPlan
+from drake_rho.planning.planners.first_plan import FirstPlan, plan_near
 from drake_rho.planning.planners.related import fitted
+from drake_rho.planning.planners.smoothed import with_own_margin
 from drake_rho.planning.planners.waypoint_times import WaypointTimes
 from drake_rho.planning.problem import Problem, with_finer_margins
 from drake_rho.planning.programs.backend import Backend, Solver, SolverName
@@ -118,7 +120,19 @@ def _with_given_times(
     def best(problem: Problem) -> Plan:
         return _iterated(problem, search.of_any_duration(problem, reference), kept_apart, search)
 
+    if scenario.smoothing_margin > 0.0:
+        again = partial(_from_similar, kept_apart, search)
+        return with_own_margin(best, again, Problem.of(scenario))
     return with_finer_margins(best, Problem.of(scenario))
+
+
+def _from_similar(coupling: Coupling, search: FirstPlan, problem: Problem, similar: Plan) -> Plan:
+    """Return the plan of a problem from that of a similar one, which may violate a little."""
+    try:
+        first = plan_near(problem, similar, backend=search.backend, progress=search.progress)
+    except (InfeasibleError, SolverError):
+        first = search.of_any_duration(problem, similar)
+    return _iterated(problem, first, coupling, search)
 
 
 def _iterated(problem: Problem, first: Plan, coupling: Coupling, search: FirstPlan) -> Plan:

@@ -72,7 +72,12 @@ class WaypointTimes:
         """Return the scenario with the times that are best without obstacles and other vehicles."""
         tell(self._progress, "looking for the times of waypoints")
         scenario = dataclasses.replace(
-            self._without, obstacles=(), separation=None, disturbance=None, requirements=()
+            self._without,
+            obstacles=(),
+            separation=None,
+            disturbance=None,
+            requirements=(),
+            smoothing=None,
         )
         effort, grid = Problem.of(scenario).effort, scenario.grid
         passing = passing_of(self._waypoints, scenario, grid)

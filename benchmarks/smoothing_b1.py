@@ -1,0 +1,67 @@
+"""Cost of smoothing in the fleets of benchmark B1: margins beside plans without."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections import defaultdict
+
+import numpy as np
+
+import drake_rho as rho
+from benchmarks.fleet_b1 import DURATIONS, STEP, scenario
+from benchmarks.tables import Cell, Goal, Table
+
+WIDTHS = (0.5, 1.0)
+"""Widths of the averages, as parts of a step."""
+
+
+def run(seeds: int = 6) -> Table:
+    """Plan fleets of every size with and without smoothing; a third as many of the largest."""
+    rows: list[tuple[Cell, ...]] = []
+    worst, violated = 0.0, 0
+    for count in DURATIONS:
+        found = defaultdict[tuple[float, int], list[tuple[float, float, bool]]](list)
+        for seed in range(seeds if count <= 12 else max(1, seeds // 3)):
+            plain = rho.plan(scenario(count, seed))
+            for part in WIDTHS:
+                for times in (1, 2, 3):
+                    found[part, times].append(_beside(plain, rho.Smoothing(part * STEP, times)))
+        for (part, times), each in found.items():
+            ratios, seconds, holds = (np.array(column) for column in zip(*each, strict=True))
+            worst, violated = max(worst, float(ratios.max())), violated + int(np.sum(~holds))
+            ratio = [float(of(ratios)) for of in (np.mean, np.median, np.max)]
+            rows.append((count, part, times, len(each), *ratio, float(np.median(seconds))))
+    return Table(
+        name="smoothing_b1",
+        title="Smoothing in the fleets of B1",
+        columns=(
+            "vehicles",
+            "width [steps]",
+            "averages",
+            "fleets",
+            "cost ratio, mean",
+            "median",
+            "largest",
+            "time ratio, median",
+        ),
+        rows=tuple(rows),
+        notes=(_WORK,),
+        goals=(
+            Goal("largest cost ratio", 1.02, worst),
+            Goal("plans that violate a constraint", 0.0, float(violated)),
+        ),
+    )
+
+
+def _beside(plain: rho.Plan, smoothing: rho.Smoothing) -> tuple[float, float, bool]:
+    """Return ratios of cost and time to those without smoothing, and whether all holds."""
+    plan = rho.plan(dataclasses.replace(plain.scenario, smoothing=smoothing))
+    seconds = plan.statistics.seconds / plain.statistics.seconds
+    return plan.cost / plain.cost, seconds, rho.verify(plan).ok
+
+
+_WORK = """\
+Fleets of `fleet_b1`, planned with `rho.plan` without smoothing and with averages over a half and a
+whole step of 0.2 s. Costs are those of the plans that are averaged; times are of planning, each
+run once. A ratio below 1 means that the second search found a better plan. Every smooth motion was
+verified."""

@@ -1,0 +1,114 @@
+"""Smooth motions as fewer polynomials of degree 7, which join with continuous accelerations.
+
+The pieces of a smooth motion are of degree 5 at most, so that as few as allowed are exact. Of more,
+neighbours are merged: positions, velocities and accelerations at both ends are those of the motion,
+and the two coefficients that are left on each axis are fitted by least squares.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+from numpy.polynomial import Polynomial
+
+from drake_rho.exports.pieces import DEGREE, Pieces, to_control_points
+from drake_rho.motion.smooth import Polynomials
+from drake_rho.scenario.fields import FloatArray, IntArray
+
+_SAMPLES = 8
+"""Number of samples of each piece, to which a polynomial is fitted."""
+
+
+def merged(motion: Polynomials, most: int) -> Pieces:
+    """Return smooth motions as a bounded number of polynomials of nearly equal durations.
+
+    Args:
+        motion: motions of N vehicles.
+        most: largest number of pieces, at least 1.
+    """
+    vehicles = len(motion.coefficients)
+    joints = _joints(motion.instants, most)
+    coefficients = np.zeros((vehicles, len(joints) - 1, 3, DEGREE + 1))
+    deviations = np.zeros(vehicles)
+    for number, (first, last) in enumerate(pairwise(joints.tolist())):
+        if last == first + 1:
+            own = motion.coefficients[:, first]
+            coefficients[:, number, :, : own.shape[-1]] = own
+            continue
+        coefficients[:, number], off = _merge(motion, first, last)
+        deviations = np.maximum(deviations, off)
+    return Pieces(np.diff(motion.instants[joints]), coefficients, deviations)
+
+
+def _joints(instants: FloatArray, most: int) -> IntArray:
+    """Return the indices of instants at which merged pieces begin and end, at most `most` + 1."""
+    if len(instants) - 1 <= most:
+        return np.arange(len(instants))
+    even = np.linspace(instants[0], instants[-1], most + 1)
+    after = np.clip(np.searchsorted(instants, even), 1, len(instants) - 1)
+    nearer = after - (even - instants[after - 1] < instants[after] - even)
+    return np.unique(nearer)
+
+
+def _merge(motion: Polynomials, first: int, last: int) -> tuple[FloatArray, FloatArray]:
+    """Return polynomials for the pieces between two instants, (N, 3, 8), and deviations, (N,)."""
+    begin, lasting = motion.instants[first], motion.instants[last] - motion.instants[first]
+    parts = range(first, last)
+    fractions = (np.arange(_SAMPLES) + 0.5) / _SAMPLES
+    times = np.concatenate([_within(motion, k, fractions) for k in parts])
+    values = np.concatenate([_values(motion, k, fractions) for k in parts], axis=2)
+    u = (times - begin) / lasting
+    ends = _between_ends(motion, first, last, lasting)
+    left = values - ends @ _powers(u)
+    weights, *_ = np.linalg.lstsq((_FREE @ _powers(u)).T, left.reshape(-1, len(u)).T, rcond=None)
+    c = ends + weights.T.reshape(*ends.shape[:2], -1) @ _FREE
+    deviations = np.zeros(len(c))
+    nodes, to_control = to_control_points()
+    for k in parts:
+        u = (_within(motion, k, nodes) - begin) / lasting
+        off = (c @ _powers(u) - _values(motion, k, nodes)) @ to_control.T
+        deviations = np.maximum(deviations, np.linalg.norm(off, axis=1).max(axis=1))
+    return c / lasting ** np.arange(DEGREE + 1.0), deviations
+
+
+def _within(motion: Polynomials, k: int, fractions: FloatArray) -> FloatArray:
+    """Return times at fractions of a piece [s], shape (M,)."""
+    return np.asarray(motion.instants[k] + np.diff(motion.instants)[k] * fractions)
+
+
+def _values(motion: Polynomials, k: int, fractions: FloatArray) -> FloatArray:
+    """Return positions at fractions of a piece [m], shape (N, 3, M)."""
+    s = np.diff(motion.instants)[k] * fractions
+    c = motion.coefficients[:, k]
+    return np.asarray(c @ s ** np.arange(c.shape[-1])[:, None])
+
+
+def _between_ends(motion: Polynomials, first: int, last: int, lasting: float) -> FloatArray:
+    """Return quintics that match the motion at two instants, in powers of u, shape (N, 3, 8)."""
+    begin = motion.coefficients[:, first, :, :3] * lasting ** np.arange(3.0)
+    u = float(np.diff(motion.instants)[last - 1]) / lasting
+    c = motion.coefficients[:, last - 1]
+    c = c * lasting ** np.arange(c.shape[-1])
+    at_end = [c @ _rates(m, u)[: c.shape[-1]] for m in range(3)]
+    known = [at_end[m] - begin @ _rates(m, 1.0)[:3] for m in range(3)]
+    others = np.array([_rates(m, 1.0)[3:6] for m in range(3)])
+    rest = np.stack(known, axis=-1) @ np.linalg.inv(others).T
+    return np.concatenate([begin, rest, np.zeros((*begin.shape[:2], 2))], axis=-1)
+
+
+def _rates(order: int, u: float) -> FloatArray:
+    """Return the derivatives of the powers 0 to 7 at u, shape (8,)."""
+    k = np.arange(DEGREE + 1.0)
+    factors = np.prod(np.array([k - m for m in range(order)]), axis=0)
+    return np.asarray(factors * u ** np.maximum(k - order, 0.0))
+
+
+def _powers(u: FloatArray) -> FloatArray:
+    """Return the powers of u from 0 to 7, shape (8, M)."""
+    return np.asarray(u ** np.arange(DEGREE + 1)[:, None])
+
+
+_FLAT = Polynomial([0.0, 1.0]) ** 3 * Polynomial([1.0, -1.0]) ** 3
+_FREE = np.array([np.append(_FLAT.coef, 0.0), (_FLAT * Polynomial([-1.0, 2.0])).coef])
+"""Coefficients of two polynomials that are flat at 0 and 1, without curvature, shape (2, 8)."""

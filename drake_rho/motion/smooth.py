@@ -1,0 +1,144 @@
+"""Smooth motions of plans: moving averages of positions, in closed form (`rho.Smoothing`).
+
+A plan is at rest before its first knot and after its last. Its acceleration is then a sum of steps,
+one at each knot, and all that averaging does to a step is within n w/2 of it. So the smooth motion
+is the plan's own, with the accelerations of the step at a time t displaced by n w²/24 a, plus one
+term for each knot that is nearer than n w/2. With the truncated powers
+
+    F_m(s) = w^(m - n) / m! Σ_j (-1)^j binom(n, j) (s/w + n/2 - j)+^m,    s <= 0,
+
+F_n is the averaged step before the knot at s = 0, F_(n+1) its integral and F_(n+2) that of the
+latter; F_(n-1) and so on are its derivatives. After the knot they are the same by symmetry.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from functools import cached_property
+from math import comb, factorial
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from drake_rho.motion.dynamics import Motion, step_at
+from drake_rho.scenario.fields import FloatArray, IntArray
+from drake_rho.scenario.parts import SAME_TIME
+from drake_rho.scenario.smoothing import Smoothing
+
+if TYPE_CHECKING:
+    from pydrake.trajectories import PiecewisePolynomial
+
+_RESTING = 4
+"""Steps of rest with which a plan is extended on both sides: averages reach three half steps, and
+the knots beside them are looked at too."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Polynomials:
+    """Motions of N vehicles as polynomials in J pieces of time, the same for all."""
+
+    instants: FloatArray
+    """times at which pieces begin and end, since the first knot [s], shape (J + 1,)"""
+    coefficients: FloatArray
+    """coefficients of the powers of the time since a piece began, from the lowest up: [m], [m/s],
+    [m/s²], …, shape (N, J, 3, D + 1)"""
+
+    def trajectory(self, vehicle: int, start: float) -> PiecewisePolynomial:
+        """Return a vehicle's motion as Drake's type, on a clock with the first knot at `start`."""
+        from pydrake.polynomial import Polynomial
+        from pydrake.trajectories import PiecewisePolynomial
+
+        pieces = [
+            np.array([[Polynomial(axis)] for axis in piece]) for piece in self.coefficients[vehicle]
+        ]
+        return PiecewisePolynomial(pieces, start + self.instants)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class SmoothMotion:
+    """Moving averages of motions that begin and end at rest."""
+
+    motion: Motion
+    """motions of N vehicles with piecewise constant accelerations"""
+    smoothing: Smoothing
+
+    def at(self, elapsed: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return positions [m], velocities [m/s] and accelerations [m/s²], (N, M, 3) each.
+
+        Args:
+            elapsed: times since the first knot [s], shape (M,).
+        """
+        n, w = self.smoothing.times, self.smoothing.width
+        k = self._steps_of(elapsed)
+        whole = self._extended
+        s = (elapsed - whole.step * k)[:, None]
+        p, v, a = (
+            each[:, k + _RESTING]
+            for each in (whole.positions, whole.velocities, whole.accelerations)
+        )
+        return (
+            p + s * (v + s / 2.0 * a) + n * w**2 / 24.0 * a + self._beside(-2, elapsed, k),
+            v + s * a + self._beside(-1, elapsed, k),
+            a + self._beside(0, elapsed, k),
+        )
+
+    def polynomials(self) -> Polynomials:
+        """Return the motions as polynomials of degree n + 2, which differ from piece to piece."""
+        n, w, h = self.smoothing.times, self.smoothing.width, self.motion.step
+        knots = h * np.arange(self.motion.positions.shape[1])
+        instants = np.unique(knots[:, None] + w * (np.arange(n + 1) - n / 2.0))
+        instants = instants[np.append(True, np.diff(instants) > SAME_TIME * h)]
+        half = np.diff(instants) / 2.0
+        middles = instants[:-1] + half  # where each derivative has one value
+        k = self._steps_of(middles)
+        derivatives = [*self.at(middles)]
+        derivatives += [self._beside(order, middles, k) for order in range(1, n + 1)]
+        taylor = [each / factorial(m) for m, each in enumerate(derivatives)]
+        moved = [
+            sum(comb(m, i) * (-half[:, None]) ** (m - i) * taylor[m] for m in range(i, len(taylor)))
+            for i in range(len(taylor))
+        ]
+        return Polynomials(instants, np.stack(moved, axis=-1))
+
+    @cached_property
+    def _extended(self) -> Motion:
+        """The motions with rest before and after."""
+        own = self.motion
+        around = ((0, 0), (_RESTING, _RESTING), (0, 0))
+        p = np.pad(own.positions, around, mode="edge")
+        v, a = np.pad(own.velocities, around), np.pad(own.accelerations, around)
+        return Motion(own.step, p, v, a, own.before)
+
+    def _steps_of(self, elapsed: FloatArray) -> IntArray:
+        """Return the numbers of the steps at times, negative before the first knot."""
+        return step_at(elapsed, self.motion.step)
+
+    def _beside(self, order: int, elapsed: FloatArray, k: IntArray) -> FloatArray:
+        """Return what knots nearby add to a derivative of the accelerations, shape (N, M, 3).
+
+        Args:
+            order: of the derivative; negative for integrals, of which -2 are the positions.
+            elapsed: times since the first knot [s], shape (M,).
+            k: numbers of the steps at these times, shape (M,).
+        """
+        a, h = self._extended.accelerations, self.motion.step
+        added = np.zeros((len(a), len(elapsed), 3))
+        for knot in (-1, 0, 1, 2):  # relative to the one at which the step begins
+            at = k + knot
+            jumps = a[:, at + _RESTING] - a[:, at + _RESTING - 1]
+            s, passed = elapsed - h * at, knot <= 0
+            before = np.minimum(-s if passed else s, 0.0)
+            # averaged steps less the step itself, and their integrals: odd and even by turns
+            sign = -1.0 if passed and order % 2 == 0 else 1.0
+            added += (sign * self._power(order, before))[:, None] * jumps
+        return added
+
+    def _power(self, order: int, s: FloatArray) -> FloatArray:
+        """Return F_(n - order) at times s before a knot, none above 0 [s]."""
+        n, w = self.smoothing.times, self.smoothing.width
+        m, u = n - order, s / w + n / 2.0
+        terms = [
+            (-1.0) ** j * comb(n, j) * np.where(u > j, np.abs(u - j) ** m, 0.0)
+            for j in range(n + 1)
+        ]
+        return np.asarray(sum(terms) * w ** (m - n) / factorial(m))

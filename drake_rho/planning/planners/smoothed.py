@@ -1,0 +1,59 @@
+"""Plans with the margin that their own accelerations need for a smoothing."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from drake_rho.motion.plan import Plan
+from drake_rho.planning.problem import Problem
+from drake_rho.scenario.fields import FloatArray
+
+_MORE = 1.25
+"""Accelerations that a plan may have, as a multiple of those of the plan before."""
+
+_LEAST = 0.02
+"""Least accelerations that a plan may have, as a part of the largest."""
+
+_ROUNDS = 4
+"""Number of plans with margins for the accelerations of the plan before."""
+
+
+def with_own_margin(
+    first: Callable[[Problem], Plan], again: Callable[[Problem, Plan], Plan], problem: Problem
+) -> Plan:
+    """Return a plan that keeps the margin that its own accelerations need for its smoothing.
+
+    Limits mostly allow accelerations that no plan has. So margins are for those of a plan without
+    margins, and for more where the plan with these margins has more.
+
+    Args:
+        first: function that plans a problem.
+        again: function that plans a problem from the plan of a similar one.
+        problem: problem of a scenario with a smoothing, with the margin that its limits need.
+
+    Raises:
+        InfeasibleError: no plan is found.
+        SolverError: the solvers fail numerically.
+    """
+    largest = np.zeros(problem.scenario.grid.knots - 1)
+    plan = first(problem.for_accelerations(largest))
+    spent = plan.statistics
+    for _ in range(_ROUNDS):
+        largest = np.maximum(largest, _MORE * accelerations_near(plan))
+        largest = np.maximum(largest, _LEAST * largest.max())
+        plan = again(problem.for_accelerations(largest), plan)
+        spent += plan.statistics
+        if np.all(accelerations_near(plan) <= largest):
+            return plan.with_statistics(spent)
+    plan = again(problem, plan)
+    return plan.with_statistics(spent + plan.statistics)
+
+
+def accelerations_near(plan: Plan) -> FloatArray:
+    """Return the largest accelerations in each step and those that its averages reach, (K-1,)."""
+    most = np.linalg.norm(plan.accelerations, axis=2).max(axis=0)
+    reached = int(np.ceil(plan.scenario.lead / plan.scenario.grid.step * (1.0 - 1e-9)))
+    around = np.pad(most, reached)
+    return np.asarray(np.lib.stride_tricks.sliding_window_view(around, 2 * reached + 1).max(axis=1))

@@ -1,0 +1,233 @@
+"""`Smoothing`: moving averages that a plan is flown with, and what they need of a scenario."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Annotated, Self
+
+import numpy as np
+from pydantic import Field
+
+from drake_rho.scenario.disturbance import Disturbance
+from drake_rho.scenario.errors import ScenarioError
+from drake_rho.scenario.fields import (
+    NOT_BOOLEAN,
+    FloatArray,
+    IntArray,
+    Positive,
+    record,
+    unchecked,
+)
+from drake_rho.scenario.fleet import Fleet
+from drake_rho.scenario.limits import GRAVITY
+from drake_rho.scenario.parts import Grid, Vehicle
+from drake_rho.scenario.requirements import KeepIn
+
+
+@record
+class Smoothing:
+    """Moving averages, centred, that make the motion of a plan smooth.
+
+    The acceleration of a plan is a step function. Averaged over a width once it is continuous,
+    twice its jerk is too, three times its snap. A plan is at rest before its start and after its
+    goal, so that its smooth motion begins `lead` before the first knot and ends as long after the
+    last.
+
+    Examples:
+        >>> smoothing = rho.Smoothing(0.2, times=2)
+        >>> smoothing.lead
+        0.2
+        >>> round(smoothing.margin(3.0), 6)  # in m, for accelerations up to 3 m/s²
+        0.01
+    """
+
+    width: Positive
+    """w, over which positions are averaged, at most the grid's step [s]"""
+    times: Annotated[int, Field(ge=1, le=3), NOT_BOOLEAN] = 1
+    """n, the number of averages, one after another: 1, 2 or 3"""
+
+    @property
+    def lead(self) -> float:
+        """Time by which the smooth motion begins earlier and ends later than its plan [s]."""
+        return self.times * self.width / 2.0
+
+    def margin(self, acceleration: float) -> float:
+        """Return `margins` of a single acceleration [m]."""
+        return float(self.margins(np.float64(acceleration)))
+
+    def margins(self, accelerations: FloatArray | np.float64) -> FloatArray:
+        """Return the largest distance of the smooth motion from its plan at the same time [m].
+
+        With the weights g of the averages, which are symmetric and have the variance n w²/12, the
+        distance is that of ∫ g(s) (x(t - s) - x(t) + s v(t)) ds from 0, of which each factor is at
+        most norm(a) s²/2. It is attained where the acceleration is constant.
+
+        Args:
+            accelerations: largest norms of the plan's accelerations within `lead` [m/s²].
+        """
+        return np.asarray(self.times * self.width**2 / 24.0 * accelerations)
+
+    def for_grid(self, grid: Grid) -> Self:
+        """Return the smoothing for another grid: its width is at most the step."""
+        return unchecked(self, width=min(self.width, grid.step))
+
+
+def largest_accelerations(fleet: Fleet) -> FloatArray:
+    """Return the largest norms of accelerations that limits allow [m/s²], shape (N,).
+
+    They are infinite where no limit bounds them. A thrust of at most f within the angle θ of the
+    vertical is furthest from that of hovering at the rim of its cone, or where it is 0.
+    """
+    most: FloatArray = np.full(len(fleet.radii), np.inf)
+    if (box := fleet.bounds("acceleration")) is not None:
+        most = np.linalg.norm(np.maximum(np.abs(box.lower), np.abs(box.upper)), axis=1)
+    norms = fleet.norms
+    if "max_acceleration" in norms:
+        most = np.minimum(most, norms["max_acceleration"].limits)
+    if "max_thrust" in norms:
+        thrusts, angles = norms["max_thrust"].limits, np.full(len(most), np.pi)
+        if "max_tilt" in norms:
+            angles = np.minimum(norms["max_tilt"].limits, np.pi)
+        level, up = thrusts * np.sin(angles), np.cos(angles)
+        rim = np.hypot(level, np.where(np.isfinite(thrusts), thrusts * up - GRAVITY, np.inf))
+        most = np.minimum(most, np.maximum(rim, GRAVITY))
+    return most
+
+
+def check_smoothing(
+    smoothing: Smoothing,
+    grid: Grid,
+    fleet: Fleet,
+    vehicles: Sequence[Vehicle],
+    requirements: Sequence[KeepIn],
+    between_knots: bool,
+    disturbance: Disturbance | None,
+    margin: float,
+) -> None:
+    """Check that averages of a scenario's plans meet what the plans meet.
+
+    Args:
+        smoothing: the smoothing.
+        grid: grid of the plans.
+        fleet: the vehicles as arrays.
+        vehicles: the vehicles.
+        requirements: of the scenario.
+        between_knots: whether constraints hold at every instant.
+        disturbance: of the scenario, if any.
+        margin: margin of positions; infinite if it is needed and limits do not bound it [m].
+
+    Raises:
+        ScenarioError: something of the scenario does not hold for averages, or has no bound.
+    """
+    if smoothing.width > grid.step + grid.rounding:
+        expected = f"at most the grid's step, {grid.step:g} s"
+        raise ScenarioError("smoothing.width", smoothing.width, expected)
+    if not between_knots:
+        expected = "True beside smoothing: averages are taken of every instant"
+        raise ScenarioError("between_knots", between_knots, expected)
+    if disturbance is not None:
+        expected = "none beside smoothing: radii of errors change over the width of the averages"
+        raise ScenarioError("disturbance", disturbance, expected)
+    _check_rest(vehicles)
+    _check_accelerations(fleet, vehicles, margin)
+    _check_waypoints(vehicles, margin)
+    _check_requirements(smoothing, grid, fleet, vehicles, requirements)
+
+
+def _check_rest(vehicles: Sequence[Vehicle]) -> None:
+    """Check that vehicles are at rest at both ends."""
+    for index, each in enumerate(vehicles):
+        before = each.start.acceleration
+        given = {
+            "start.velocity": each.start.velocity,
+            "start.acceleration": np.zeros(3) if before is None else before,
+            "goal.velocity": each.goal.velocity,
+        }
+        for field, value in given.items():
+            if np.any(value):
+                expected = "zero beside smoothing: plans are extended by rest at both ends"
+                raise ScenarioError(f"vehicles[{index}].{field}", value.tolist(), expected)
+
+
+def _check_accelerations(fleet: Fleet, vehicles: Sequence[Vehicle], margin: float) -> None:
+    """Check limits of accelerations and jerks."""
+    if (box := fleet.bounds("acceleration")) is not None:
+        outside = np.flatnonzero(np.any((box.lower > 0.0) | (box.upper < 0.0), axis=1))
+        if len(outside) > 0:
+            field = _limit_of(vehicles, int(outside[0]), "acceleration")
+            expected = "a box that contains zero beside smoothing, whose motions begin at rest"
+            raise ScenarioError(field, [box.lower[outside[0]], box.upper[outside[0]]], expected)
+    for limit, jerks in (("jerk", fleet.bounds("jerk")), ("max_jerk", fleet.norms.get("max_jerk"))):
+        if jerks is not None:
+            bounds = jerks.upper[:, 0] if limit == "jerk" else jerks.limits  # type: ignore[union-attr]
+            vehicle = int(np.argmax(np.isfinite(bounds)))
+            expected = "none beside smoothing: the jerk of an average is another than a plan's"
+            raise ScenarioError(_limit_of(vehicles, vehicle, limit), "a limit", expected)
+    if np.isinf(margin):
+        vehicle = int(np.argmax(largest_accelerations(fleet)))
+        expected = (
+            "an acceleration box, max_acceleration or max_thrust beside smoothing: without one the "
+            "smooth motion may be any distance from its plan"
+        )
+        raise ScenarioError(_limit_of(vehicles, vehicle, "max_acceleration"), None, expected)
+
+
+def _limit_of(vehicles: Sequence[Vehicle], vehicle: int, limit: str) -> str:
+    """Return the field of a limit: the vehicle's own if it has one, else the scenario's."""
+    own = vehicles[vehicle].limits
+    if own is not None and getattr(own, limit) is not None:
+        return f"vehicles[{vehicle}].limits.{limit}"
+    return f"limits.{limit}"
+
+
+def _check_waypoints(vehicles: Sequence[Vehicle], margin: float) -> None:
+    """Check that waypoints have room for a margin."""
+    for vehicle, each in enumerate(vehicles):
+        for index, waypoint in enumerate(each.waypoints):
+            if waypoint.within == 0.0:
+                field = f"vehicles[{vehicle}].waypoints[{index}].within"
+                expected = f"above 0 m: smoothing may move positions by up to {margin:.4g} m"
+                raise ScenarioError(field, waypoint.within, expected)
+
+
+def _check_requirements(
+    smoothing: Smoothing,
+    grid: Grid,
+    fleet: Fleet,
+    vehicles: Sequence[Vehicle],
+    requirements: Sequence[KeepIn],
+) -> None:
+    """Check that requirements hold for averages, also of what is before the start or after."""
+    names, (count, lead) = [each.name for each in vehicles], (len(vehicles), smoothing.lead)
+    for index, each in enumerate(requirements):
+        where = f"requirements[{index}]"
+        if each.quantity == "jerk":
+            expected = "another quantity beside smoothing: the jerk of an average is not a plan's"
+            raise ScenarioError(f"{where}.of", each.of, expected)
+        if each.track is not None:
+            expected = "a vehicle or none beside smoothing: a track is not averaged"
+            raise ScenarioError(f"{where}.relative_to", "a Track", expected)
+        resting = each.longer(lead)
+        for at, positions in (
+            (grid.start, fleet.start_positions),
+            (grid.end, fleet.goal_positions),
+        ):
+            if resting.active is None or resting.active[0] < at < resting.active[1]:
+                values = positions if each.quantity == "position" else np.zeros((count, 3))
+                _check_at_rest(each, where, values, fleet, names)
+
+
+def _check_at_rest(
+    asked: KeepIn, where: str, values: FloatArray, fleet: Fleet, names: Sequence[str]
+) -> None:
+    """Check that values at rest (N, 3) are in a requirement's set."""
+    members: IntArray = asked.members(names)
+    partner = asked.partner(names)
+    own = values[members] - (0.0 if partner is None else values[partner])
+    outside = asked.set.signed_distance(own - asked.offset(np.zeros(len(members))))
+    if np.any(outside > asked.tolerances(fleet, names)):
+        expected = (
+            "a set that contains the vehicles at rest, with which smoothing averages near the "
+            f"start and the goal; {names[members[int(np.argmax(outside))]]} is outside"
+        )
+        raise ScenarioError(f"{where}.set", asked.set, expected)
