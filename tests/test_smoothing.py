@@ -328,6 +328,7 @@ def _check_densely(plan: rho.Plan) -> None:
         assert (apart >= scenario.separation.distance - 1e-6 * size).all()
     for vehicle in scenario.vehicles:
         for each in vehicle.waypoints:
+            assert each.time is not None
             there = plan.at(each.time, vehicle.name).positions[0]
             assert np.linalg.norm(there - each.position) <= each.within + 1e-6 * size
 

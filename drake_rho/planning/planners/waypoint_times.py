@@ -10,8 +10,9 @@ from drake_rho.motion.plan import Plan
 from drake_rho.planning.call.progress import Progress, tell
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs.backend import Backend
-from drake_rho.planning.programs.free_time import Passing
-from drake_rho.planning.scp.least_time import LeastTime, Timed
+from drake_rho.planning.programs.free_times import Passing
+from drake_rho.planning.scp.least_time import LeastTime
+from drake_rho.planning.scp.timed import Timed
 from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.records import Grid, Scenario
 from drake_rho.scenario.waypoints import AllWaypoints

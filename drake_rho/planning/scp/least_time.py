@@ -10,42 +10,31 @@ around a motion that meets every constraint, its solution does so as well and ta
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
-from drake_rho.motion.costs import cost_of
 from drake_rho.motion.dynamics import Motion, roll_out
-from drake_rho.motion.plan import Plan
 from drake_rho.motion.statistics import Statistics
 from drake_rho.planning.call.progress import Progress, tell
 from drake_rho.planning.call.time_limit import check_time
 from drake_rho.planning.constraints.base import Constraint, HalfSpaces
-from drake_rho.planning.constraints.boxes import KeepInBox
-from drake_rho.planning.constraints.convex_sets import KeepInSets
-from drake_rho.planning.constraints.coupling import coupled
 from drake_rho.planning.errors import OutOfTimeError, SolverError
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs.backend import Backend
-from drake_rho.planning.programs.free_time import (
-    LITTLE_EFFORT,
-    NO_CHANGE,
-    POWERS,
-    Change,
-    FreeTime,
-    FreeTimePrograms,
-    Passing,
-)
+from drake_rho.planning.programs.free_time import LITTLE_EFFORT, POWERS, FreeTimePrograms
+from drake_rho.planning.programs.free_times import NO_CHANGE, Change, FreeTime
+from drake_rho.planning.scp.timed import Timed
 from drake_rho.scenario.errors import Description, ScenarioError
-from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.parts import Quantity
-from drake_rho.scenario.records import Grid, Scenario
 
 _ROUNDS = 60
 """Largest number of programs around one motion, each with the rows that the last one violated."""
+
+_NEAR = 1e-3
+"""Distance of a motion from a row, as a part of the quantity's scale, up to which it is kept."""
 
 _MOST = 200
 """Largest number of iterations."""
@@ -56,90 +45,6 @@ CONVERGED = 1e-5
 _FIRST, _GROWTH, _SHRINKAGE = 0.1, 2.0, 0.1
 """First trust region, as a part of the final time by which times may change, and the largest and
 the least factor from one to the next."""
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class Timed:
-    """Motion of a scenario in a final time, with the times of its waypoints."""
-
-    scenario: Scenario
-    """scenario without waypoints, in any final time"""
-    step: float
-    """step of the motion [s]"""
-    accelerations: FloatArray
-    """accelerations [m/s²], shape (N, K-1, 3)"""
-    passing: Passing
-    """waypoints with their times"""
-    rows: Sequence[HalfSpaces] = ()
-    """rows of the last program"""
-    reference: Plan | None = None
-    """motion to linearise around, which need not be flown; this one if not given"""
-
-    @cached_property
-    def problem(self) -> Problem:
-        """Problem in the final time of the motion."""
-        return Problem.of(self.scenario.ending_with(self.grid))
-
-    @property
-    def grid(self) -> Grid:
-        """Grid of the motion."""
-        return dataclasses.replace(self.scenario.grid, step=self.step)
-
-    @property
-    def duration(self) -> float:
-        """Final time [s]."""
-        return self.grid.duration
-
-    @property
-    def cost(self) -> float:
-        """Cost of the motion [m²/s⁴], (13)."""
-        return cost_of(self.scenario.fleet, self.accelerations)
-
-    @cached_property
-    def motion(self) -> Motion:
-        """Motion of all vehicles."""
-        return Motion.from_starts(self.scenario.fleet, self.accelerations, self.step)
-
-    def lasting(self, duration: float) -> Timed:
-        """Return the motion in another final time [s], with free waypoints at the same parts."""
-        factor, passing = duration / self.duration, self.passing
-        times = np.where(passing.given, passing.times, factor * passing.times)
-        passing = dataclasses.replace(passing, times=times, least=factor * passing.least)
-        accelerations = self.accelerations / factor**2
-        return Timed(self.scenario, factor * self.step, accelerations, passing)
-
-    def refined(self, scenario: Scenario) -> Timed:
-        """Return the same motion on a grid with a multiple of its steps.
-
-        Args:
-            scenario: the scenario on such a grid.
-        """
-        ratio = (scenario.grid.knots - 1) // self.accelerations.shape[1]
-        accelerations = np.repeat(self.accelerations, ratio, axis=1)
-        passing = dataclasses.replace(self.passing, least=self.passing.least / ratio)
-        return Timed(scenario, self.step / ratio, accelerations, passing)
-
-    def linearised(self) -> list[Constraint]:
-        """Return the constraints around the motion that programs impose by rows when violated."""
-        reference = self.reference or Plan.from_motion(self.problem.scenario, self.motion)
-        return [
-            each
-            for each in self.problem.linearized(reference, coupled)
-            if not isinstance(each, KeepInSets)
-            and (not isinstance(each, KeepInBox) or each.quantity == "position")
-        ]
-
-    def after(self, found: FreeTime, rows: Sequence[HalfSpaces]) -> Timed:
-        """Return the motion that a program around this one has found, in its own time."""
-        root, passing = float(np.sqrt(found.factor)), self.passing
-        times = np.where(passing.given, passing.times, (passing.times + found.changes) * root)
-        passing = dataclasses.replace(passing, times=times, least=passing.least * root)
-        later = [dataclasses.replace(each, times=each.times * root) for each in rows]
-        accelerations = found.accelerations / found.factor
-        after = Timed(self.scenario, self.step * root, accelerations, passing, later)
-        goals = after.problem.effort.goals
-        exact = goals.met_by(accelerations, np.arange(len(accelerations)))
-        return dataclasses.replace(after, accelerations=exact)
 
 
 class _Iteration(NamedTuple):
@@ -270,17 +175,22 @@ class LeastTime:
         """Return the motion in least time around another; None if there is none.
 
         Rows are added until none is violated, at the knots first and then between them.
+
+        Raises:
+            ScenarioError: nothing bounds the time.
+            SolverError: the solvers fail numerically.
         """
         problem, passing, constraints = timed.problem, timed.passing, timed.linearised()
         weight = LITTLE_EFFORT if self._final_time else 1.0
         programs = FreeTimePrograms(problem, self._backend, weight)
-        every = np.arange(len(problem))
         if self._final_time and not programs.bound_time:
             given = Description("no limit of velocities, accelerations or jerks")
             raise ScenarioError("limits", given, "one, without which the least time is zero")
         known = {each.key: each for each in constraints}
         rows = {
-            each.constraint.key: known[each.constraint.key].renewed(each) for each in timed.rows
+            key: known[key].renewed(each)
+            for each in timed.rows
+            if (key := each.constraint.key) in known
         }
         velocities = timed.motion.each_at("velocity", passing.vehicles, passing.times)
         for _ in range(_ROUNDS):
@@ -289,19 +199,7 @@ class LeastTime:
             if found is None:
                 self.statistics += Statistics(programs=1)
                 return None
-            motions = {each: in_its_time(found, problem, each) for each in POWERS}
-            more = list[HalfSpaces]()
-            for between in (False, True):
-                if not more:
-                    more = [
-                        violated
-                        for each in constraints
-                        if not between or each.searches > 0
-                        for violated in [
-                            each.violated_rows(motions[each.quantity], every, between=between)
-                        ]
-                        if len(violated) > 0
-                    ]
+            more = violated_rows(constraints, found, problem)
             self.statistics += Statistics(
                 programs=1,
                 rows=sum(map(len, more)),
@@ -309,11 +207,45 @@ class LeastTime:
                 solver_seconds=found.seconds,
             )
             if not more:
-                return timed.after(found, list(rows.values()))
+                return timed.after(found, near_rows(rows.values(), found, problem))
             for each in more:
                 key = each.constraint.key
                 rows[key] = rows[key].union(each) if key in rows else each
         raise SolverError(f"rows were still violated after {_ROUNDS} rounds")
+
+
+def violated_rows(
+    constraints: Sequence[Constraint], found: FreeTime, problem: Problem
+) -> list[HalfSpaces]:
+    """Return the rows that a solution violates at the knots, or else those between them.
+
+    Args:
+        constraints: constraints around the reference.
+        found: solution of the program.
+        problem: problem of the program.
+    """
+    motions = {each: in_its_time(found, problem, each) for each in POWERS}
+    every = np.arange(len(problem))
+    for between in (False, True):
+        rows = [
+            each.violated_rows(motions[each.quantity], every, between=between)
+            for each in constraints
+            if not between or each.searches > 0
+        ]
+        if more := [each for each in rows if len(each) > 0]:
+            return more
+    return []
+
+
+def near_rows(rows: Iterable[HalfSpaces], found: FreeTime, problem: Problem) -> list[HalfSpaces]:
+    """Return the rows that a solution nearly meets with equality, for the next program."""
+    near = list[HalfSpaces]()
+    for each in rows:
+        quantity = each.constraint.quantity
+        margins = each.margins(in_its_time(found, problem, quantity))
+        scale = problem.scenario.fleet.scale(quantity)[each.vehicles]
+        near.append(each.select(margins < _NEAR * scale))
+    return [each for each in near if len(each) > 0]
 
 
 def in_its_time(found: FreeTime, problem: Problem, quantity: Quantity) -> Motion:

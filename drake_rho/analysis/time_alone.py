@@ -1,0 +1,137 @@
+"""Least time of each vehicle alone, without obstacles, other vehicles and requirements."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from drake_rho.motion.statistics import Statistics
+from drake_rho.planning.call.progress import Progress, tell
+from drake_rho.planning.errors import InfeasibleError, SolverError
+from drake_rho.planning.planners.first_plan import first_plan
+from drake_rho.planning.planners.waypoint_times import GAP, passing_of
+from drake_rho.planning.problem import Problem
+from drake_rho.planning.programs.backend import Backend
+from drake_rho.planning.programs.free_times import Passing
+from drake_rho.planning.scp.least_time import LeastTime
+from drake_rho.planning.scp.timed import Timed
+from drake_rho.scenario.records import Grid, Scenario
+from drake_rho.scenario.waypoints import AllWaypoints
+
+_COARSE, _REFINED = 6, 0.01
+"""Steps of a leg in a first search for the times of waypoints, and the part of the final time by
+which they may change at first in the second."""
+
+
+class TimesAlone:
+    """Search for the least time of each vehicle alone.
+
+    Args:
+        scenario: the scenario, without waypoints.
+        waypoints: the waypoints of all vehicles.
+        backend: solver for the reason why there is no motion.
+        progress: called with the final time after each iteration.
+
+    Attributes:
+        statistics: statistics of all programs.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        waypoints: AllWaypoints,
+        backend: Backend,
+        progress: Progress | None,
+    ) -> None:
+        self._scenario, self._waypoints = scenario, waypoints
+        self._backend, self._progress = backend, progress
+        self.statistics = Statistics()
+
+    def motion(self, *, spare: bool = False) -> Timed:
+        """Return the motions in least time without obstacles, other vehicles and requirements.
+
+        Vehicles that take less time than the slowest one fly slower. Waypoints with given times are
+        left out as well: it is a first guess of times.
+
+        Args:
+            spare: whether those that have time to spare reduce their effort.
+        """
+        tell(self._progress, "looking for the least time of each vehicle alone")
+        free = dataclasses.replace(
+            self._scenario,
+            obstacles=(),
+            separation=None,
+            disturbance=None,
+            requirements=(),
+            smoothing=None,
+        )
+        passing = passing_of(self._waypoints, free, free.grid)
+        if passing.given.any():
+            accelerations = Problem.of(free).effort.motion.accelerations
+            return Timed(free, free.grid.step, accelerations, passing)
+        each = [self._one(free, passing, i) for i in range(len(free.vehicles))]
+        slowest = max(each, key=lambda one: one.duration)
+        scaled = [one.lasting(slowest.duration) for one in each]
+        if spare:
+            scaled = [
+                one if one.duration == before.duration else self._of_less_effort(one)
+                for one, before in zip(scaled, each, strict=True)
+            ]
+        accelerations = np.concatenate([one.accelerations for one in scaled])
+        times = np.concatenate([one.passing.times for one in scaled])
+        passing = dataclasses.replace(passing, times=times, least=GAP * slowest.step)
+        return Timed(free, slowest.step, accelerations, passing)
+
+    def _one(self, free: Scenario, passing: Passing, number: int) -> Timed:
+        """Return the motion of one vehicle in its least time.
+
+        Args:
+            free: scenario without obstacles and other vehicles.
+            passing: waypoints of all vehicles.
+            number: index of the vehicle.
+        """
+        scenario, own = free.of_vehicles([number]), passing.vehicles == number
+        least, grid = LeastTime(Backend(), self._progress), scenario.grid
+        ratio = coarsening(grid.knots - 1, 1 + int(np.count_nonzero(own)))
+        coarse = Grid(grid.step * ratio, (grid.knots - 1) // ratio + 1, grid.start)
+        rough = scenario.ending_with(coarse)
+        accelerations = Problem.of(rough).effort.motion.accelerations
+        found = least.around(Timed(rough, coarse.step, accelerations, passing.of(own)))
+        if found is not None and ratio > 1:
+            found = least.around(found.refined(scenario), reach=_REFINED)
+        self.statistics += least.statistics
+        if found is None:
+            raise no_plan_alone(scenario, self._backend)
+        return found
+
+    def _of_less_effort(self, timed: Timed) -> Timed:
+        """Return the motion of least effort in the same time."""
+        least = LeastTime(Backend(), self._progress, final_time=False)
+        found = least.around(timed) or timed
+        self.statistics += least.statistics
+        return found
+
+
+def coarsening(steps: int, legs: int) -> int:
+    """Return the number of steps that are one in a first search for the times of waypoints.
+
+    A coarse grid gives most of these times in a fraction of the time.
+
+    Args:
+        steps: number of steps.
+        legs: number of legs between start, waypoints and goal.
+    """
+    if legs == 1:
+        return 1
+    fitting = [each for each in range(1, steps + 1) if steps % each == 0]
+    return max(each for each in fitting if each == 1 or steps >= _COARSE * legs * each)
+
+
+def no_plan_alone(scenario: Scenario, backend: Backend) -> Exception:
+    """Return the error for vehicles that have no motion in any time, even without obstacles."""
+    try:
+        first_plan(Problem.of(scenario), backend=backend)
+    except (InfeasibleError, SolverError) as error:
+        return error
+    return SolverError("no motion was found in any time")

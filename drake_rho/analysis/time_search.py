@@ -1,0 +1,266 @@
+"""Search for the plan of least time: first motions, and how each of them gets faster."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Iterable
+from contextlib import suppress
+from functools import partial
+from itertools import islice
+
+import numpy as np
+
+from drake_rho.analysis.time_alone import TimesAlone
+from drake_rho.analysis.trials import Trials, durations
+from drake_rho.motion.plan import Plan
+from drake_rho.planning.call.options import Options
+from drake_rho.planning.call.progress import Progress, tell
+from drake_rho.planning.constraints.tightening import enlarged_by_margins
+from drake_rho.planning.errors import InfeasibleError, SolverError
+from drake_rho.planning.path_search.initial_guesses import paths_on_grids
+from drake_rho.planning.planners.first_plan import FirstPlan, plan_near
+from drake_rho.planning.problem import Problem
+from drake_rho.planning.programs.backend import Backend
+from drake_rho.planning.scp.least_time import LeastTime
+from drake_rho.planning.scp.subproblem import Subproblem
+from drake_rho.planning.scp.timed import Timed
+from drake_rho.scenario.errors import ScenarioError
+from drake_rho.scenario.fields import FloatArray
+from drake_rho.scenario.records import Grid, Scenario
+from drake_rho.scenario.waypoints import AllWaypoints
+
+_LONGER = 1.3, 2.0, 4.0, 8.0
+"""Multiples of the least time without obstacles and other vehicles in which a first plan is sought,
+around which both are linearised."""
+
+_LESS = 0.02, 0.005
+"""Parts by which the time of a local optimum is reduced for another plan near it."""
+
+_SEARCHES = 2
+"""Number of searches for plans in less time than a local optimum."""
+
+_ROUGHLY = 3e-3
+"""Relative fall of the final time at which motions along different paths are compared."""
+
+_SLOWER = 0.0, 1e-8, 1e-7, 1e-6, 1e-5
+"""Parts by which a final time is increased until the motion meets every limit despite rounding."""
+
+_WORTHWHILE = 0.01
+"""Part of the final time that has to be possible to gain for another search."""
+
+
+class TimeSearch:
+    """Search for the plan of least time of one scenario.
+
+    Args:
+        scenario: scenario to plan for.
+        grid: grid of the first motion, with the knots of the plan.
+        backend: solver of first plans.
+        progress: called with descriptions of what is being done.
+        options: bounds of the searches.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        grid: Grid,
+        backend: Backend,
+        progress: Progress | None,
+        options: Options,
+    ) -> None:
+        self._waypoints, self._given = AllWaypoints.of(scenario.vehicles), scenario
+        vehicles = self._waypoints.placed(scenario.vehicles, None)
+        self._scenario = scenario.ending_with(grid, vehicles)
+        self._backend, self._progress, self._options = backend, progress, options
+        self._steady = is_steady(self._scenario) and not self._waypoints.given.any()
+        self._least = LeastTime(Backend(), progress, steady=self._steady)
+
+    def plan(self) -> Plan:
+        """Return the plan of least time."""
+        scenario, options = self._scenario, self._options
+        apart = scenario.separation is not None or Problem.of(scenario).has_links
+        if self._steady and not apart and not scenario.avoided and not scenario.requirements:
+            return self._finished(self._alone(spare=True))
+        alone, count = self._alone(), len(scenario.vehicles)
+        best = None
+        if apart and count > options.max_coupled:
+            best = self._by_bisection(alone, coupled=False)
+        elif self._steady and count == 1:
+            best = self._along_paths(alone)
+        elif changes_with_time(scenario):
+            best = self._by_bisection(alone)
+        if best is None:
+            best = self._shorter(alone.duration, self._from_first_plans(alone))
+        return self._finished(best)
+
+    def _alone(self, *, spare: bool = False) -> Timed:
+        """Return the motions in least time of each vehicle alone, as `TimesAlone.motion` does."""
+        alone = TimesAlone(self._scenario, self._waypoints, self._backend, self._progress)
+        found = alone.motion(spare=spare)
+        self._least.statistics += alone.statistics
+        return found
+
+    def _along_paths(self, alone: Timed) -> Timed | None:
+        """Return the motion in least time of one vehicle near paths around the obstacles."""
+        tell(self._progress, "looking for paths around the obstacles")
+        problem, timed = self._scaled(alone, _LONGER[0] * alone.duration)
+        larger = enlarged_by_margins(problem.scenario, problem.margins)
+        options, found = self._options, [timed]
+        for grid in islice(paths_on_grids(larger, options.max_ways, options.max_memory), 1):
+            found += [dataclasses.replace(timed, reference=each) for each in grid.references]
+        best = self._shortest(partial(self._least.around, each, _ROUGHLY) for each in found)
+        return best and self._shortest([partial(_same, best), partial(self._least.around, best)])
+
+    def _by_bisection(self, alone: Timed, *, coupled: bool = True) -> Timed | None:
+        """Return the motion in least time near the plan that bisection of the final time finds.
+
+        Args:
+            alone: motion with times of waypoints that are to be kept in proportion.
+            coupled: whether one program of all vehicles is solved afterwards.
+        """
+        trials, scenario = Trials(self._backend, self._progress), self._at(alone, 1.0)
+
+        def variant(factor: float) -> Scenario:
+            return self._at(alone, factor)
+
+        duration, _ = durations(scenario, trials, variant)
+        plan = trials.plan
+        if duration is None or plan is None:
+            return None
+        _, timed = self._scaled(alone, plan.scenario.grid.duration)
+        start = dataclasses.replace(timed, accelerations=plan.accelerations)
+        if not coupled:
+            return start
+        return self._shortest([partial(self._least.around, start), partial(_same, start)])
+
+    def _at(self, like: Timed, factor: float) -> Scenario:
+        """Return the scenario with waypoints, in a multiple of the final time of a motion."""
+        return self._scaled(like, factor * like.duration)[0].scenario
+
+    def _from_first_plans(self, alone: Timed) -> Timed:
+        """Return a motion in least time near a first plan in more time."""
+        failure: Exception = SolverError("no motion was found around the first plans")
+        for longer in _LONGER:
+            try:
+                found = self._from_first_plan(alone, longer * alone.duration)
+            except (InfeasibleError, SolverError, ScenarioError) as error:
+                failure = error
+            else:
+                if found is not None:
+                    return found
+        raise failure
+
+    def _shorter(self, low: float, best: Timed) -> Timed:
+        """Return a motion that takes less time than a local optimum, if one is found.
+
+        Plans are sought in a little less time near the motion, and then in much less time anywhere.
+
+        Args:
+            low: time below which there is no motion [s].
+            best: local optimum.
+        """
+        for part in _LESS:
+            near = partial(self._from_near, best, (1.0 - part) * best.duration)
+            best = self._shortest([partial(_same, best), near]) or best
+        for _ in range(_SEARCHES):
+            if best.duration - low <= _WORTHWHILE * best.duration:
+                break
+            middle = (low + best.duration) / 2.0
+            search = partial(self._from_first_plan, best, middle, quick=True)
+            found = self._shortest([partial(_same, best), search]) or best
+            low = low if found.duration < best.duration else middle
+            best = found
+        return best
+
+    def _shortest(self, searches: Iterable[Callable[[], Timed | None]]) -> Timed | None:
+        """Return the shortest result of several searches; None if none has any."""
+        best: Timed | None = None
+        for search in searches:
+            found = None
+            with suppress(InfeasibleError, SolverError, ScenarioError):
+                if best is None:
+                    found = search()
+                else:
+                    with self._least.or_cut():
+                        found = search()
+            if found is not None and (best is None or found.duration < best.duration):
+                best = found
+        return best
+
+    def _scaled(self, like: Timed, duration: float) -> tuple[Problem, Timed]:
+        """Return the problem with all waypoints in another final time, and a motion in that time.
+
+        Args:
+            like: motion with times of waypoints that are to be kept in proportion.
+            duration: final time [s].
+        """
+        scaled = dataclasses.replace(like.lasting(duration), scenario=self._scenario)
+        return Problem.of(self._timed(scaled.grid, scaled.passing.times)), scaled
+
+    def _from_near(self, like: Timed, duration: float) -> Timed | None:
+        """Return a motion in the least time from a plan near another, in a given time [s]."""
+        problem, timed = self._scaled(like, duration)
+        reference = Plan.from_motion(problem.scenario, timed.motion)
+        plan = plan_near(problem, reference, backend=self._backend, progress=self._progress)
+        return self._least.around(dataclasses.replace(timed, accelerations=plan.accelerations))
+
+    def _from_first_plan(
+        self, like: Timed, duration: float, *, quick: bool = False
+    ) -> Timed | None:
+        """Return a motion in the least time from a first plan in a given time; None if none.
+
+        Args:
+            like: motion with times of waypoints that are to be kept in proportion.
+            duration: time of the first plan [s].
+            quick: whether few paths are tried.
+        """
+        problem, timed = self._scaled(like, duration)
+        options = dataclasses.replace(self._options, max_ways=2) if quick else self._options
+        search = FirstPlan(self._backend, self._progress, options)
+        first = search.of(problem) if quick else search.of_any_duration(problem)
+        return self._least.around(dataclasses.replace(timed, accelerations=first.accelerations))
+
+    def _timed(self, grid: Grid, times: FloatArray) -> Scenario:
+        """Return the scenario on a grid, with waypoints at times since the first knot [s], (W,)."""
+        vehicles = self._waypoints.placed(self._given.vehicles, grid.start + times)
+        return self._given.ending_with(grid, vehicles)
+
+    def _finished(self, best: Timed) -> Plan:
+        """Return a motion as a plan.
+
+        Limits that rounding exceeds are met by a motion that is slower by a few roundings.
+        """
+        for slower in _SLOWER if self._steady else _SLOWER[:1]:
+            timed = best.lasting((1.0 + slower) * best.duration)
+            problem = Problem.of(self._timed(timed.grid, timed.passing.times))
+            every = np.arange(len(problem))
+            accelerations = problem.effort.goals.met_by(timed.accelerations, every)
+            scenario, statistics = problem.scenario, self._least.statistics
+            plan = Plan.from_accelerations(scenario, accelerations, statistics)
+            if Subproblem(problem).holds(plan):
+                break
+        return plan
+
+
+def _same(timed: Timed) -> Timed:
+    """Return a motion that is known."""
+    return timed
+
+
+def changes_with_time(scenario: Scenario) -> bool:
+    """Return whether what is required of positions changes with time."""
+    steady = (not each.moves and each.active is None for each in scenario.bodies)
+    whenever = (each.active is None and each.track is None for each in scenario.requirements)
+    return not all(steady) or not all(whenever)
+
+
+def is_steady(scenario: Scenario) -> bool:
+    """Return whether nothing but the motion depends on time, which begins and ends at rest."""
+    fleet = scenario.fleet
+    return (
+        not changes_with_time(scenario)
+        and scenario.disturbance is None
+        and not fleet.start_velocities.any()
+        and not fleet.goal_velocities.any()
+        and all(each.of == "position" for each in scenario.requirements)
+    )

@@ -1,0 +1,254 @@
+"""One program with a free final time while it is written (`free_time.py` has the equations)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+from pydrake.solvers import MathematicalProgram
+from scipy.sparse import (
+    block_diag,
+    bsr_array,
+    csc_array,
+    csc_matrix,
+    diags_array,
+    eye_array,
+    hstack,
+    kron,
+)
+
+from drake_rho.motion.dynamics import Motion
+from drake_rho.planning.constraints.base import HalfSpaces
+from drake_rho.planning.minimum_effort import Changes, MinimumEffort
+from drake_rho.planning.programs.conic import Cones
+from drake_rho.planning.programs.free_times import Change, FreeTime, Passing
+from drake_rho.planning.programs.rows import about
+from drake_rho.planning.programs.solution import Solution
+from drake_rho.planning.programs.sparse import SparseRows, add_goal, scale_of
+from drake_rho.scenario.fields import FloatArray
+from drake_rho.scenario.parts import Quantity
+
+_SLOPES: dict[Quantity, tuple[float, float]] = {
+    "position": (0.0, 0.0),
+    "velocity": (0.0, 1.0),
+    "acceleration": (1.0, 0.0),
+    "jerk": (1.5, 0.0),
+}
+"""Growth of limits with y and with s; that of jerks is linearised at y = 1."""
+
+_BLOCK = 300
+"""Number of variables in a block of the cost, whose Hessian is dense."""
+
+_PART = 1e-6
+"""Part of a time by which it is changed to differentiate bounds."""
+
+
+class FreeTimeProgram:
+    """Program while it is written, with rows matrix @ x - by_time @ (y, s) >= needed.
+
+    Args:
+        effort: the minimum-effort motions, to which solutions are changes.
+        unit: unit of accelerations in the program [m/s²].
+        drift: derivative of these motions by y.
+        limits: rows that have to hold.
+        cones: limits of norms.
+        passing: the waypoints.
+        velocities: velocities of the reference at their times [m/s], shape (W, 3).
+    """
+
+    def __init__(
+        self,
+        effort: MinimumEffort,
+        unit: float,
+        drift: Motion | None,
+        limits: Sequence[HalfSpaces],
+        cones: Sequence[Cones],
+        passing: Passing,
+        velocities: FloatArray,
+    ) -> None:
+        self._effort, self._drift = effort, drift
+        self._cones, self._passing, self._velocities = cones, passing, velocities
+        halves = [*limits, *(each.axes for each in cones)]
+        parts = [*about(effort.motion, halves), passing.axes(effort)]
+        group = np.arange(len(effort.units))
+        changes = Changes(effort.grid, effort.goals.rows, np.full(len(group), unit))
+        sparse = SparseRows(changes, group, parts)
+        self._steps, self._unit = sparse.steps, unit
+        self.program = MathematicalProgram()
+        self._x = self.program.NewContinuousVariables(sparse.columns)
+        self._time = self.program.NewContinuousVariables(2)  # y and s
+        self._changes = self.program.NewContinuousVariables(len(passing))
+        count = 3 * self._steps * len(group)
+        self._weights = np.ones(len(group)) if effort.factors is None else effort.factors**-2
+        self._about = effort.motion.accelerations.reshape(-1) / unit
+        add_goal(self.program, changes, self._x[:count])
+        scales = diags_array(np.repeat(float(self._steps) ** np.arange(3), count)[: len(self._x)])
+        for order, equations in enumerate(sparse.dynamics()):
+            scaled = csc_matrix(equations @ scales) / float(self._steps) ** order
+            self.program.AddLinearEqualityConstraint(scaled, np.zeros(count), self._x)
+        matrix, needed, _, _ = sparse.matrix()
+        by_time = np.concatenate([*map(self._by_time, halves), self._passing_by_time(velocities)])
+        finer = np.concatenate([np.full(len(each), self._finer(each.quantity)) for each in parts])
+        matrix = diags_array(finer) @ matrix @ scales
+        self._matrix = csc_array(hstack([matrix, csc_array(-by_time)], format="csc"))
+        self._needed = needed * finer - by_time.sum(axis=1)
+        ends = np.cumsum([0, *map(len, parts)])
+        self._first = int(ends[len(limits)])
+        self._parts = [slice(*each) for each in pairwise(ends[len(limits) :].tolist())]
+
+    def add_costs(self, effort: float) -> None:
+        """Add the cost: y and the mean of squared accelerations with a weight."""
+        program, (y, s) = self.program, self._time
+        program.AddLinearCost(np.ones(1), 0.0, np.array([y]))
+        u = self._x[: 3 * self._steps * len(self._effort.units)]
+        weights = 2.0 * effort / len(u) * np.repeat(self._weights, 3 * self._steps)
+        for first in range(0, len(u), _BLOCK):
+            own = slice(first, first + _BLOCK)
+            linear = weights[own] * self._about[own]
+            program.AddQuadraticCost(np.diag(weights[own]), linear, u[own], is_convex=True)
+        # norm(s, (y - 1) / 2) <= (y + 1) / 2, which is s² <= y
+        root = np.array([[0.5, 0.0], [0.0, 1.0], [0.5, 0.0]])
+        program.AddLorentzConeConstraint(root, np.array([0.5, 0.0, -0.5]), np.array([y, s]))
+
+    def add_times(self, change: Change) -> None:
+        """Add by how much the final time and the times of free waypoints may change."""
+        passing, program, T = self._passing, self.program, self._effort.grid.duration
+        least, most = change.final
+        ends = np.array([least, np.sqrt(least)]), np.array([most, np.sqrt(most)])
+        program.AddBoundingBoxConstraint(*ends, self._time)
+        if len(passing) == 0:
+            return
+        reach = np.where(passing.given, 0.0, change.waypoints)
+        low = np.maximum(-reach, np.minimum(passing.least - passing.times, 0.0))
+        high = np.minimum(reach, np.maximum(T - passing.least - passing.times, 0.0))
+        program.AddBoundingBoxConstraint(low, high, self._changes)
+        free = ~passing.given
+        later = 1 + np.flatnonzero((np.diff(passing.vehicles) == 0) & free[1:] & free[:-1])
+        if len(later) > 0:
+            both = np.eye(len(reach))[later] - np.eye(len(reach))[later - 1]
+            gaps = passing.times[later] - passing.times[later - 1]
+            above = np.full(len(later), np.inf)
+            program.AddLinearConstraint(
+                both, np.minimum(passing.least - gaps, 0.0), above, self._changes
+            )
+
+    def _unit_of(self, quantity: Quantity) -> float:
+        """Return the unit of a quantity: that of accelerations, integrated over the duration."""
+        grid = self._effort.grid
+        return self._unit * scale_of(quantity, grid.step if quantity == "jerk" else grid.duration)
+
+    def _finer(self, quantity: Quantity) -> float:
+        """Return the unit of a quantity in sparse rows, in that of this program."""
+        own = self._unit * scale_of(quantity, self._effort.grid.step)
+        return own / self._unit_of(quantity)
+
+    def _by_time(self, rows: HalfSpaces) -> FloatArray:
+        """Return by how much bounds rise with y and s, in units of the program, shape (R, 2)."""
+        quantity = rows.constraint.quantity
+        slopes = _SLOPES[quantity]
+        by_time = np.outer(rows.bounds, slopes)
+        if quantity == "velocity":  # a lower bound above zero is linearised in y instead
+            by_time[rows.bounds > 0.0] = np.outer(rows.bounds[rows.bounds > 0.0], [0.5, 0.0])
+        by_time[:, 0] += bound_rates(rows) - self._rise(rows)
+        scaled: FloatArray = by_time / self._unit_of(quantity)
+        return scaled
+
+    def _rise(self, rows: HalfSpaces) -> FloatArray:
+        """Return by how much values rise with y at y = 1 while x is kept, shape (R,)."""
+        drift, quantity = self._drift, rows.constraint.quantity
+        if drift is None:
+            return np.zeros(len(rows))
+        values = drift.each_at(quantity, rows.vehicles, rows.times)
+        if rows.constraint.coupled:
+            values = values - drift.each_at(quantity, rows.partners, rows.times)
+        rise: FloatArray = np.vecdot(rows.normals, values)
+        return rise
+
+    def _passing_by_time(self, velocities: FloatArray) -> FloatArray:
+        """Return the same for the axes of waypoints, shape (3 W, 2).
+
+        A given time t is by t (y - 1) / 2 earlier with the step of the program.
+        """
+        passing, drift = self._passing, self._drift
+        earlier = np.where(passing.given, passing.times, 0.0) / 2.0
+        values = earlier[:, None] * velocities
+        if drift is not None:
+            values = values - drift.each_at("position", passing.vehicles, passing.times)
+        by_y = values.reshape(-1) / self._unit_of("position")
+        return np.stack([by_y, np.zeros(len(by_y))], axis=1)
+
+    @property
+    def _variables(self) -> np.ndarray:
+        return np.concatenate([self._x, self._time])
+
+    def add_limits(self) -> None:
+        """Add the rows that have to hold."""
+        if (first := self._first) > 0:
+            above = np.full(first, np.inf)
+            matrix = csc_matrix(self._matrix[:first])
+            self.program.AddLinearConstraint(matrix, self._needed[:first], above, self._variables)
+
+    def add_cones(self, number: int) -> None:
+        """Add the limits of a norm, norm(B z) <= a · z + c, with c as many times as y or s says."""
+        cones, own = self._cones[number], self._parts[number]
+        quantity, count = cones.constraint.quantity, len(cones)
+        unit = self._unit_of(quantity)
+        each = np.arange(count + 1)
+        transform = bsr_array((cones.matrices, each[:-1], each))  # block-diagonal
+        offsets = np.zeros((count, 4))
+        offsets[:, 0] = cones.constants / unit
+        grown = np.outer(offsets.reshape(-1), _SLOPES[quantity])
+        matrix = transform @ self._matrix[own]
+        matrix = matrix + csc_array(hstack([csc_array((4 * count, len(self._x))), grown]))
+        constant = offsets.reshape(-1) - grown.sum(axis=1) - transform @ self._needed[own]
+        self._add_lorentz(matrix, constant, self._variables)
+
+    def add_passing(self) -> None:
+        """Add that vehicles pass the waypoints."""
+        passing, program, d = self._passing, self.program, self._changes
+        unit = self._unit_of("position")
+        moves = block_diag([each[:, None] / unit for each in self._velocities], format="csc")
+        matrix = csc_array(hstack([self._matrix[self._parts[-1]], moves], format="csc"))
+        needed, variables = self._needed[self._parts[-1]], np.concatenate([self._variables, d])
+        exact = passing.within == 0.0
+        axes = np.repeat(exact, 3)
+        if exact.any():
+            program.AddLinearEqualityConstraint(csc_matrix(matrix[axes]), needed[axes], variables)
+        if not exact.all():
+            count = int(np.count_nonzero(~exact))
+            shifted = kron(eye_array(count), np.eye(4, 3, -1)).tocsc()
+            constant = -(shifted @ needed[~axes])
+            constant[::4] = passing.within[~exact] / unit
+            self._add_lorentz(csc_array(shifted @ matrix[~axes]), constant, variables)
+
+    def _add_lorentz(self, matrix: csc_array, constant: FloatArray, variables: np.ndarray) -> None:
+        """Add that each four values of matrix @ variables + constant are in a cone."""
+        values = self.program.NewContinuousVariables(len(constant) // 4, 4)
+        equations = csc_matrix(hstack([matrix, -eye_array(values.size)], format="csc"))
+        every = np.concatenate([variables, values.reshape(-1)])
+        self.program.AddLinearEqualityConstraint(equations, -constant, every)
+        identity, zero = np.eye(4), np.zeros(4)
+        for value in values:
+            self.program.AddLorentzConeConstraint(identity, zero, value)
+
+    def found(self, solution: Solution) -> FreeTime:
+        """Return a solution of the program."""
+        effort, x = self._effort, solution.x
+        columns, count = len(self._x), len(effort.units)
+        y = float(x[columns])
+        u = x[: 3 * self._steps * count].reshape(count, self._steps, 3)
+        accelerations = effort.motion.accelerations + self._unit * u
+        if self._drift is not None:
+            accelerations = accelerations + (y - 1.0) * self._drift.accelerations
+        changes = x[columns + 2 : columns + 2 + len(self._passing)]
+        return FreeTime(accelerations, y, changes, solution.solver, solution.seconds)
+
+
+def bound_rates(rows: HalfSpaces) -> FloatArray:
+    """Return by how much bounds rise with y at y = 1 as obstacles and tracks move on, (R,)."""
+    constraint, times = rows.constraint, rows.times
+    later = constraint.bounds_at(rows, times * (1.0 + _PART))
+    earlier = constraint.bounds_at(rows, times * (1.0 - _PART))
+    rates: FloatArray = (later - earlier) / (4.0 * _PART)  # t grows with the root of y
+    return rates

@@ -1,0 +1,90 @@
+"""Times that a program may change, and what it finds."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import NamedTuple
+
+import numpy as np
+
+from drake_rho.planning.minimum_effort import MinimumEffort
+from drake_rho.planning.programs.rows import Rows
+from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
+
+_SLOWEST = 1e6
+"""Largest factor y of one program."""
+
+
+class Change(NamedTuple):
+    """By how much a program may change times."""
+
+    final: tuple[float, float] = (0.0, _SLOWEST)
+    """least and largest y"""
+    waypoints: float = 0.0
+    """largest change of the time of a free waypoint [s]"""
+
+
+NO_CHANGE = Change((1.0, 1.0))
+"""No change, so that only the effort is minimised."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Passing:
+    """Waypoints that vehicles pass, at given times or at times that are found."""
+
+    vehicles: IntArray
+    """index of the vehicle of each waypoint, in increasing order, shape (W,)"""
+    times: FloatArray
+    """times since the first knot around which a program is linearised [s], shape (W,)"""
+    positions: FloatArray
+    """positions [m], shape (W, 3)"""
+    within: FloatArray
+    """largest distances from these, less margins [m], shape (W,)"""
+    given: BoolArray
+    """mask of the waypoints whose times are given, and do not change with the step, shape (W,)"""
+    least: float
+    """least time between two waypoints of a vehicle, and from its start and goal [s]"""
+
+    def __len__(self) -> int:
+        """Return the number of waypoints, W."""
+        return len(self.vehicles)
+
+    def of(self, mask: BoolArray) -> Passing:
+        """Return the waypoints of one vehicle, whose index is 0 then.
+
+        Args:
+            mask: mask of its waypoints, shape (W,).
+        """
+        return Passing(
+            np.zeros(np.count_nonzero(mask), dtype=int),
+            self.times[mask],
+            self.positions[mask],
+            self.within[mask],
+            self.given[mask],
+            self.least,
+        )
+
+    def axes(self, effort: MinimumEffort) -> Rows:
+        """Return rows with the positions less the waypoints, three for each, as their values."""
+        who, times = np.repeat(self.vehicles, 3), np.repeat(self.times, 3)
+        normals = np.tile(np.eye(3), (len(self), 1))
+        at = effort.motion.each_at("position", self.vehicles, self.times)
+        needed = (self.positions - at).reshape(-1)
+        none = np.zeros(len(who), dtype=int)
+        return Rows("position", np.inf, False, who, who, times, normals, needed, none)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class FreeTime:
+    """Solution of a program with a free final time."""
+
+    accelerations: FloatArray
+    """accelerations of the motion with the step of the program [m/s²], shape (N, K-1, 3)"""
+    factor: float
+    """y, the square of the final time over that of the program"""
+    changes: FloatArray
+    """changes of the times of the free waypoints, with the step of the program [s], shape (W,)"""
+    solver: str
+    """name of the solver"""
+    seconds: float
+    """time reported by the solver [s]"""

@@ -1,0 +1,102 @@
+"""Motion in a final time that may change, with the times of its waypoints: `Timed`."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from functools import cached_property
+
+import numpy as np
+
+from drake_rho.motion.costs import cost_of
+from drake_rho.motion.dynamics import Motion
+from drake_rho.motion.plan import Plan
+from drake_rho.planning.constraints.base import Constraint, HalfSpaces
+from drake_rho.planning.constraints.boxes import KeepInBox
+from drake_rho.planning.constraints.convex_sets import KeepInSets
+from drake_rho.planning.constraints.coupling import coupled
+from drake_rho.planning.problem import Problem
+from drake_rho.planning.programs.free_times import FreeTime, Passing
+from drake_rho.scenario.fields import FloatArray
+from drake_rho.scenario.records import Grid, Scenario
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Timed:
+    """Motion of a scenario in a final time, with the times of its waypoints."""
+
+    scenario: Scenario
+    """scenario without waypoints, in any final time"""
+    step: float
+    """step of the motion [s]"""
+    accelerations: FloatArray
+    """accelerations [m/s²], shape (N, K-1, 3)"""
+    passing: Passing
+    """waypoints with their times"""
+    rows: Sequence[HalfSpaces] = ()
+    """rows of the last program"""
+    reference: Plan | None = None
+    """motion to linearise around, which need not be flown; this one if not given"""
+
+    @cached_property
+    def problem(self) -> Problem:
+        """Problem in the final time of the motion."""
+        return Problem.of(self.scenario.ending_with(self.grid))
+
+    @property
+    def grid(self) -> Grid:
+        """Grid of the motion."""
+        return dataclasses.replace(self.scenario.grid, step=self.step)
+
+    @property
+    def duration(self) -> float:
+        """Final time [s]."""
+        return self.grid.duration
+
+    @property
+    def cost(self) -> float:
+        """Cost of the motion [m²/s⁴], (13)."""
+        return cost_of(self.scenario.fleet, self.accelerations)
+
+    @cached_property
+    def motion(self) -> Motion:
+        """Motion of all vehicles."""
+        return Motion.from_starts(self.scenario.fleet, self.accelerations, self.step)
+
+    def lasting(self, duration: float) -> Timed:
+        """Return the motion in another final time [s], with free waypoints at the same parts."""
+        factor, passing = duration / self.duration, self.passing
+        times = np.where(passing.given, passing.times, factor * passing.times)
+        passing = dataclasses.replace(passing, times=times, least=factor * passing.least)
+        accelerations = self.accelerations / factor**2
+        return Timed(self.scenario, factor * self.step, accelerations, passing)
+
+    def refined(self, scenario: Scenario) -> Timed:
+        """Return the same motion on a grid with a multiple of its steps.
+
+        Args:
+            scenario: the scenario on such a grid.
+        """
+        ratio = (scenario.grid.knots - 1) // self.accelerations.shape[1]
+        accelerations = np.repeat(self.accelerations, ratio, axis=1)
+        passing = dataclasses.replace(self.passing, least=self.passing.least / ratio)
+        return Timed(scenario, self.step / ratio, accelerations, passing)
+
+    def linearised(self) -> list[Constraint]:
+        """Return the constraints around the motion that programs impose by rows when violated."""
+        reference = self.reference or Plan.from_motion(self.problem.scenario, self.motion)
+        return [
+            each
+            for each in self.problem.linearized(reference, coupled)
+            if not isinstance(each, KeepInSets)
+            and (not isinstance(each, KeepInBox) or each.quantity == "position")
+        ]
+
+    def after(self, found: FreeTime, rows: Sequence[HalfSpaces]) -> Timed:
+        """Return the motion that a program around this one has found, in its own time."""
+        root, passing = float(np.sqrt(found.factor)), self.passing
+        times = np.where(passing.given, passing.times, (passing.times + found.changes) * root)
+        passing = dataclasses.replace(passing, times=times, least=passing.least * root)
+        later = [dataclasses.replace(each, times=each.times * root) for each in rows]
+        accelerations = found.accelerations / found.factor
+        return Timed(self.scenario, self.step * root, accelerations, passing, later)
