@@ -33,6 +33,7 @@ Captured = pytest.CaptureFixture[str]
 ASKED: dict[str, tuple[list[str], type[Document]]] = {
     "plan": (["plan", "paper", "-o", "kept.npz"], result_documents.Verified),
     "fly": (["fly", "paper"], result_documents.Verified),
+    "fastest": (["fastest", "courier"], result_documents.Verified),
     "simulate": (["simulate", "courier", "--wind", "noise"], result_documents.Verified),
     "assign": (["assign", "paper_assembly", "-o", "kept.yaml"], documents.Assigned),
     "verify": (["verify", "plan.npz"], result_documents.Verified),

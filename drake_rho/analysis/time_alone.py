@@ -81,7 +81,8 @@ class TimesAlone:
         accelerations = np.concatenate([one.accelerations for one in scaled])
         times = np.concatenate([one.passing.times for one in scaled])
         passing = dataclasses.replace(passing, times=times, least=GAP * slowest.step)
-        return Timed(free, slowest.step, accelerations, passing)
+        converged = all(one.converged for one in each)
+        return Timed(free, slowest.step, accelerations, passing, converged=converged)
 
     def _one(self, free: Scenario, passing: Passing, number: int) -> Timed:
         """Return the motion of one vehicle in its least time.

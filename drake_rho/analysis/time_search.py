@@ -235,7 +235,8 @@ class TimeSearch:
             problem = Problem.of(self._timed(timed.grid, timed.passing.times))
             every = np.arange(len(problem))
             accelerations = problem.effort.goals.met_by(timed.accelerations, every)
-            scenario, statistics = problem.scenario, self._least.statistics
+            scenario = problem.scenario
+            statistics = dataclasses.replace(self._least.statistics, converged=best.converged)
             plan = Plan.from_accelerations(scenario, accelerations, statistics)
             if Subproblem(problem).holds(plan):
                 break

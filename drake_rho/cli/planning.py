@@ -103,7 +103,7 @@ def fastest(
     file_format: FormatOption = None,
     width: WidthOption = None,
 ) -> int:
-    """Plan a scenario in the least time, whatever its step, and verify the plan."""
+    """Plan a scenario in the least time and verify the plan."""
     drawing = requested_drawing(figures, file_format, width)
     check_outputs(output, drawing)
     options = Options(max_memory=max_memory, time_limit=time_limit)

@@ -117,8 +117,7 @@ class LeastTime:
                     # the fall is about predicted · x - error · x² for x times the change
                     x = predicted / (2.0 * max(predicted - fall, predicted / 4.0))
                     reach = moved * float(np.clip(x, _SHRINKAGE, _GROWTH))
-        self.statistics = dataclasses.replace(self.statistics, converged=converged)
-        return best
+        return dataclasses.replace(best, converged=converged)
 
     @contextmanager
     def or_cut(self) -> Iterator[None]:
@@ -180,7 +179,11 @@ class LeastTime:
             ScenarioError: nothing bounds the time.
             SolverError: the solvers fail numerically.
         """
-        problem, passing, constraints = timed.problem, timed.passing, timed.linearised()
+        problem, constraints = timed.problem, timed.linearised()
+        radii = problem.margins.steps.position_radius(timed.passing.times)
+        passing = dataclasses.replace(timed.passing, within=timed.passing.within - radii)
+        if np.any(passing.within < 0.0):  # the errors of a disturbance are larger
+            return None
         weight = LITTLE_EFFORT if self._final_time else 1.0
         programs = FreeTimePrograms(problem, self._backend, weight)
         if self._final_time and not programs.bound_time:

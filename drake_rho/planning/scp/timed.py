@@ -37,6 +37,8 @@ class Timed:
     """rows of the last program"""
     reference: Plan | None = None
     """motion to linearise around, which need not be flown; this one if not given"""
+    converged: bool = False
+    """whether a search for the least time has ended here by itself"""
 
     @cached_property
     def problem(self) -> Problem:
