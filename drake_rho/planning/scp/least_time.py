@@ -102,7 +102,7 @@ class LeastTime:
             return None
         moves = not self._steady or len(best.passing) > 0
         converged = False
-        with suppress(SolverError), self.or_cut():
+        with self.or_cut():
             for _ in range(_MOST):
                 tell(self._progress, self._described(best))
                 after, predicted, moved = (
@@ -117,6 +117,8 @@ class LeastTime:
                     # the fall is about predicted · x - error · x² for x times the change
                     x = predicted / (2.0 * max(predicted - fall, predicted / 4.0))
                     reach = moved * float(np.clip(x, _SHRINKAGE, _GROWTH))
+                    if converged := reach <= tolerance:
+                        break
         return dataclasses.replace(best, converged=converged)
 
     @contextmanager
@@ -129,7 +131,7 @@ class LeastTime:
 
     def _again(self, best: Timed) -> _Iteration:
         """Return the motion in least time around the best one."""
-        return _Iteration(self._with_same_times(best), 0.0, 0.0)
+        return _Iteration(self._tried(best, self._same_times), 0.0, 0.0)
 
     def _with_moved_times(self, best: Timed, reach: float) -> _Iteration:
         """Return a motion with other times of waypoints, and another final time.
@@ -141,19 +143,25 @@ class LeastTime:
         final = ((1.0 - reach) ** 2, (1.0 + reach) ** 2)
         if self._steady or not self._final_time:
             final = self._same_times.final
-        guess = self._solve(best, Change(final, reach * best.duration))
+        guess = self._tried(best, Change(final, reach * best.duration))
         if guess is None:
             return _Iteration(None, 1.0, reach)
         scale = guess.duration / best.duration
         changes = np.abs(guess.passing.times / scale - best.passing.times)[~best.passing.given]
         moved = max(changes.max(initial=0.0) / best.duration, 0.0 if self._steady else 1.0 - scale)
         predicted = self._fall(best, guess)
-        after = self._with_same_times(guess) if predicted > CONVERGED else None
+        after = self._tried(guess, self._same_times) if predicted > CONVERGED else None
         return _Iteration(after, predicted, moved)
 
     def _with_same_times(self, timed: Timed) -> Timed | None:
         """Return a motion around another that passes waypoints at the same parts of the time."""
         return self._solve(timed, self._same_times)
+
+    def _tried(self, timed: Timed, change: Change) -> Timed | None:
+        """Return the motion in least time around another; None also if solvers fail."""
+        with suppress(SolverError):
+            return self._solve(timed, change)
+        return None
 
     @property
     def _same_times(self) -> Change:
