@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 from drake_rho.analysis.time_search import TimeSearch
 from drake_rho.motion.plan import Plan
 from drake_rho.planning.call.options import DEFAULTS, Options
@@ -12,6 +14,9 @@ from drake_rho.planning.programs.backend import Backend, Solver, SolverName
 from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.records import Grid, Scenario
 from drake_rho.system.threads import single_threaded_blas
+
+Arrival = Literal["together", "each"]
+"""How vehicles arrive."""
 
 
 @checked
@@ -38,6 +43,7 @@ def plan_minimum_time(
     scenario: Scenario,
     *,
     knots: int | None = None,
+    arrival: Arrival = "together",
     solver: Solver | SolverName | None = None,
     progress: Progress | None = None,
     options: Options | None = None,
@@ -45,7 +51,7 @@ def plan_minimum_time(
     """Return a plan of the least time in which all vehicles reach their goals.
 
     The final time is free, and so is the time of every waypoint without one; a vehicle passes these
-    in their order. All vehicles arrive together. From rest to rest without obstacles, separation
+    in their order. From rest to rest without obstacles, separation
     and free waypoints the program is convex, and no plan on as many knots takes less time. With
     these it is linearised anew until the time has converged: the least time near the motions from
     which the search begins.
@@ -53,6 +59,8 @@ def plan_minimum_time(
     Args:
         scenario: scenario to plan for. Its step is a first guess of the answer's.
         knots: number of knots of the plan; the scenario's if not given.
+        arrival: "together", all at the last knot; or "each", every vehicle at the earliest knot
+            found, after which it stays at its goal. The last arrival is the same.
         solver: solver of the first plans, as for `plan`. Programs with a free final time are
             solved by Clarabel.
         progress: called with a short description of the current step, as after each iteration.
@@ -90,5 +98,6 @@ def plan_minimum_time(
     grid = scenario.grid
     if knots is not None:
         grid = Grid(grid.duration / max(knots - 1, 1), knots, grid.start)
-    search = TimeSearch(scenario, grid, Backend.of(solver), progress, options or DEFAULTS)
+    each, backend = arrival == "each", Backend.of(solver)
+    search = TimeSearch(scenario, grid, backend, progress, options or DEFAULTS, each=each)
     return search.plan()

@@ -14,7 +14,7 @@ from drake_rho.planning.planners.waypoint_times import GAP, passing_of
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs.backend import Backend
 from drake_rho.planning.programs.free_times import Passing
-from drake_rho.planning.scp.least_time import LeastTime
+from drake_rho.planning.scp.least_time import CONVERGED, ROUGH, LeastTime
 from drake_rho.planning.scp.timed import Timed
 from drake_rho.scenario.records import Grid, Scenario
 from drake_rho.scenario.waypoints import AllWaypoints
@@ -22,6 +22,9 @@ from drake_rho.scenario.waypoints import AllWaypoints
 _COARSE, _REFINED = 6, 0.01
 """Steps of a leg in a first search for the times of waypoints, and the part of the final time by
 which they may change at first in the second."""
+
+_ROUGHLY = 1e-3
+"""Relative fall of the final time that ends the first search."""
 
 
 class TimesAlone:
@@ -35,6 +38,7 @@ class TimesAlone:
 
     Attributes:
         statistics: statistics of all programs.
+        durations: least time of each vehicle [s], 0 if it is not known, shape (N,).
     """
 
     def __init__(
@@ -47,6 +51,7 @@ class TimesAlone:
         self._scenario, self._waypoints = scenario, waypoints
         self._backend, self._progress = backend, progress
         self.statistics = Statistics()
+        self.durations = np.zeros(len(scenario.vehicles))
 
     def motion(self, *, spare: bool = False) -> Timed:
         """Return the motions in least time without obstacles, other vehicles and requirements.
@@ -71,6 +76,7 @@ class TimesAlone:
             accelerations = Problem.of(free).effort.motion.accelerations
             return Timed(free, free.grid.step, accelerations, passing)
         each = [self._one(free, passing, i) for i in range(len(free.vehicles))]
+        self.durations = np.array([one.duration for one in each])
         slowest = max(each, key=lambda one: one.duration)
         scaled = [one.lasting(slowest.duration) for one in each]
         if spare:
@@ -93,12 +99,13 @@ class TimesAlone:
             number: index of the vehicle.
         """
         scenario, own = free.of_vehicles([number]), passing.vehicles == number
-        least, grid = LeastTime(Backend(), self._progress), scenario.grid
+        least, grid = LeastTime(ROUGH, self._progress), scenario.grid
         ratio = coarsening(grid.knots - 1, 1 + int(np.count_nonzero(own)))
         coarse = Grid(grid.step * ratio, (grid.knots - 1) // ratio + 1, grid.start)
         rough = scenario.ending_with(coarse)
         accelerations = Problem.of(rough).effort.motion.accelerations
-        found = least.around(Timed(rough, coarse.step, accelerations, passing.of(own)))
+        start = Timed(rough, coarse.step, accelerations, passing.of(own))
+        found = least.around(start, _ROUGHLY if ratio > 1 else CONVERGED)
         if found is not None and ratio > 1:
             found = least.around(found.refined(scenario), reach=_REFINED)
         self.statistics += least.statistics
@@ -108,7 +115,7 @@ class TimesAlone:
 
     def _of_less_effort(self, timed: Timed) -> Timed:
         """Return the motion of least effort in the same time."""
-        least = LeastTime(Backend(), self._progress, final_time=False)
+        least = LeastTime(ROUGH, self._progress, final_time=False)
         found = least.around(timed) or timed
         self.statistics += least.statistics
         return found

@@ -10,6 +10,7 @@ from itertools import islice
 
 import numpy as np
 
+from drake_rho.analysis.early_arrivals import as_soon_as_each_can
 from drake_rho.analysis.time_alone import TimesAlone
 from drake_rho.analysis.trials import Trials, durations
 from drake_rho.motion.plan import Plan
@@ -21,7 +22,7 @@ from drake_rho.planning.path_search.initial_guesses import paths_on_grids
 from drake_rho.planning.planners.first_plan import FirstPlan, plan_near
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs.backend import Backend
-from drake_rho.planning.scp.least_time import LeastTime
+from drake_rho.planning.scp.least_time import ROUGH, LeastTime
 from drake_rho.planning.scp.subproblem import Subproblem
 from drake_rho.planning.scp.timed import Timed
 from drake_rho.scenario.errors import ScenarioError
@@ -58,6 +59,7 @@ class TimeSearch:
         backend: solver of first plans.
         progress: called with descriptions of what is being done.
         options: bounds of the searches.
+        each: whether vehicles arrive one by one, as soon as each can.
     """
 
     def __init__(
@@ -67,21 +69,42 @@ class TimeSearch:
         backend: Backend,
         progress: Progress | None,
         options: Options,
+        *,
+        each: bool = False,
     ) -> None:
+        self._each = each
         self._waypoints, self._given = AllWaypoints.of(scenario.vehicles), scenario
         vehicles = self._waypoints.placed(scenario.vehicles, None)
         self._scenario = scenario.ending_with(grid, vehicles)
         self._backend, self._progress, self._options = backend, progress, options
         self._steady = is_steady(self._scenario) and not self._waypoints.given.any()
-        self._least = LeastTime(Backend(), progress, steady=self._steady)
+        self._least = LeastTime(ROUGH, progress, steady=self._steady)
 
     def plan(self) -> Plan:
         """Return the plan of least time."""
-        scenario, options = self._scenario, self._options
+        scenario = self._scenario
         apart = scenario.separation is not None or Problem.of(scenario).has_links
-        if self._steady and not apart and not scenario.avoided and not scenario.requirements:
-            return self._finished(self._alone(spare=True))
-        alone, count = self._alone(), len(scenario.vehicles)
+        bound = apart or scenario.avoided or scenario.requirements
+        alone = TimesAlone(scenario, self._waypoints, self._backend, self._progress)
+        free = self._steady and not bound
+        best = alone.motion(spare=free and not self._each)
+        self._least.statistics += alone.statistics
+        if not free:
+            best = self._together(best, apart)
+        if self._each:
+            least = LeastTime(ROUGH, self._progress, final_time=False)
+            best = as_soon_as_each_can(best, alone.durations, least, self._progress)
+            self._least.statistics += least.statistics
+        return self._finished(best)
+
+    def _together(self, alone: Timed, apart: bool) -> Timed:
+        """Return the motion in the least time in which all arrive.
+
+        Args:
+            alone: motion of each vehicle alone.
+            apart: whether vehicles have to keep a distance or a link.
+        """
+        scenario, options, count = self._scenario, self._options, len(self._scenario.vehicles)
         best = None
         if apart and count > options.max_coupled:
             best = self._by_bisection(alone, coupled=False)
@@ -91,14 +114,7 @@ class TimeSearch:
             best = self._by_bisection(alone)
         if best is None:
             best = self._shorter(alone.duration, self._from_first_plans(alone))
-        return self._finished(best)
-
-    def _alone(self, *, spare: bool = False) -> Timed:
-        """Return the motions in least time of each vehicle alone, as `TimesAlone.motion` does."""
-        alone = TimesAlone(self._scenario, self._waypoints, self._backend, self._progress)
-        found = alone.motion(spare=spare)
-        self._least.statistics += alone.statistics
-        return found
+        return best
 
     def _along_paths(self, alone: Timed) -> Timed | None:
         """Return the motion in least time of one vehicle near paths around the obstacles."""

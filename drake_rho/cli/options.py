@@ -32,6 +32,13 @@ class Solver(StrEnum):
     DAQP = "daqp"
 
 
+class Arrival(StrEnum):
+    """Arrivals of several vehicles."""
+
+    TOGETHER = "together"
+    EACH = "each"
+
+
 class Reference(StrEnum):
     """References of a window, by their names on the command line."""
 

@@ -15,6 +15,7 @@ from drake_rho.cli.console import Work, answer, stopping_early, tell, working
 from drake_rho.cli.documents import Assigned
 from drake_rho.cli.options import (
     REFERENCES,
+    Arrival,
     DurationOption,
     FiguresOption,
     FormatOption,
@@ -93,6 +94,10 @@ def fastest(
         int | None,
         typer.Option(min=2, max=100_000, help="Number of knots; by default the scenario's."),
     ] = None,
+    arrival: Annotated[
+        Arrival,
+        typer.Option(help="Whether all vehicles arrive together or each as soon as it can."),
+    ] = Arrival.TOGETHER,
     solver: SolverOption = Solver.CLARABEL,
     max_memory: MaxMemoryOption = DEFAULTS.max_memory,
     time_limit: TimeLimitOption = None,
@@ -110,7 +115,12 @@ def fastest(
     problem = read(scenario, duration, step, world)
     with working("looking for the least time") as work, stopping_early():
         planned = plan_minimum_time(
-            problem, knots=knots, solver=SOLVERS[solver](), progress=work, options=options
+            problem,
+            knots=knots,
+            arrival=arrival.value,
+            solver=SOLVERS[solver](),
+            progress=work,
+            options=options,
         )
     return finish(planned, output, drawing)
 

@@ -19,6 +19,7 @@ from drake_rho.scenario.described import Described, ShownInNotebooks
 from drake_rho.scenario.fields import FloatArray, IntArray, read_only, unchecked
 from drake_rho.scenario.parts import Quantity
 from drake_rho.scenario.records import Scenario
+from drake_rho.scenario.shapes.base import TOLERANCE
 
 if TYPE_CHECKING:
     from pydrake.trajectories import PiecewisePolynomial
@@ -110,6 +111,19 @@ class Plan(ShownInNotebooks, metaclass=Described):
         """Return the plan with its reference, of which only the motion is stored."""
         motion = unchecked(reference, reference=None, statistics=Statistics())
         return unchecked(self, reference=motion)
+
+    @property
+    def arrivals(self) -> FloatArray:
+        """Times from which vehicles stay at their goals [s], shape (N,); NaN where one is missed.
+
+        A vehicle that moves at its goal arrives at the last knot.
+        """
+        fleet, grid = self.scenario.fleet, self.scenario.grid
+        away = np.linalg.norm(self.positions - fleet.goal_positions[:, None], axis=2)
+        there = away <= TOLERANCE * fleet.lengths[:, None]
+        stays = np.logical_and.accumulate(there[:, ::-1], axis=1)[:, ::-1]
+        first = np.argmax(stays, axis=1)
+        return np.where(stays[:, -1], grid.times[first], np.nan)
 
     @property
     def kind(self) -> Literal["plan"]:

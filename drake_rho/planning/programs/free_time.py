@@ -28,7 +28,7 @@ from drake_rho.planning.programs.conic import Cones
 from drake_rho.planning.programs.free_time_program import FreeTimeProgram
 from drake_rho.planning.programs.free_times import Change, FreeTime, Passing
 from drake_rho.planning.programs.solve import solve
-from drake_rho.scenario.fields import FloatArray
+from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.parts import Quantity
 
 POWERS: dict[Quantity, float] = {"position": 0.0, "velocity": 0.5, "acceleration": 1.0, "jerk": 1.5}
@@ -82,7 +82,12 @@ class FreeTimePrograms:
         return max(limits)
 
     def solve(
-        self, rows: Sequence[HalfSpaces], passing: Passing, velocities: FloatArray, change: Change
+        self,
+        rows: Sequence[HalfSpaces],
+        passing: Passing,
+        velocities: FloatArray,
+        change: Change,
+        resting: IntArray | None = None,
     ) -> FreeTime | None:
         """Return the solution with some rows; None if there is none.
 
@@ -91,6 +96,7 @@ class FreeTimePrograms:
             passing: the waypoints.
             velocities: velocities of the reference at their times [m/s], shape (W, 3).
             change: by how much times may change.
+            resting: indices of the knots from which vehicles rest, shape (N,); None for the last.
 
         Raises:
             SolverError: Clarabel fails numerically.
@@ -100,6 +106,8 @@ class FreeTimePrograms:
         written = FreeTimeProgram(self._effort, self._unit, self._drift, *parts)
         written.add_costs(self._weight)
         written.add_times(change)
+        if resting is not None:
+            written.add_rests(resting)
         written.add_limits()
         for number in range(len(self._cones)):
             written.add_cones(number)

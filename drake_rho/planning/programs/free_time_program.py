@@ -26,7 +26,7 @@ from drake_rho.planning.programs.free_times import Change, FreeTime, Passing
 from drake_rho.planning.programs.rows import about
 from drake_rho.planning.programs.solution import Solution
 from drake_rho.planning.programs.sparse import SparseRows, add_goal, scale_of
-from drake_rho.scenario.fields import FloatArray
+from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.parts import Quantity
 
 _SLOPES: dict[Quantity, tuple[float, float]] = {
@@ -132,6 +132,19 @@ class FreeTimeProgram:
             program.AddLinearConstraint(
                 both, np.minimum(passing.least - gaps, 0.0), above, self._changes
             )
+
+    def add_rests(self, resting: IntArray) -> None:
+        """Add that vehicles do not accelerate from a knot on.
+
+        Args:
+            resting: index of that knot for each vehicle, shape (N,).
+        """
+        motion, n = self._effort.motion, self._steps
+        rests = np.arange(n) >= resting[:, None]
+        u = self._x[: 3 * n * len(resting)].reshape(len(resting), n, 3)[rests].reshape(-1)
+        if len(u) > 0:
+            values = -motion.accelerations[rests].reshape(-1) / self._unit
+            self.program.AddBoundingBoxConstraint(values, values, u)
 
     def _unit_of(self, quantity: Quantity) -> float:
         """Return the unit of a quantity: that of accelerations, integrated over the duration."""

@@ -39,6 +39,9 @@ _NEAR = 1e-3
 _MOST = 200
 """Largest number of iterations."""
 
+ROUGH = Backend(accuracy="rough")
+"""Clarabel to 1e-8, which is relative to limits and to lengths of motions in these programs."""
+
 CONVERGED = 1e-5
 """Relative fall of the final time in one iteration, predicted or reached, that ends the search."""
 
@@ -129,6 +132,10 @@ class LeastTime:
         except OutOfTimeError:
             self.statistics = dataclasses.replace(self.statistics, cut=True)
 
+    def at_same_times(self, timed: Timed) -> Timed | None:
+        """Return a motion around another with the same times; None also if solvers fail."""
+        return self._tried(timed, self._same_times)
+
     def _again(self, best: Timed) -> _Iteration:
         """Return the motion in least time around the best one."""
         return _Iteration(self._tried(best, self._same_times), 0.0, 0.0)
@@ -206,7 +213,7 @@ class LeastTime:
         velocities = timed.motion.each_at("velocity", passing.vehicles, passing.times)
         for _ in range(_ROUNDS):
             check_time()
-            found = programs.solve(list(rows.values()), passing, velocities, change)
+            found = programs.solve(list(rows.values()), passing, velocities, change, timed.resting)
             if found is None:
                 self.statistics += Statistics(programs=1)
                 return None

@@ -17,7 +17,7 @@ from drake_rho.planning.constraints.convex_sets import KeepInSets
 from drake_rho.planning.constraints.coupling import coupled
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs.free_times import FreeTime, Passing
-from drake_rho.scenario.fields import FloatArray
+from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.records import Grid, Scenario
 
 
@@ -37,6 +37,8 @@ class Timed:
     """rows of the last program"""
     reference: Plan | None = None
     """motion to linearise around, which need not be flown; this one if not given"""
+    resting: IntArray | None = None
+    """knots from which vehicles rest at their goals, shape (N,); None for the last"""
     converged: bool = False
     """whether a search for the least time has ended here by itself"""
 
@@ -70,8 +72,14 @@ class Timed:
         factor, passing = duration / self.duration, self.passing
         times = np.where(passing.given, passing.times, factor * passing.times)
         passing = dataclasses.replace(passing, times=times, least=factor * passing.least)
-        accelerations = self.accelerations / factor**2
-        return Timed(self.scenario, factor * self.step, accelerations, passing)
+        return dataclasses.replace(
+            self,
+            step=factor * self.step,
+            accelerations=self.accelerations / factor**2,
+            passing=passing,
+            rows=(),
+            reference=None,
+        )
 
     def refined(self, scenario: Scenario) -> Timed:
         """Return the same motion on a grid with a multiple of its steps.
@@ -101,4 +109,5 @@ class Timed:
         passing = dataclasses.replace(passing, times=times, least=passing.least * root)
         later = [dataclasses.replace(each, times=each.times * root) for each in rows]
         accelerations = found.accelerations / found.factor
-        return Timed(self.scenario, self.step * root, accelerations, passing, later)
+        step = self.step * root
+        return Timed(self.scenario, step, accelerations, passing, later, resting=self.resting)

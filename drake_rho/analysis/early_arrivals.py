@@ -1,0 +1,69 @@
+"""Arrivals of vehicles at their goals as soon as each can, where they stay then."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from drake_rho.motion.plan import Plan
+from drake_rho.planning.call.progress import Progress, tell
+from drake_rho.planning.scp.least_time import LeastTime
+from drake_rho.planning.scp.timed import Timed
+from drake_rho.scenario.fields import FloatArray
+
+
+def as_soon_as_each_can(
+    together: Timed, alone: FloatArray, least: LeastTime, progress: Progress | None
+) -> Timed:
+    """Return a motion in which vehicles arrive one by one, each at the earliest knot found.
+
+    The latest arrival stays where it is. The knot of each other one is bisected, those with most
+    time to spare first, around the motions of all others.
+
+    Args:
+        together: motion in which all arrive at the last knot.
+        alone: time that each vehicle takes at least [s], shape (N,).
+        least: search for motions in a given final time.
+        progress: called with each arrival found.
+    """
+    steps = together.accelerations.shape[1]
+    best = dataclasses.replace(together, resting=np.full(len(alone), steps))
+    first = np.ceil(alone / together.step * (1.0 - 1e-9)).astype(int)
+    for number in np.argsort(first, kind="stable").tolist():
+        low, high = max(int(first[number]), 1), steps
+        while low < high:
+            middle = (low + high) // 2
+            found = least.at_same_times(_arriving(best, number, middle))
+            if found is None:
+                low = middle + 1
+            else:
+                best, high = found, middle
+        name = together.scenario.vehicles[number].name
+        tell(progress, f"{name} arrives after {high * together.step:.6g} s")
+    return dataclasses.replace(best, converged=together.converged)
+
+
+def _arriving(timed: Timed, number: int, knot: int) -> Timed:
+    """Return a motion with an earlier arrival of one vehicle, to be linearised around.
+
+    Its positions are passed faster, and its free waypoints are at the same parts of its time.
+    """
+    assert timed.resting is not None  # noqa: S101  # every vehicle arrives somewhere
+    resting = timed.resting.copy()
+    faster, resting[number] = resting[number] / knot, knot
+    passing, positions = timed.passing, timed.motion.positions.copy()
+    own = (passing.vehicles == number) & ~passing.given
+    times = np.where(own, passing.times / faster, passing.times)
+    elapsed = timed.grid.elapsed
+    earlier = np.minimum(elapsed * faster, elapsed[-1])
+    positions[number] = timed.motion.of(slice(number, number + 1)).at("position", earlier)[0]
+    scenario, motion = timed.problem.scenario, timed.motion
+    reference = Plan(scenario, positions, motion.velocities, motion.accelerations)
+    return dataclasses.replace(
+        timed,
+        passing=dataclasses.replace(passing, times=times),
+        reference=reference,
+        rows=(),
+        resting=resting,
+    )
