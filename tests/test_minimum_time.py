@@ -176,6 +176,32 @@ def test_independent_vehicles_take_as_long_as_the_slowest() -> None:
     np.testing.assert_allclose(plan.accelerations[::2], least.accelerations, atol=1e-4)
 
 
+@pytest.mark.parametrize("apart", [None, rho.Separation(0.5)])
+def test_each_vehicle_arrives_as_soon_as_it_can_and_stays(apart: rho.Separation | None) -> None:
+    ends = [([-5, 0, 1], [5, 0, 1]), ([0, -3, 1], [0, 3, 1]), ([2, 2, 1], [1, -2, 1])]
+    turn = [(), (), [rho.Waypoint(None, [3.0, 0.0, 1.0])]]
+    vehicles = [
+        rho.Vehicle(f"v{i}", rho.State(a), rho.State(b), waypoints=passed)
+        for i, ((a, b), passed) in enumerate(zip(ends, turn, strict=True))
+    ]
+    fleet = rho.Scenario("fleet", rho.Grid(0.1, 41), vehicles, FAST, separation=apart)
+    together = rho.plan_minimum_time(fleet)
+    each = rho.plan_minimum_time(fleet, arrival="each")
+    assert rho.verify(each).ok
+    last, step = together.scenario.grid.end, each.scenario.grid.step
+    np.testing.assert_allclose(together.arrivals, last)
+    assert each.scenario.grid.end == pytest.approx(last, rel=1e-6)
+    assert np.sum(each.arrivals) < 0.85 * np.sum(together.arrivals)
+    for i in range(3):
+        alone = least_time(dataclasses.replace(fleet, vehicles=vehicles[i : i + 1]))
+        assert each.arrivals[i] > alone - 1e-3 * step  # more knots are no help
+        if apart is None:
+            assert each.arrivals[i] < alone * (1.0 + 1e-3) + step
+        rests = each.scenario.grid.times >= each.arrivals[i] - 1e-9
+        at_rest = each.velocities[i][rests]
+        np.testing.assert_allclose(at_rest, 0.0, atol=1e-6)
+
+
 def test_what_changes_with_time_is_kept_clear_of() -> None:
     ball = rho.Obstacle(rho.Sphere([0.0, -3.0, 1.0], 1.2), velocity=[0.0, 1.5, 0.0])
     gate = rho.Obstacle(rho.Box([2.0, -9, -9], [2.2, 9, 9]), active=(0.0, 4.0))

@@ -19,7 +19,7 @@ from drake_rho.planning.scp.timed import Timed
 from drake_rho.scenario.records import Grid, Scenario
 from drake_rho.scenario.waypoints import AllWaypoints
 
-_COARSE, _REFINED = 6, 0.01
+_COARSE, _REFINED = 6, 1e-3
 """Steps of a leg in a first search for the times of waypoints, and the part of the final time by
 which they may change at first in the second."""
 

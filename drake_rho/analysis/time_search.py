@@ -244,19 +244,32 @@ class TimeSearch:
     def _finished(self, best: Timed) -> Plan:
         """Return a motion as a plan.
 
-        Limits that rounding exceeds are met by a motion that is slower by a few roundings.
+        Limits that rounding exceeds are met by a motion that is slower by a few roundings, or by
+        that of a program that is solved to more digits.
         """
+        plan = self._met(best)
+        if plan is None:
+            least = LeastTime(Backend(), self._progress, steady=self._steady)
+            exact = least.at_same_times(best) or best
+            self._least.statistics += least.statistics
+            plan = self._met(exact) or self._plan(exact)
+        statistics = dataclasses.replace(self._least.statistics, converged=best.converged)
+        return plan.with_statistics(statistics)
+
+    def _met(self, best: Timed) -> Plan | None:
+        """Return a motion as a plan, slower by a few roundings if necessary; None if it is none."""
         for slower in _SLOWER if self._steady else _SLOWER[:1]:
-            timed = best.lasting((1.0 + slower) * best.duration)
-            problem = Problem.of(self._timed(timed.grid, timed.passing.times))
-            every = np.arange(len(problem))
-            accelerations = problem.effort.goals.met_by(timed.accelerations, every)
-            scenario = problem.scenario
-            statistics = dataclasses.replace(self._least.statistics, converged=best.converged)
-            plan = Plan.from_accelerations(scenario, accelerations, statistics)
-            if Subproblem(problem).holds(plan):
-                break
-        return plan
+            plan = self._plan(best.lasting((1.0 + slower) * best.duration))
+            if Subproblem(Problem.of(plan.scenario)).holds(plan):
+                return plan
+        return None
+
+    def _plan(self, timed: Timed) -> Plan:
+        """Return the plan of a motion, with goals that are reached to rounding."""
+        problem = Problem.of(self._timed(timed.grid, timed.passing.times))
+        every = np.arange(len(problem))
+        accelerations = problem.effort.goals.met_by(timed.accelerations, every)
+        return Plan.from_accelerations(problem.scenario, accelerations)
 
 
 def _same(timed: Timed) -> Timed:
