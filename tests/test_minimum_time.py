@@ -193,7 +193,7 @@ def test_each_vehicle_arrives_as_soon_as_it_can_and_stays(apart: rho.Separation 
     assert each.scenario.grid.end == pytest.approx(last, rel=1e-6)
     assert np.sum(each.arrivals) < 0.85 * np.sum(together.arrivals)
     for i in range(3):
-        alone = least_time(dataclasses.replace(fleet, vehicles=vehicles[i : i + 1]))
+        alone = least_time(dataclasses.replace(fleet, vehicles=(vehicles[i],)))
         assert each.arrivals[i] > alone - 1e-3 * step  # more knots are no help
         if apart is None:
             assert each.arrivals[i] < alone * (1.0 + 1e-3) + step
