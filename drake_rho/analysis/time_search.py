@@ -84,7 +84,8 @@ class TimeSearch:
         """Return the plan of least time."""
         scenario = self._scenario
         apart = scenario.separation is not None or Problem.of(scenario).has_links
-        bound = apart or scenario.avoided or scenario.requirements
+        smooth = scenario.smoothing is not None
+        bound = apart or smooth or scenario.avoided or scenario.requirements
         alone = TimesAlone(scenario, self._waypoints, self._backend, self._progress)
         free = self._steady and not bound
         best = alone.motion(spare=free and not self._each)
@@ -176,6 +177,8 @@ class TimeSearch:
             best: local optimum.
         """
         for part in _LESS:
+            if (1.0 - part) * best.duration < low:
+                continue
             near = partial(self._from_near, best, (1.0 - part) * best.duration)
             best = self._shortest([partial(_same, best), near]) or best
         for _ in range(_SEARCHES):

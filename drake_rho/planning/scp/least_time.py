@@ -195,6 +195,8 @@ class LeastTime:
             SolverError: the solvers fail numerically.
         """
         problem, constraints = timed.problem, timed.linearised()
+        low, high = (max(each, timed.least_factor) for each in change.final)
+        change = change._replace(final=(low, high))
         radii = problem.margins.steps.position_radius(timed.passing.times)
         passing = dataclasses.replace(timed.passing, within=timed.passing.within - radii)
         if np.any(passing.within < 0.0):  # the errors of a disturbance are larger

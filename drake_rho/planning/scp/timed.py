@@ -58,6 +58,12 @@ class Timed:
         return self.grid.duration
 
     @property
+    def least_factor(self) -> float:
+        """Least factor of the squared final time for which steps are as wide as the smoothing."""
+        smoothing = self.scenario.smoothing
+        return 0.0 if smoothing is None else (smoothing.width / self.step) ** 2 * (1.0 + 1e-9)
+
+    @property
     def cost(self) -> float:
         """Cost of the motion [m²/s⁴], (13)."""
         return cost_of(self.scenario.fleet, self.accelerations)
