@@ -29,7 +29,7 @@ from drake_rho.campaigns.sources import FromFile
 from drake_rho.campaigns.store import Store, StoreError
 from drake_rho.campaigns.study import study_to_json
 from drake_rho.campaigns.workers import Workers
-from tests.scenarios import fleet
+from tests.scenarios import fleet, single
 from tests.studies import own, small, table
 
 
@@ -323,6 +323,96 @@ def test_flights_in_wind_are_verified_by_their_true_motion(tmp_path: Path) -> No
         assert np.all(errors <= radii + 1e-6 * np.abs(flown.positions).max())
         assert verified
         assert 0.0 < share <= 1.0 + 1e-9
+
+
+def test_a_study_compares_final_times(tmp_path: Path) -> None:
+    """Rows, groups and comparisons hold the least times that direct calls find."""
+    gates = [{"position": [3, 2, 0]}, {"position": [6, -1, 1]}]
+    race: dict[str, Any] = {
+        "name": "race",
+        "grid": {"step": 0.2, "knots": 13},
+        "vehicles": [
+            {
+                "name": "racer",
+                "start": {"position": [0, 0, 0]},
+                "goal": {"position": [8, 0, 0]},
+                "waypoints": gates,
+            }
+        ],
+        "limits": {"max_thrust": 20.0},
+    }
+    vary = {"vehicles[0].waypoints[0].position[1]": {"uniform": [-2.0, 2.0]}}
+    source = {"name": "race", "scenario": race, "vary": vary}
+    methods = [
+        {"name": "few", "planner": "plan_minimum_time"},
+        {"name": "many", "planner": "plan_minimum_time", "knots": 37},
+        {"name": "given", "planner": "plan", "options": {"max_iterations": 3}},
+    ]
+    study = small(3, scenarios=[source], methods=methods, plans=True)
+    results = rho.campaign(study, tmp_path / "runs.sqlite")
+    rows = {(row.method, row.repetition): row for row in results.rows()}
+    assert all(row.verified for row in rows.values())
+    for run in study.runs():
+        row = rows[run.method, run.seed[2]]
+        if run.method == "given":
+            assert row.duration == pytest.approx(0.2 * 12)
+            continue
+        drawn = study.scenarios[0].drawn(generators(run.seed)[0])  # type: ignore[union-attr]
+        knots = 37 if run.method == "many" else None
+        plan = rho.plan_minimum_time(drawn, knots=knots, solver="clarabel")
+        assert row.duration == plan.scenario.grid.duration
+        assert results.plan(row.key).scenario == plan.scenario
+    found = results.compare("many", "few")
+    assert found is not None
+    assert (found.shorter, found.longer, found.p_duration) == (3, 0, 0.25)
+    ratios = [float(rows["many", i].duration / rows["few", i].duration) for i in range(3)]  # type: ignore[operator]
+    assert found.duration_ratio.median == pytest.approx(np.median(ratios))
+    few = next(group for group in results.groups if group.method == "few")
+    assert few.duration.least == min(rows["few", i].duration or 0.0 for i in range(3))
+    assert "final time [s]" in str(results)
+    assert "shorter:longer" in str(results)
+    assert results.to_json()["comparisons"][0]["p_duration"] == 0.25
+
+
+def test_final_times_that_scenarios_give_are_not_printed(tmp_path: Path) -> None:
+    source = {"name": "pair", "generator": "random_transitions", "parameters": {"n": 2}}
+    results = rho.campaign(small(2, scenarios=[source]), tmp_path / "runs.sqlite")
+    assert {row.duration for row in results.rows()} == {10.0}
+    assert "final time" not in str(results)
+
+
+def test_a_study_varies_the_smoothing(tmp_path: Path) -> None:
+    """By its parts where a scenario has one, or as a whole where it has none."""
+    pushed = rho.Limits(acceleration=rho.Box([-3, -3, -3], [3, 3, 3]))
+    ball = rho.Sphere([4.0, 0.5, 0.0], 1.0)
+    past = single(limits=pushed, obstacles=[ball], between_knots=True)
+    smooth = dataclasses.replace(past, smoothing=rho.Smoothing(0.25))
+    parts = {
+        "smoothing.width": {"uniform": [0.1, 0.25]},
+        "smoothing.times": {"integers": [1, 3]},
+    }
+    whole = {"smoothing": {"choice": [None, {"width": 0.2, "times": 2}]}}
+    sources = [
+        {"name": "parts", "scenario": smooth, "vary": parts},
+        {"name": "whole", "scenario": past, "vary": whole},
+    ]
+    study = small(6, scenarios=sources, methods=small().methods[:1], plans=True)
+    results = rho.campaign(study, tmp_path / "runs.sqlite")
+    drawn = defaultdict[str, list[rho.Smoothing | None]](list)
+    for row in results.rows():
+        assert row.verified, row.reason
+        drawn[row.scenario].append(results.plan(row.key).scenario.smoothing)
+    assert {each and each.times for each in drawn["parts"]} == {1, 2, 3}
+    assert len({each and each.width for each in drawn["parts"]}) == 6
+    assert None in drawn["whole"]
+    assert rho.Smoothing(0.2, 2) in drawn["whole"]
+    wide = {"smoothing.width": {"choice": [0.2, 9.0]}}
+    source = {"name": "wide", "scenario": smooth, "vary": wide}
+    study = small(6, scenarios=[source], methods=small().methods[:1])
+    results = rho.campaign(study, tmp_path / "wide.sqlite")
+    statuses = {row.status: row.reason for row in results.rows()}
+    assert set(statuses) == {"solved", "invalid"}
+    assert "smoothing.width: got 9.0" in statuses["invalid"]
 
 
 def test_stores_of_other_studies_are_refused_and_left_unchanged(tmp_path: Path) -> None:

@@ -208,7 +208,7 @@ def _function(name: str, **arguments: Any) -> dict[str, Any]:
         (
             {"methods": [{"name": "m", "planner": "plann"}]},
             "study.methods[0].planner: got 'plann', expected one of plan, plan_convex, plan_rho, "
-            "simulate, function; did you mean plan?",
+            "plan_minimum_time, simulate, function; did you mean plan?",
         ),
         (
             {"methods": [{"name": "m"}]},

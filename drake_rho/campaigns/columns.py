@@ -26,6 +26,8 @@ class Columns:
     """true where a plan holds"""
     cost: FloatArray
     """cost of the plan [m²/s⁴]; NaN without a plan"""
+    duration: FloatArray
+    """time from the first knot to the last [s]; NaN without a plan"""
     seconds: FloatArray
     """wall time of planning [s]; NaN without a plan"""
 
@@ -43,7 +45,7 @@ class Columns:
         """
         source_of = {name: number for number, name in enumerate(scenarios)}
         method_of = {name: number for number, name in enumerate(methods)}
-        names = "scenario, method, repetition, verified, cost, plan_seconds"
+        names = "scenario, method, repetition, verified, cost, duration, plan_seconds"
         with reading(path) as connection:
             rows = connection.execute(f"SELECT {names} FROM runs").fetchall()  # noqa: S608
         for scenario, method, *_ in rows:
@@ -57,14 +59,11 @@ class Columns:
                     source_of[scenario] * len(methods) + method_of[method],
                     repetition,
                     verified,
-                    math.nan if cost is None else cost,
-                    math.nan if seconds is None else seconds,
+                    *(math.nan if value is None else value for value in values),
                 )
-                for scenario, method, repetition, verified, cost, seconds in rows
+                for scenario, method, repetition, verified, *values in rows
             ],
             dtype=np.float64,
-        ).reshape(-1, 5)
-        pair, repetition, verified, cost, seconds = table.T
-        return cls(
-            pair.astype(np.int64), repetition.astype(np.int64), verified > 0.0, cost, seconds
-        )
+        ).reshape(-1, 6)
+        pair, repetition, verified, *values = table.T
+        return cls(pair.astype(np.int64), repetition.astype(np.int64), verified > 0.0, *values)

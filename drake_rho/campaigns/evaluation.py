@@ -19,6 +19,8 @@ class Evaluation:
     """constraint with the worst violation; empty if all hold"""
     cost: float
     """cost f (13) [m²/s⁴]"""
+    duration: float
+    """time from the first knot to the last [s]"""
     obstacle_clearance: float | None = None
     """least distance from an obstacle beyond the required distance [m]; negative if too close;
     None without obstacles"""
@@ -38,6 +40,7 @@ def evaluate(flown: Flown) -> Evaluation:
     return Evaluation(
         violated=_worst(report),
         cost=flown.cost,
+        duration=flown.scenario.grid.duration,
         obstacle_clearance=_least(report, "obstacles"),
         separation_clearance=_least(report, "separation"),
         tube_share=None if simulation is None else _share_of_tube(simulation),

@@ -13,6 +13,7 @@ import numpy as np
 from pydantic import BeforeValidator, Field, JsonValue
 
 from drake_rho.analysis.certify import certify
+from drake_rho.analysis.minimum_time import plan_minimum_time
 from drake_rho.campaigns.evaluation import Evaluation, evaluate
 from drake_rho.campaigns.functions import check_arguments, name_of, named
 from drake_rho.campaigns.wind_models import AnyWind
@@ -32,6 +33,7 @@ from drake_rho.simulation.closed_loop import fly
 from drake_rho.simulation.simulate import simulate
 
 ReplanEvery = Annotated[Count, Field(ge=1)]
+Knots = Annotated[Count, Field(ge=2)]
 
 _REFERENCES = {"free": free_reference, "tail": tail_reference}
 _WINDOWS: dict[str, tuple[Any, Any]] = {
@@ -151,6 +153,27 @@ class ByPlanRho(Method):
 
 
 @record
+class ByPlanMinimumTime(Method):
+    """Planning in the least time by `drake_rho.plan_minimum_time`."""
+
+    name: Name
+    """name of the method in tables and figures"""
+    planner: Literal["plan_minimum_time"]
+    """name of the planner"""
+    knots: Knots | None = None
+    """number of knots of the plan; the scenario's if not given"""
+    options: Options | None = None
+    """time limit, and bounds of the searches for first plans"""
+    solver: SolverName = "clarabel"
+    """solver of the first plans"""
+
+    def run(self, scenario: Scenario, rng: np.random.Generator) -> Found:
+        """Plan one scenario."""
+        work = partial(plan_minimum_time, scenario, knots=self.knots, options=self.options)
+        return _found(work, self.solver, bounded=False)
+
+
+@record
 class BySimulate(Method):
     """Simulation with a receding horizon and feedback in wind, as by `drake_rho.simulate`."""
 
@@ -222,7 +245,8 @@ class ByFunction(Method):
 
 
 AnyMethod = Annotated[
-    ByPlan | ByPlanConvex | ByPlanRho | BySimulate | ByFunction, Field(discriminator="planner")
+    ByPlan | ByPlanConvex | ByPlanRho | ByPlanMinimumTime | BySimulate | ByFunction,
+    Field(discriminator="planner"),
 ]
 """One of the methods, distinguished by its planner."""
 

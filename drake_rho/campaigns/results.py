@@ -140,6 +140,7 @@ class Results:
                     self.methods[j],
                     Proportion(int(np.sum(good)), int(np.sum(here))),
                     Quantiles.of(columns.cost[good]),
+                    Quantiles.of(columns.duration[good]),
                     Quantiles.of(columns.seconds[here]),
                 )
             )
@@ -198,6 +199,7 @@ class Results:
             (scenario, method, base),
             (columns.verified[ones], columns.verified[others]),
             (columns.cost[ones], columns.cost[others]),
+            (columns.duration[ones], columns.duration[others]),
             (columns.seconds[ones], columns.seconds[others]),
         )
 
@@ -226,7 +228,8 @@ class Results:
             for each in self.groups
         ]
         comparisons = [
-            dataclasses.asdict(each) | {"p_success": each.p_success, "p_cost": each.p_cost}
+            dataclasses.asdict(each)
+            | {name: getattr(each, name) for name in ("p_success", "p_cost", "p_duration")}
             for each in self.comparisons
         ]
         content = {

@@ -76,6 +76,8 @@ class Row:
     """number of vehicles"""
     cost: float | None = None
     """cost f (13), the paper's performance index [m²/s⁴]"""
+    duration: float | None = None
+    """time from the first knot to the last [s], which `plan_minimum_time` finds"""
     bound: float | None = None
     """lower bound on the cost of every plan [m²/s⁴]"""
     obstacle_clearance: float | None = None

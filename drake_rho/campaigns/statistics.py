@@ -11,7 +11,7 @@ from scipy.special import bdtr
 from drake_rho.scenario.fields import BoolArray, FloatArray
 
 SAME = 1e-6
-"""Relative difference up to which two costs are the same."""
+"""Relative difference up to which two costs, or two final times, are the same."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -87,6 +87,13 @@ class Comparison:
     """number of these runs in which the method costs less, by more than a millionth"""
     dearer: int
     """number of these runs in which the method costs more, by more than a millionth"""
+    duration_ratio: Quantiles
+    """final time of the method over that of the base, counted from the first knot, where both
+    succeed"""
+    shorter: int
+    """number of these runs in which the method's flight is shorter, by more than a millionth"""
+    longer: int
+    """number of these runs in which the method's flight is longer, by more than a millionth"""
     time_ratio: Quantiles
     """planning time of the method over that of the base, where both succeed"""
 
@@ -99,6 +106,11 @@ class Comparison:
     def p_cost(self) -> float:
         """P-value of the difference in cost (sign test)."""
         return sign_test(self.cheaper, self.dearer)
+
+    @property
+    def p_duration(self) -> float:
+        """P-value of the difference in final time (sign test)."""
+        return sign_test(self.shorter, self.longer)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -113,6 +125,8 @@ class Group:
     """proportion of runs with a verified plan"""
     cost: Quantiles
     """costs of these runs [m²/s⁴]"""
+    duration: Quantiles
+    """times from the first knot to the last, of these runs [s]"""
     seconds: Quantiles
     """times to plan or to fail, of all runs [s]"""
 
@@ -142,6 +156,7 @@ def compare(
     names: tuple[str, str, str],
     succeeded: tuple[BoolArray, BoolArray],
     costs: tuple[FloatArray, FloatArray],
+    durations: tuple[FloatArray, FloatArray],
     seconds: tuple[FloatArray, FloatArray],
 ) -> Comparison:
     """Compare a method with a base on the same runs.
@@ -150,12 +165,14 @@ def compare(
         names: names of the source, the method and the base.
         succeeded: whether the method and the base succeeded, shape (M,) each, run by run.
         costs: costs of the method and the base [m²/s⁴], shape (M,) each.
+        durations: times from first to last knot of the method and the base [s], shape (M,) each.
         seconds: planning times of the method and the base [s], shape (M,) each.
     """
     one, other = succeeded
     both = one & other
     with np.errstate(divide="ignore", invalid="ignore"):
         ratios = np.where(costs[0] == costs[1], 1.0, costs[0] / costs[1])[both]
+        longer = (durations[0] / durations[1])[both]
         slower = (seconds[0] / seconds[1])[both]
     return Comparison(
         *names,
@@ -166,5 +183,8 @@ def compare(
         cost_ratio=Quantiles.of(ratios),
         cheaper=int(np.sum(ratios < 1.0 - SAME)),
         dearer=int(np.sum(ratios > 1.0 + SAME)),
+        duration_ratio=Quantiles.of(longer),
+        shorter=int(np.sum(longer < 1.0 - SAME)),
+        longer=int(np.sum(longer > 1.0 + SAME)),
         time_ratio=Quantiles.of(slower),
     )

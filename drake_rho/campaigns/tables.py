@@ -11,6 +11,9 @@ from drake_rho.campaigns.statistics import Comparison, Failure, Group, Quantiles
 _TERMINAL_WIDTH = 100
 """Columns of the terminal."""
 
+_SPREAD = "median (10 % quantile to 90 % quantile)"
+"""What is printed of several values."""
+
 _LEAST_WIDTH = 40
 """Least number of columns for a reason."""
 
@@ -21,24 +24,35 @@ def tables(
     failures: Sequence[Failure],
     comparisons: Sequence[Comparison],
 ) -> str:
-    """Return tables of success, costs and times, of failures, and of comparisons."""
+    """Return tables of success, costs and times, of failures, and of comparisons.
+
+    Final times are left out where methods keep those that scenarios give.
+    """
     parts = [title, _groups(groups)]
     if failures:
         parts.append(_failures(failures))
     if comparisons:
         parts.append(_comparisons(comparisons))
+    if any(each.shorter or each.longer for each in comparisons):
+        parts.append(_final_times(comparisons))
     return "\n\n".join(parts)
 
 
 def _groups(groups: Sequence[Group]) -> str:
-    heads = ("scenario", "method", "runs", "success, 95 % [%]", "cost [m²/s⁴]", "time [s]")
+    """Return a table of all groups, with final times if these differ within a source."""
+    found = [(each.scenario, each.duration) for each in groups if each.success.successes]
+    ends = {(name, round(end, 9)) for name, of in found for end in (of.least, of.greatest)}
+    timed = len(ends) > len({name for name, _ in ends})
+    heads = ["scenario", "method", "runs", "success, 95 % [%]", "cost [m²/s⁴]"]
+    heads += [*(["final time [s]"] if timed else []), "time [s]"]
     rows = []
     for each in groups:
         low, high = each.success.interval
         rate = f"{100 * each.success.rate:5.1f} ({100 * low:.1f} to {100 * high:.1f})"
         row = (each.scenario, each.method, str(each.success.runs), rate)
-        rows.append((*row, _spread(each.cost), _spread(each.seconds)))
-    note = "cost and time: median (10 % quantile to 90 % quantile)"
+        values = [each.cost, *([each.duration] if timed else []), each.seconds]
+        rows.append((*row, *map(_spread, values)))
+    note = f"cost{', final time' if timed else ''} and time: {_SPREAD}"
     return f"{_grid(heads, rows)}\n{note}"
 
 
@@ -72,6 +86,22 @@ def _comparisons(comparisons: Sequence[Comparison]) -> str:
         for each in comparisons
     ]
     return _grid((*heads, "cost ratio", "cheaper:dearer", "p", "time ratio"), rows)
+
+
+def _final_times(comparisons: Sequence[Comparison]) -> str:
+    heads = ("method / first", "scenario", "both", "final time ratio", "shorter:longer", "p")
+    rows = [
+        (
+            f"{each.method} / {each.base}",
+            each.scenario or "all",
+            str(each.both),
+            _spread(each.duration_ratio),
+            f"{each.shorter}:{each.longer}",
+            f"{each.p_duration:.2g}",
+        )
+        for each in comparisons
+    ]
+    return _grid(heads, rows)
 
 
 def _spread(values: Quantiles) -> str:
