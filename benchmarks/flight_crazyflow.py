@@ -109,14 +109,14 @@ def run(folder: Path | None = None) -> Table:
         )
     rows: list[tuple[Cell, ...]] = []
     least, over, plain = [], [], []
-    smooth: dict[rho.Smoothing, list[float]] = {each: [] for each in SMOOTHINGS}
+    smooth: list[list[float]] = [[] for _ in SMOOTHINGS]
     for path in track(paths, "missions"):
         mission = enlarged_by_margins(path)
         without = fly(mission)
         margins = fly(dataclasses.replace(mission, disturbance=MODEL))
         rows += [without.row("without margins"), margins.row("with margins")]
         plain.append(without.off)
-        for smoothing, found in smooth.items():
+        for smoothing, found in zip(SMOOTHINGS, smooth, strict=True):
             flown = fly(dataclasses.replace(mission, smoothing=smoothing))
             rows.append(flown.row(_named(smoothing)))
             found.append(flown.off)
@@ -140,7 +140,7 @@ def run(folder: Path | None = None) -> Table:
             Goal(
                 "error less the fleet's mean with the best smoothing, over that without",
                 0.5,
-                min(max(found) for found in smooth.values()) / max(plain),
+                min(map(max, smooth)) / max(plain),
             ),
         ),
     )
