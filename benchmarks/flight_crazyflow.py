@@ -1,4 +1,4 @@
-"""Plans flown by simulated Crazyflies, to test the tube in another simulator."""
+"""Plans flown by simulated Crazyflies, to test the tube and smoothing in another simulator."""
 
 from __future__ import annotations
 
@@ -26,6 +26,14 @@ DURATION, STEP, RATE = 10.0, 0.2, 100
 MODEL = rho.Disturbance(0.3, share=0.6)
 """Disturbance attributed to the Crazyflies and their controller."""
 
+WIDTHS, TIMES = (0.5, 1.0), (1, 2, 3)
+"""Widths of the averages, as parts of a step, and their numbers."""
+
+SMOOTHINGS = tuple(rho.Smoothing(part * STEP, times) for part in WIDTHS for times in TIMES)
+
+AHEAD = 0.02
+"""Time by which some references are ahead of the clock, about the lag of the others [s]."""
+
 COLUMNS = (
     "vehicles",
     "plan",
@@ -36,6 +44,11 @@ COLUMNS = (
     "fleet_offset_m",
     "largest_off_offset_m",
     "largest_over_tube",
+    "lag_ms",
+    "largest_off_lag_m",
+    "polynomials",
+    "exported_pieces",
+    "export_deviation_m",
 )
 
 
@@ -53,8 +66,12 @@ class FlownPlan:
     """largest mean error of the fleet at any time [m]"""
     off: float
     """largest error of any vehicle less that mean [m]"""
-    over: float
-    """largest ratio of the same to the tube's radius at that time; infinite without a tube"""
+    over: float | None
+    """largest ratio of the same to the tube's radius at that time; None without a tube"""
+    lag: float
+    """time by which the fleet is behind its references, by least squares [s]"""
+    off_lag: float
+    """largest error of any vehicle less the mean and less what the lag explains [m]"""
 
     def row(self, name: str) -> tuple[Cell, ...]:
         """Return the values in the order of `COLUMNS`."""
@@ -70,12 +87,16 @@ class FlownPlan:
             f"{self.least:.4f}",
             self.offset,
             self.off,
-            self.over if tells else None,
+            self.over,
+            f"{1e3 * self.lag:.1f}",
+            self.off_lag,
+            len(self.plan.polynomials().instants) - 1,
+            *_exported(self.plan),
         )
 
 
 def run(folder: Path | None = None) -> Table:
-    """Plan and fly the first mission of each size in `folder`, without and with margins.
+    """Plan and fly the first mission of each size in `folder`: plain, with margins, smoothed.
 
     Raises:
         Skipped: there are no missions, or no environment with Crazyflow.
@@ -87,26 +108,47 @@ def run(folder: Path | None = None) -> Table:
             f"no {missions}; they are `missions/empty` of github.com/qwerty35/lsc_planner"
         )
     rows: list[tuple[Cell, ...]] = []
-    least, over = [], []
+    least, over, plain = [], [], []
+    smooth: list[list[float]] = [[] for _ in SMOOTHINGS]
     for path in track(paths, "missions"):
         mission = enlarged_by_margins(path)
         without = fly(mission)
         margins = fly(dataclasses.replace(mission, disturbance=MODEL))
         rows += [without.row("without margins"), margins.row("with margins")]
+        plain.append(without.off)
+        for smoothing, found in zip(SMOOTHINGS, smooth, strict=True):
+            flown = fly(dataclasses.replace(mission, smoothing=smoothing))
+            rows.append(flown.row(_named(smoothing)))
+            found.append(flown.off)
+        for scenario, name in (
+            (mission, "without margins"),
+            (dataclasses.replace(mission, smoothing=SMOOTHINGS[-1]), _named(SMOOTHINGS[-1])),
+        ):
+            rows.append(fly(scenario, AHEAD).row(f"{name}, references {1e3 * AHEAD:g} ms ahead"))
         separation = mission.separation
         least.append((0.0 if separation is None else separation.distance) - margins.least)
-        over.append(margins.over)
+        over.append(np.inf if margins.over is None else margins.over)
     return Table(
         name="flight_crazyflow",
         title="Plans flown by simulated Crazyflies",
         columns=COLUMNS,
         rows=tuple(rows),
-        notes=(f"Crazyflow {version('crazyflow')}. {_ABOUT}", _MODEL, _LIMITATIONS),
+        notes=(f"Crazyflow {version('crazyflow')}. {_ABOUT}", _MODEL, _SMOOTH, _LIMITATIONS),
         goals=(
             Goal("separation asked less flown, with margins [m]", 0.0, max(least)),
             Goal("error less the fleet's mean, over the tube", 1.0, max(over)),
+            Goal(
+                "error less the fleet's mean with the best smoothing, over that without",
+                0.5,
+                min(map(max, smooth)) / max(plain),
+            ),
         ),
     )
+
+
+def _named(smoothing: rho.Smoothing) -> str:
+    """Return the name of a smoothing in the table."""
+    return f"smoothed, {smoothing.times} x {smoothing.width:g} s"
 
 
 def enlarged_by_margins(path: Path) -> rho.Scenario:
@@ -123,45 +165,67 @@ def enlarged_by_margins(path: Path) -> rho.Scenario:
     return dataclasses.replace(mission, limits=limits)
 
 
-def fly(scenario: rho.Scenario) -> FlownPlan:
-    """Plan, let Crazyflies fly the plan, and measure."""
+def fly(scenario: rho.Scenario, ahead: float = 0.0) -> FlownPlan:
+    """Plan, let Crazyflies fly the plan, and measure.
+
+    Args:
+        scenario: the scenario.
+        ahead: time by which references are ahead of the clock, with which they are compared [s].
+    """
     began = time.perf_counter()
     plan = rho.plan(scenario)
     seconds = time.perf_counter() - began
-    times = scenario.grid.start + np.arange(round(DURATION * RATE) + 1) / RATE
-    reference = plan.motion().at("position", times - scenario.grid.start)
-    flown = _flown(plan, times, reference)
-    errors = flown - reference
+    lead = scenario.lead
+    count = round((DURATION + 2.0 * lead) * RATE) + 1
+    times = scenario.grid.start - lead + np.arange(count) / RATE
+    there = plan.at(times)
+    given = times[np.minimum(np.arange(count) + round(ahead * RATE), count - 1)]
+    given[0] = times[0]  # where vehicles begin
+    flown = _flown(times, plan.at(given))
+    errors = flown - there.positions
     mean = errors.mean(axis=0)
-    off = np.linalg.norm(errors - mean, axis=-1).max(axis=0)
-    radii = rho.error_tube(scenario).position(times)
-    with np.errstate(divide="ignore"):
-        over = np.max(off[1:] / radii[1:])
+    off = errors - mean
+    largest = np.linalg.norm(off, axis=-1).max(axis=0)
+    moving = there.velocities - there.velocities.mean(axis=0)
+    lag = -float(np.vdot(off, moving) / np.vdot(moving, moving))
+    over = None
+    if scenario.disturbance is not None:
+        radii = rho.error_tube(scenario).position(times)
+        over = float(np.max(largest[1:] / radii[1:]))
     return FlownPlan(
         plan,
         seconds,
         least_distance(np.moveaxis(flown, 0, 1), scenario.separation),
         float(np.linalg.norm(mean, axis=-1).max()),
-        float(off.max()),
-        float(over),
+        float(largest.max()),
+        over,
+        lag,
+        float(np.linalg.norm(off + lag * moving, axis=-1).max()),
     )
 
 
-def _flown(plan: rho.Plan, times: FloatArray, positions: FloatArray) -> FloatArray:
-    """Return positions of Crazyflies with a plan as their reference [m], shape (N, M, 3)."""
-    motion, elapsed = plan.motion(), times - plan.scenario.grid.start
+def _flown(times: FloatArray, references: rho.Samples) -> FloatArray:
+    """Return positions of Crazyflies that are given references at times [m], shape (N, M, 3)."""
     with tempfile.TemporaryDirectory() as folder:
-        references, found = Path(folder) / "references.npz", Path(folder) / "flown.npz"
+        written, found = Path(folder) / "references.npz", Path(folder) / "flown.npz"
         np.savez(
-            references,
+            written,
             times=times,
-            positions=positions,
-            velocities=motion.at("velocity", elapsed),
-            accelerations=motion.at("acceleration", elapsed),
+            positions=references.positions,
+            velocities=references.velocities,
+            accelerations=references.accelerations,
         )
-        run_apart("crazyflow", "crazyflow_flight.py", references, found)
+        run_apart("crazyflow", "crazyflow_flight.py", written, found)
         with np.load(found) as file:
             return np.asarray(file["positions"], dtype=np.float64)
+
+
+def _exported(plan: rho.Plan) -> tuple[int, float]:
+    """Return the number of pieces of a vehicle's file for Crazyflies, and its deviation [m]."""
+    with tempfile.TemporaryDirectory() as folder:
+        written = rho.export(plan, Path(folder) / "swarm", format="crazyswarm")
+        lines = written.files[0].read_text(encoding="utf-8").splitlines()
+    return len(lines) - 1, written.deviation
 
 
 _ABOUT = f"""\
@@ -181,6 +245,15 @@ tenth of a second, before any feedback: there errors without margins grew like t
 acceleration of up to 0.255 m/s². The resulting radius, 0.02 m, holds the 0.014 m reached later.
 The position box is wider by the radius, with and without margins, since starts and goals lie at
 its walls."""
+
+_SMOOTH = f"""\
+Smoothed plans are flown from their beginning before the first knot to their end after the last,
+without disturbance. Crazyflies are behind their references by `lag_ms`, the least-squares fit of
+an error of -lag times velocity, both less the fleet's mean; `largest_off_lag_m` is the largest
+error that this leaves. In rows with references ahead, a Crazyflie is told the state of the plan
+{1e3 * AHEAD:g} ms later than the one with which it is compared; the lag was read off the other
+rows. `polynomials` is the number of pieces of a plan, `exported_pieces` and `export_deviation_m`
+are those of its files for Crazyswarm2, which may have 31."""
 
 _LIMITATIONS = """\
 Limitations. The tube is that of the package's own feedback, while the Crazyflies use that of their
