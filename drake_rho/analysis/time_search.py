@@ -213,6 +213,9 @@ class TimeSearch:
             like: motion with times of waypoints that are to be kept in proportion.
             duration: final time [s].
         """
+        smoothing, steps = self._scenario.smoothing, self._scenario.grid.knots - 1
+        if smoothing is not None:
+            duration = max(duration, smoothing.width * steps * (1.0 + 1e-9))
         scaled = dataclasses.replace(like.lasting(duration), scenario=self._scenario)
         return Problem.of(self._timed(scaled.grid, scaled.passing.times)), scaled
 

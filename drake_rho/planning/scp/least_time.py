@@ -197,8 +197,8 @@ class LeastTime:
         problem, constraints = timed.problem, timed.linearised()
         low, high = (max(each, timed.least_factor) for each in change.final)
         change = change._replace(final=(low, high))
-        radii = problem.margins.steps.position_radius(timed.passing.times)
-        passing = dataclasses.replace(timed.passing, within=timed.passing.within - radii)
+        within = timed.passing.within - timed.waypoint_margins
+        passing = dataclasses.replace(timed.passing, within=within)
         if np.any(passing.within < 0.0):  # the errors of a disturbance are larger
             return None
         weight = LITTLE_EFFORT if self._final_time else 1.0

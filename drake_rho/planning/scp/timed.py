@@ -19,6 +19,7 @@ from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs.free_times import FreeTime, Passing
 from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.records import Grid, Scenario
+from drake_rho.scenario.smoothing import largest_accelerations
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -62,6 +63,15 @@ class Timed:
         """Least factor of the squared final time for which steps are as wide as the smoothing."""
         smoothing = self.scenario.smoothing
         return 0.0 if smoothing is None else (smoothing.width / self.step) ** 2 * (1.0 + 1e-9)
+
+    @property
+    def waypoint_margins(self) -> FloatArray:
+        """Margins at the waypoints, of a disturbance or a smoothing [m], shape (W,)."""
+        smoothing, fleet = self.scenario.smoothing, self.scenario.fleet
+        if smoothing is not None and len(self.passing) > 0:
+            most = smoothing.margin(float(largest_accelerations(fleet).max()))
+            return np.full(len(self.passing), most)
+        return self.problem.margins.steps.position_radius(self.passing.times)
 
     @property
     def cost(self) -> float:
