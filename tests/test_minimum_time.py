@@ -138,7 +138,11 @@ def test_among_obstacles_no_time_is_longer_than_that_of_a_given_time(seed: int) 
     scenario = rho.Scenario(
         "field", rho.Grid(0.2, 25), vehicles, FAST, obstacles=balls, separation=apart
     )
-    least = least_time(scenario)
+    plan = rho.plan_minimum_time(scenario)
+    least, bound = plan.scenario.grid.duration, plan.statistics.time_bound
+    assert rho.verify(plan).ok
+    assert bound is not None
+    assert 0.9 * least < bound <= least * (1.0 + 1e-7)
     longest = 1.0
     while longest > 0.5:
         try:
@@ -291,3 +295,17 @@ def test_the_command_prints_and_saves_the_plan(
     status, out, _ = run(capsys, monkeypatch, "fastest", path, "--knots", "121", "--json")
     assert status == 0
     assert read(out, Verified)["ok"]
+
+
+def test_a_smoothing_is_kept_in_the_least_time() -> None:
+    smoothing = rho.Smoothing(0.05, 2)
+    for balls in ([], [rho.Sphere([5.0, 1.0, -1.0], 0.5)]):
+        free = single(limits=FAST, obstacles=balls, grid=rho.Grid(0.2, 25), between_knots=True)
+        gate = [rho.Waypoint(None, [4.0, 3.0, 0.0], within=0.1)]
+        vehicle = dataclasses.replace(free.vehicles[0], waypoints=tuple(gate))
+        smooth = dataclasses.replace(free, vehicles=(vehicle,), smoothing=smoothing)
+        plan = rho.plan_minimum_time(smooth)
+        assert rho.verify(plan).ok
+        assert plan.scenario.smoothing == smoothing
+    wide = dataclasses.replace(smooth, smoothing=rho.Smoothing(0.19, 1))
+    assert rho.plan_minimum_time(wide).scenario.grid.step >= 0.19  # a step is not narrower

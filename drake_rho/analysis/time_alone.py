@@ -53,6 +53,20 @@ class TimesAlone:
         self.statistics = Statistics()
         self.durations = np.zeros(len(scenario.vehicles))
 
+    @property
+    def bound(self) -> float | None:
+        """Time that every plan takes at least [s]; None if it is not known.
+
+        From rest to rest without waypoints the least time of one vehicle is that of a convex
+        program. Obstacles, other vehicles and a disturbance leave fewer motions.
+        """
+        fleet = self._scenario.fleet
+        moving = fleet.start_velocities.any() or fleet.goal_velocities.any()
+        without = np.bincount(self._waypoints.vehicles, minlength=len(self.durations)) == 0
+        if moving or not without.any():
+            return None
+        return float(self.durations[without].max()) or None
+
     def motion(self, *, spare: bool = False) -> Timed:
         """Return the motions in least time without obstacles, other vehicles and requirements.
 

@@ -73,6 +73,7 @@ class TimeSearch:
         each: bool = False,
     ) -> None:
         self._each = each
+        self._bound: float | None = None
         self._waypoints, self._given = AllWaypoints.of(scenario.vehicles), scenario
         vehicles = self._waypoints.placed(scenario.vehicles, None)
         self._scenario = scenario.ending_with(grid, vehicles)
@@ -90,6 +91,7 @@ class TimeSearch:
         free = self._steady and not bound
         best = alone.motion(spare=free and not self._each)
         self._least.statistics += alone.statistics
+        self._bound = alone.bound
         if not free:
             best = self._together(best, apart)
         if self._each:
@@ -259,7 +261,9 @@ class TimeSearch:
             exact = least.at_same_times(best) or best
             self._least.statistics += least.statistics
             plan = self._met(exact) or self._plan(exact)
-        statistics = dataclasses.replace(self._least.statistics, converged=best.converged)
+        statistics = dataclasses.replace(
+            self._least.statistics, converged=best.converged, time_bound=self._bound
+        )
         return plan.with_statistics(statistics)
 
     def _met(self, best: Timed) -> Plan | None:

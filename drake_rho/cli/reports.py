@@ -72,6 +72,12 @@ def _text(flown: Flown, verified: Report, every_row: bool) -> Iterator[str | Tab
         f"planned in {numbers.seconds:.3f} s: {numbers.programs} programs, "
         f"{numbers.solver or 'no solver'}; step {flown.scenario.grid.step:g} s"
     )
+    if numbers.time_bound is not None:
+        above = 100.0 * (flown.scenario.grid.duration / numbers.time_bound - 1.0)
+        yield (
+            f"every plan on {flown.scenario.grid.knots} knots takes at least "
+            f"{numbers.time_bound:.6g} s: this one at most {max(above, 0.0):.2g} % longer"
+        )
     if flown.flight is not None:
         without = sum(bool(window.infeasible) for window in flown.windows)
         yield f"{len(flown.windows)} windows, {without} of them without a plan of their own"

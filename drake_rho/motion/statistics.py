@@ -58,6 +58,9 @@ class Statistics(metaclass=Described):
     tolerance: float | None = None
     """relative decrease of the cost in one linearisation below which an iteration has converged;
     None without iterations"""
+    time_bound: float | None = None
+    """time that every plan on as many knots takes at least [s]: the least time of the slowest
+    vehicle without obstacles and other vehicles; None if it is not known"""
     steps_tried: tuple[float, ...] = ()
     """steps h in the order tried [s], ending with that of the plan; empty without a choice"""
     solver: str = ""
@@ -82,6 +85,7 @@ class Statistics(metaclass=Described):
             converged=self.converged and other.converged,
             cut=self.cut or other.cut,
             last_fall=self.last_fall if other.last_fall is None else other.last_fall,
+            time_bound=self.time_bound if other.time_bound is None else other.time_bound,
             solver=other.solver or self.solver,
             tolerance=other.tolerance or self.tolerance,
             steps_tried=other.steps_tried or self.steps_tried,
