@@ -30,17 +30,18 @@ def as_soon_as_each_can(
     steps = together.accelerations.shape[1]
     best = dataclasses.replace(together, resting=np.full(len(alone), steps))
     first = np.ceil(alone / together.step * (1.0 - 1e-9)).astype(int)
-    for number in np.argsort(first, kind="stable").tolist():
-        low, high = max(int(first[number]), 1), steps
-        while low < high:
-            middle = (low + high) // 2
-            found = least.at_same_times(_arriving(best, number, middle))
-            if found is None:
-                low = middle + 1
-            else:
-                best, high = found, middle
-        name = together.scenario.vehicles[number].name
-        tell(progress, f"{name} arrives after {high * together.step:.6g} s")
+    with least.or_cut():
+        for number in np.argsort(first, kind="stable").tolist():
+            low, high = max(int(first[number]), 1), steps
+            while low < high:
+                middle = (low + high) // 2
+                found = least.at_same_times(_arriving(best, number, middle))
+                if found is None:
+                    low = middle + 1
+                else:
+                    best, high = found, middle
+            name = together.scenario.vehicles[number].name
+            tell(progress, f"{name} arrives after {high * together.step:.6g} s")
     return dataclasses.replace(best, converged=together.converged)
 
 
