@@ -256,6 +256,28 @@ def test_free_waypoints_of_a_given_final_time_are_passed_when_it_costs_least() -
                 assert rho.plan(other, reference=plan).cost > plan.cost * (1.0 - 1e-6)
 
 
+def test_a_bad_guess_of_the_step_and_vehicles_that_stay_do_no_harm() -> None:
+    least = least_time(straight(21, FAST))
+    for step in (1e-5, 1e4):
+        other = dataclasses.replace(straight(21, FAST), grid=rho.Grid(step, 21))
+        assert least_time(other) == pytest.approx(least, rel=1e-6)
+    scenario = straight(21, FAST)
+    stays = rho.Vehicle("stays", rho.State([0, 9, 0]), rho.State([0, 9, 0]))
+    both = dataclasses.replace(scenario, vehicles=(*scenario.vehicles, stays))
+    plan = rho.plan_minimum_time(both)
+    assert plan.scenario.grid.duration == pytest.approx(least, rel=1e-7)
+    np.testing.assert_allclose(plan.accelerations[1], 0.0, atol=1e-9)
+    with pytest.raises(rho.ScenarioError, match=r"vehicles: .*least time is zero"):
+        rho.plan_minimum_time(dataclasses.replace(both, vehicles=(stays,)))
+    for place in ([0.0, 0.0, 0.0], [10.0, 4.0, -2.0]):  # at the start, or at the goal
+        least_time(single(limits=FAST, waypoints=[rho.Waypoint(None, place)]))
+    with pytest.raises(rho.InfeasibleError, match="a single step"):
+        rho.plan_minimum_time(straight(2, FAST))
+    crowded = [rho.Waypoint(None, [x, 0.3 * x % 1, 1.0]) for x in (1.0, 2.0, 3.0, 4.0)]
+    with pytest.raises(rho.InfeasibleError, match="waypoints in their order"):
+        rho.plan_minimum_time(single(limits=FAST, waypoints=crowded, grid=rho.Grid(1.0, 4)))
+
+
 def test_a_scenario_with_free_waypoints_is_saved_and_drawn() -> None:
     scenario = through(CUBOID, FAST, 61)
     assert scenario_from_yaml(scenario_to_yaml(scenario)) == scenario

@@ -16,12 +16,19 @@ from drake_rho.planning.programs.backend import Backend
 from drake_rho.planning.programs.free_times import Passing
 from drake_rho.planning.scp.least_time import CONVERGED, ROUGH, LeastTime
 from drake_rho.planning.scp.timed import Timed
+from drake_rho.scenario.errors import Description, ScenarioError
 from drake_rho.scenario.records import Grid, Scenario
 from drake_rho.scenario.waypoints import AllWaypoints
 
 _COARSE, _REFINED = 6, 1e-3
 """Steps of a leg in a first search for the times of waypoints, and the part of the final time by
 which they may change at first in the second."""
+
+_LONGER = 1.0, 1e3, 1e6
+"""Multiples of the scenario's step from which a motion is sought, should the guess be too small."""
+
+_AT_ONCE = 1e-6
+"""Part of the scenario's step that a vehicle takes for a step that stays where it is."""
 
 _ROUGHLY = 1e-3
 """Relative fall of the final time that ends the first search."""
@@ -91,6 +98,9 @@ class TimesAlone:
             return Timed(free, free.grid.step, accelerations, passing)
         each = [self._one(free, passing, i) for i in range(len(free.vehicles))]
         self.durations = np.array([one.duration for one in each])
+        if not any(one.accelerations.any() for one in each):
+            given = Description("goals at the starts, and no waypoints")
+            raise ScenarioError("vehicles", given, "a motion, without which the least time is zero")
         slowest = max(each, key=lambda one: one.duration)
         scaled = [one.lasting(slowest.duration) for one in each]
         if spare:
@@ -113,18 +123,38 @@ class TimesAlone:
             number: index of the vehicle.
         """
         scenario, own = free.of_vehicles([number]), passing.vehicles == number
-        least, grid = LeastTime(ROUGH, self._progress), scenario.grid
-        ratio = coarsening(grid.knots - 1, 1 + int(np.count_nonzero(own)))
+        for longer in _LONGER:
+            grid = dataclasses.replace(scenario.grid, step=longer * scenario.grid.step)
+            factor = longer if not passing.given.any() else 1.0
+            later = dataclasses.replace(passing.of(own), times=factor * passing.times[own])
+            found = self._from_guess(scenario.ending_with(grid), later)
+            if found is not None:
+                return found
+        raise no_plan_alone(scenario, self._backend)
+
+    def _from_guess(self, scenario: Scenario, passing: Passing) -> Timed | None:
+        """Return the motion of one vehicle in its least time, from a guess; None if there is none.
+
+        Args:
+            scenario: scenario of the vehicle, with a guess of the step.
+            passing: its waypoints.
+        """
+        least, grid, count = LeastTime(ROUGH, self._progress), scenario.grid, len(passing)
+        effort = Problem.of(scenario).effort
+        if effort.unreachable.any():
+            return None
+        if count == 0 and not effort.motion.accelerations.any():  # it stays where it is
+            step = grid.step * _AT_ONCE
+            return Timed(scenario, step, effort.motion.accelerations, passing, converged=True)
+        ratio = coarsening(grid.knots - 1, 1 + count)
         coarse = Grid(grid.step * ratio, (grid.knots - 1) // ratio + 1, grid.start)
         rough = scenario.ending_with(coarse)
         accelerations = Problem.of(rough).effort.motion.accelerations
-        start = Timed(rough, coarse.step, accelerations, passing.of(own))
+        start = Timed(rough, coarse.step, accelerations, passing)
         found = least.around(start, _ROUGHLY if ratio > 1 else CONVERGED)
         if found is not None and ratio > 1:
             found = least.around(found.refined(scenario), reach=_REFINED)
         self.statistics += least.statistics
-        if found is None:
-            raise no_plan_alone(scenario, self._backend)
         return found
 
     def _of_less_effort(self, timed: Timed) -> Timed:
@@ -152,8 +182,11 @@ def coarsening(steps: int, legs: int) -> int:
 
 def no_plan_alone(scenario: Scenario, backend: Backend) -> Exception:
     """Return the error for vehicles that have no motion in any time, even without obstacles."""
+    grid = dataclasses.replace(scenario.grid, step=_LONGER[1] * scenario.grid.step)
     try:
-        first_plan(Problem.of(scenario), backend=backend)
+        first_plan(Problem.of(scenario.ending_with(grid)), backend=backend)
     except (InfeasibleError, SolverError) as error:
         return error
-    return SolverError("no motion was found in any time")
+    conflicts = {each.name: ("waypoints in their order",) for each in scenario.vehicles}
+    because = f"no motion on {scenario.grid.knots} knots passes them, in whatever time"
+    return InfeasibleError(conflicts, scenario=scenario, because=because)

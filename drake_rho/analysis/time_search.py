@@ -20,6 +20,7 @@ from drake_rho.planning.constraints.tightening import enlarged_by_margins
 from drake_rho.planning.errors import InfeasibleError, SolverError
 from drake_rho.planning.path_search.initial_guesses import paths_on_grids
 from drake_rho.planning.planners.first_plan import FirstPlan, plan_near
+from drake_rho.planning.planners.related import changes_with_time, is_steady
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs.backend import Backend
 from drake_rho.planning.scp.least_time import ROUGH, LeastTime
@@ -29,6 +30,7 @@ from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.records import Grid, Scenario
 from drake_rho.scenario.waypoints import AllWaypoints
+from drake_rho.verification.verify import verify
 
 _LONGER = 1.3, 2.0, 4.0, 8.0
 """Multiples of the least time without obstacles and other vehicles in which a first plan is sought,
@@ -261,6 +263,10 @@ class TimeSearch:
             exact = least.at_same_times(best) or best
             self._least.statistics += least.statistics
             plan = self._met(exact) or self._plan(exact)
+            if not verify(plan).ok:
+                raise SolverError(
+                    "the motion that the solvers found does not meet every constraint"
+                )
         statistics = dataclasses.replace(
             self._least.statistics, converged=best.converged, time_bound=self._bound
         )
@@ -285,22 +291,3 @@ class TimeSearch:
 def _same(timed: Timed) -> Timed:
     """Return a motion that is known."""
     return timed
-
-
-def changes_with_time(scenario: Scenario) -> bool:
-    """Return whether what is required of positions changes with time."""
-    steady = (not each.moves and each.active is None for each in scenario.bodies)
-    whenever = (each.active is None and each.track is None for each in scenario.requirements)
-    return not all(steady) or not all(whenever)
-
-
-def is_steady(scenario: Scenario) -> bool:
-    """Return whether nothing but the motion depends on time, which begins and ends at rest."""
-    fleet = scenario.fleet
-    return (
-        not changes_with_time(scenario)
-        and scenario.disturbance is None
-        and not fleet.start_velocities.any()
-        and not fleet.goal_velocities.any()
-        and all(each.of == "position" for each in scenario.requirements)
-    )

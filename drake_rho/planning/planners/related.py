@@ -47,6 +47,25 @@ def can_be_slower(scenario: Scenario) -> bool:
     return True
 
 
+def changes_with_time(scenario: Scenario) -> bool:
+    """Return whether what is required of positions changes with time."""
+    steady = (not each.moves and each.active is None for each in scenario.bodies)
+    whenever = (each.active is None and each.track is None for each in scenario.requirements)
+    return not all(steady) or not all(whenever)
+
+
+def is_steady(scenario: Scenario) -> bool:
+    """Return whether nothing but the motion depends on time, which begins and ends at rest."""
+    fleet = scenario.fleet
+    return (
+        not changes_with_time(scenario)
+        and scenario.disturbance is None
+        and not fleet.start_velocities.any()
+        and not fleet.goal_velocities.any()
+        and all(each.of == "position" for each in scenario.requirements)
+    )
+
+
 def rescaled(scenario: Scenario, factor: float) -> Scenario:
     """Return the scenario with `factor` times its duration, the same knots and the same start time.
 

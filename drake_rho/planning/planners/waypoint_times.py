@@ -20,6 +20,9 @@ from drake_rho.scenario.waypoints import AllWaypoints
 GAP = 0.05
 """Least time between waypoints of a vehicle, and from its start and goal, in steps."""
 
+_LEAST_LEG = 1e-2
+"""Least part of the longest leg's time that a leg has at first, as to a waypoint at the start."""
+
 _ROUGHLY = 1e-2
 """Relative fall of the final time that ends the search for first times."""
 
@@ -37,6 +40,7 @@ def passing_of(waypoints: AllWaypoints, scenario: Scenario, grid: Grid) -> Passi
         own = np.flatnonzero(waypoints.vehicles == i)
         places = [fleet.start_positions[i], *waypoints.positions[own], fleet.goal_positions[i]]
         legs = np.sqrt(np.linalg.norm(np.diff(places, axis=0), axis=1))
+        legs = np.maximum(legs, _LEAST_LEG * max(legs.max(), 1e-300))
         guess = grid.duration * np.cumsum(legs)[:-1] / legs.sum()
         times[own] = np.where(waypoints.given[own], times[own], guess)
     return Passing(

@@ -114,7 +114,8 @@ class FreeTimePrograms:
         if len(passing) > 0:
             written.add_passing()
         solution = solve([written.program], self._backend)[0]
-        return written.found(solution) if solution.feasible else None
+        found = written.found(solution)
+        return found if solution.feasible and 0.0 < found.factor < np.inf else None
 
 
 def drift_of(problem: Problem) -> Motion | None:

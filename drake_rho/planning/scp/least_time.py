@@ -33,6 +33,9 @@ from drake_rho.scenario.parts import Quantity
 _ROUNDS = 60
 """Largest number of programs around one motion, each with the rows that the last one violated."""
 
+_MISSED = 1e-4
+"""Part of a motion's length by which no solution misses a waypoint at a time that stays."""
+
 _NEAR = 1e-3
 """Distance of a motion from a row, as a part of the quantity's scale, up to which it is kept."""
 
@@ -227,7 +230,10 @@ class LeastTime:
                 solver_seconds=found.seconds,
             )
             if not more:
-                return timed.after(found, near_rows(rows.values(), found, problem))
+                after = timed.after(found, near_rows(rows.values(), found, problem))
+                exact = change.waypoints == 0.0 and (self._steady or change.final[0] == 1.0)
+                # solvers may take equations that contradict each other for met
+                return None if exact and after.missed > _MISSED else after
             for each in more:
                 key = each.constraint.key
                 rows[key] = rows[key].union(each) if key in rows else each

@@ -65,6 +65,14 @@ class Timed:
         return 0.0 if smoothing is None else (smoothing.width / self.step) ** 2 * (1.0 + 1e-9)
 
     @property
+    def missed(self) -> float:
+        """Largest distance from a waypoint beyond that allowed, as a part of a motion's length."""
+        passing, lengths = self.passing, self.scenario.fleet.lengths
+        at = self.motion.each_at("position", passing.vehicles, passing.times)
+        beyond = np.linalg.norm(at - passing.positions, axis=1) - passing.within
+        return float(np.max(beyond / lengths[passing.vehicles], initial=0.0))
+
+    @property
     def waypoint_margins(self) -> FloatArray:
         """Margins at the waypoints, of a disturbance or a smoothing [m], shape (W,)."""
         smoothing, fleet = self.scenario.smoothing, self.scenario.fleet
