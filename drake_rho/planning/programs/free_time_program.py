@@ -147,9 +147,15 @@ class FreeTimeProgram:
             self.program.AddBoundingBoxConstraint(values, values, u)
 
     def _unit_of(self, quantity: Quantity) -> float:
-        """Return the unit of a quantity: that of accelerations, integrated over the duration."""
+        """Return the unit of a quantity in rows.
+
+        Positions and velocities are in units of the motion's length, to which tolerances refer. A
+        motion at its limits would reach a multiple of it in a straight line.
+        """
         grid = self._effort.grid
-        return self._unit * scale_of(quantity, grid.step if quantity == "jerk" else grid.duration)
+        if quantity in ("position", "velocity"):
+            return float(self._effort.units.max()) * scale_of(quantity, grid.duration)
+        return self._unit * scale_of(quantity, grid.step)
 
     def _finer(self, quantity: Quantity) -> float:
         """Return the unit of a quantity in sparse rows, in that of this program."""
