@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from drake_rho.analysis.diagnosis import Diagnosis
     from drake_rho.analysis.infeasible_subset import infeasible_subset
     from drake_rho.analysis.minimum_time import plan_minimum_time, shortest_plan
+    from drake_rho.analysis.sensitivity import LimitEffect, TimeSensitivity
     from drake_rho.campaigns.campaign import campaign
     from drake_rho.campaigns.results import Results
     from drake_rho.campaigns.study import Study, load_study

@@ -139,6 +139,20 @@ class LeastTime:
         """Return a motion around another with the same times; None also if solvers fail."""
         return self._tried(timed, self._same_times)
 
+    def linearised(self, timed: Timed, reach: float) -> Timed | None:
+        """Return the solution of one linearised program; None if there is none or solvers fail.
+
+        It meets constraints to first order in the changes of times.
+
+        Args:
+            timed: motion to linearise around.
+            reach: part of the final time by which times may change.
+        """
+        final = ((1.0 - reach) ** 2, (1.0 + reach) ** 2)
+        if self._steady or not self._final_time:
+            final = self._same_times.final
+        return self._tried(timed, Change(final, reach * timed.duration))
+
     def _again(self, best: Timed) -> _Iteration:
         """Return the motion in least time around the best one."""
         return _Iteration(self._tried(best, self._same_times), 0.0, 0.0)
@@ -150,10 +164,7 @@ class LeastTime:
             best: motion that meets every constraint.
             reach: part of the final time by which times may change.
         """
-        final = ((1.0 - reach) ** 2, (1.0 + reach) ** 2)
-        if self._steady or not self._final_time:
-            final = self._same_times.final
-        guess = self._tried(best, Change(final, reach * best.duration))
+        guess = self.linearised(best, reach)
         if guess is None:
             return _Iteration(None, 1.0, reach)
         scale = guess.duration / best.duration
