@@ -20,11 +20,12 @@ from drake_rho.motion.dynamics import Motion, roll_out
 from drake_rho.motion.statistics import Statistics
 from drake_rho.planning.call.progress import Progress, tell
 from drake_rho.planning.call.time_limit import check_time
-from drake_rho.planning.constraints.base import Constraint, HalfSpaces
+from drake_rho.planning.constraints.base import VIOLATED, Constraint, HalfSpaces
 from drake_rho.planning.errors import OutOfTimeError, SolverError
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs.backend import Backend
 from drake_rho.planning.programs.free_time import LITTLE_EFFORT, POWERS, FreeTimePrograms
+from drake_rho.planning.programs.free_time_program import bound_rates
 from drake_rho.planning.programs.free_times import NO_CHANGE, Change, FreeTime
 from drake_rho.planning.scp.timed import Timed
 from drake_rho.scenario.errors import Description, ScenarioError
@@ -269,9 +270,24 @@ def violated_rows(
             for each in constraints
             if not between or each.searches > 0
         ]
-        if more := [each for each in rows if len(each) > 0]:
+        if more := [left for each in rows if len(left := still_violated(each, found, problem))]:
             return more
     return []
+
+
+def still_violated(rows: HalfSpaces, found: FreeTime, problem: Problem) -> HalfSpaces:
+    """Return the violated rows without those that hold where obstacles and tracks are by then.
+
+    Args:
+        rows: rows that a solution violates with obstacles where they are at the program's times.
+        found: solution of the program.
+        problem: problem of the program.
+    """
+    later = bound_rates(rows) * (found.factor - 1.0)
+    if not later.any():
+        return rows
+    margins = rows.margins(in_its_time(found, problem, rows.constraint.quantity)) - later
+    return rows.select(margins < -VIOLATED * rows.tolerances)
 
 
 def near_rows(rows: Iterable[HalfSpaces], found: FreeTime, problem: Problem) -> list[HalfSpaces]:
