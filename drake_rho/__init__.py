@@ -119,6 +119,7 @@ __all__ = [
     "HalfSpace",
     "InfeasibleError",
     "KeepIn",
+    "LimitEffect",
     "Limits",
     "MapChangedWarning",
     "MapScaleWarning",
@@ -146,6 +147,7 @@ __all__ = [
     "Statistics",
     "Study",
     "Summary",
+    "TimeSensitivity",
     "Track",
     "Vehicle",
     "VehicleCertificate",
@@ -210,6 +212,7 @@ __all__ = [
 _NAMES = {
     "drake_rho.analysis.diagnosis": ("Diagnosis",),
     "drake_rho.analysis.diagnose": ("diagnose",),
+    "drake_rho.analysis.sensitivity": ("LimitEffect", "TimeSensitivity"),
     "drake_rho.analysis.minimum_time": ("plan_minimum_time", "shortest_plan"),
     "drake_rho.analysis.infeasible_subset": ("infeasible_subset",),
     "drake_rho.analysis.certificate": ("Certificate", "VehicleCertificate"),

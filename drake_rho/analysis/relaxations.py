@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial
 
 import numpy as np
@@ -164,32 +164,36 @@ def _of_scenario(scenario: Scenario) -> list[Relaxation]:
     found = list[Relaxation]()
     every, smaller = np.arange(len(scenario.vehicles)), 1.0 - _PART
 
-    def add(name: str, changes: str, size: float, vehicles: IntArray, **fields: object) -> None:
-        relaxed = partial(_with_fields, fields=fields)
-        found.append(Relaxation(name, changes, size, vehicles, relaxed, for_each=False))
+    def add(name: str, change: str, size: float, vehicles: IntArray, relaxed: Scenario) -> None:
+        apply = partial(_of_other, scenario=relaxed)
+        found.append(Relaxation(name, change, size, vehicles, apply, for_each=False))
 
     apart, wind, smoothing = scenario.separation, scenario.disturbance, scenario.smoothing
     if apart is not None and len(every) > 1:
         nearer = dataclasses.replace(apart, distance=apart.distance * smaller)
-        add("separation", "1 % less", _PART / 0.01, every, separation=nearer)
+        relaxed = dataclasses.replace(scenario, separation=nearer)
+        add("separation", "1 % less", _PART / 0.01, every, relaxed)
     for index, each in enumerate(scenario.requirements):
         by = _OF_LENGTH * float(scenario.fleet.scale(each.quantity).max())
         wider = list(scenario.requirements)
         wider[index] = dataclasses.replace(each, set=_Wider(each.set, by))
+        relaxed = dataclasses.replace(scenario, requirements=tuple(wider))
         words, members = f"0.01 {each.unit} wider", each.members(scenario.names)
-        add(each.called(index + 1), words, by / 0.01, members, requirements=tuple(wider))
+        add(each.called(index + 1), words, by / 0.01, members, relaxed)
     if wind is not None:
         weaker = dataclasses.replace(wind, acceleration=wind.acceleration * smaller)
-        add("wind", "1 % less", _PART / 0.01, every, disturbance=weaker)
+        relaxed = dataclasses.replace(scenario, disturbance=weaker)
+        add("wind", "1 % less", _PART / 0.01, every, relaxed)
     if smoothing is not None:
         narrower = dataclasses.replace(smoothing, width=smoothing.width * smaller)
-        add("smoothing", "1 % narrower", _PART / 0.01, every, smoothing=narrower)
+        relaxed = dataclasses.replace(scenario, smoothing=narrower)
+        add("smoothing", "1 % narrower", _PART / 0.01, every, relaxed)
     return found
 
 
-def _with_fields(timed: Timed, vehicles: Sequence[int], *, fields: dict[str, object]) -> Timed:
-    """Return a motion of a scenario with other fields."""
-    return dataclasses.replace(timed, scenario=dataclasses.replace(timed.scenario, **fields))
+def _of_other(timed: Timed, vehicles: IntArray, *, scenario: Scenario) -> Timed:
+    """Return the motion as one of another scenario."""
+    return dataclasses.replace(timed, scenario=scenario)
 
 
 @dataclasses.dataclass(frozen=True)
