@@ -12,7 +12,8 @@ from drake_rho.planning.constraints.base import Constraint
 from drake_rho.planning.constraints.obstacles import KeepOutOfObstacle
 from drake_rho.planning.scp.timed import Timed
 from drake_rho.scenario.fields import FloatArray, IntArray
-from drake_rho.scenario.kinds import LIMITS
+from drake_rho.scenario.kinds import BOXES, LIMITS
+from drake_rho.scenario.norms import NORMS
 from drake_rho.scenario.records import Box, Limits, Scenario
 from drake_rho.scenario.sets import ConvexSet
 
@@ -216,3 +217,21 @@ class _Wider:
     def outward(self, x: FloatArray) -> FloatArray:
         """Return unit vectors that point away from the set, shape (..., 3)."""
         return self.inner.outward(x)
+
+
+TREATMENT: dict[str, str] = {
+    "dynamics": "kept: they are equations",
+    "goals": "kept: what a flight is for",
+    **dict.fromkeys(BOXES, "1 % wider; a box of positions by a length"),
+    **dict.fromkeys(NORMS, "1 % larger, for each vehicle"),
+    "waypoints": "a larger distance, and a given time 1 % sooner",
+    "requirements": "a set with everything near it",
+    "obstacles": "a smaller distance, for each vehicle",
+    "moving obstacles": "a smaller distance, for each vehicle",
+    "late obstacles": "a smaller distance if it is known at the start",
+    "active obstacles": "a smaller distance; its interval is kept",
+    "separation": "1 % less",
+    "disturbance": "1 % less wind; errors of the estimate are kept",
+    "smoothing": "averages over 1 % less",
+}
+"""Relaxation of every kind of requirement."""
