@@ -347,7 +347,7 @@ def test_a_flight_lasts_as_long_as_its_given_times_and_intervals() -> None:
     assert times == sorted(times)
     assert times[::2] == [2.0, 6.0]
     home = rho.KeepIn(rho.Sphere([0, 0, 0], 2.0), active=(8.0, 8.0))
-    waits = dataclasses.replace(single(limits=FAST), requirements=(home,))
+    waits = dataclasses.replace(single(limits=FAST, grid=rho.Grid(0.6, 21)), requirements=(home,))
     assert least_time(waits) > 10.0  # 8 m from there to the goal
 
 

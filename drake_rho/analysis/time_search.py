@@ -259,12 +259,14 @@ class TimeSearch:
         """Return a motion as a plan.
 
         Limits that rounding exceeds are met by a motion that is slower by a few roundings, or by
-        that of a program that is solved to more digits.
+        that of a program that is solved to more digits, with a little more time if there is none.
         """
         plan = self._met(best)
         if plan is None:
             least = LeastTime(Backend(), self._progress, steady=self._steady)
-            exact = least.at_same_times(best) or best
+            slower = (best.lasting((1.0 + each) * best.duration) for each in _SLOWER)
+            found = (least.at_same_times(each) for each in (best, *islice(slower, 1, None)))
+            exact = next((each for each in found if each is not None), best)
             self._least.statistics += least.statistics
             plan = self._met(exact) or self._plan(exact)
             if not verify(plan).ok:
