@@ -274,7 +274,7 @@ def test_a_bad_guess_of_the_step_and_vehicles_that_stay_do_no_harm() -> None:
     with pytest.raises(rho.InfeasibleError, match="a single step"):
         rho.plan_minimum_time(straight(2, FAST))
     crowded = [rho.Waypoint(None, [x, 0.3 * x % 1, 1.0]) for x in (1.0, 2.0, 3.0, 4.0)]
-    with pytest.raises(rho.InfeasibleError, match="waypoints in their order"):
+    with pytest.raises(rho.InfeasibleError, match=r"on 4 knots .*: waypoints in their order"):
         rho.plan_minimum_time(single(limits=FAST, waypoints=crowded, grid=rho.Grid(1.0, 4)))
 
 

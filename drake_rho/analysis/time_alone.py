@@ -193,8 +193,8 @@ def no_plan_alone(scenario: Scenario, backend: Backend) -> Exception:
     except SolverError as error:
         return error
     conflicts = {each.name: ("waypoints in their order",) for each in scenario.vehicles}
-    because = f"no motion on {scenario.grid.knots} knots passes them, in whatever time"
-    return InfeasibleError(conflicts, scenario=scenario, because=because)
+    because = f"no motion on {scenario.grid.knots} knots passes these in any time; more knots may"
+    return InfeasibleError(conflicts, because=because)  # the scenario has no waypoints here
 
 
 def in_no_time(errors: Sequence[InfeasibleError], backend: Backend) -> InfeasibleError:
