@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from drake_rho.analysis.diagnosis import Diagnosis
     from drake_rho.analysis.infeasible_subset import infeasible_subset
     from drake_rho.analysis.minimum_time import plan_minimum_time, shortest_plan
+    from drake_rho.analysis.sensitivity import LimitEffect, TimeSensitivity
     from drake_rho.campaigns.campaign import campaign
     from drake_rho.campaigns.results import Results
     from drake_rho.campaigns.study import Study, load_study
@@ -118,6 +119,7 @@ __all__ = [
     "HalfSpace",
     "InfeasibleError",
     "KeepIn",
+    "LimitEffect",
     "Limits",
     "MapChangedWarning",
     "MapScaleWarning",
@@ -145,6 +147,7 @@ __all__ = [
     "Statistics",
     "Study",
     "Summary",
+    "TimeSensitivity",
     "Track",
     "Vehicle",
     "VehicleCertificate",
@@ -209,6 +212,7 @@ __all__ = [
 _NAMES = {
     "drake_rho.analysis.diagnosis": ("Diagnosis",),
     "drake_rho.analysis.diagnose": ("diagnose",),
+    "drake_rho.analysis.sensitivity": ("LimitEffect", "TimeSensitivity"),
     "drake_rho.analysis.minimum_time": ("plan_minimum_time", "shortest_plan"),
     "drake_rho.analysis.infeasible_subset": ("infeasible_subset",),
     "drake_rho.analysis.certificate": ("Certificate", "VehicleCertificate"),

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import drake_rho as rho
-from drake_rho.analysis import certify
+from drake_rho.analysis import certify, relaxations
 from drake_rho.display import kinds as display
 from drake_rho.exports import export
 from drake_rho.planning.constraints import catalogue, tightening
@@ -29,6 +29,7 @@ CONSUMERS: dict[str, ModuleType] = {
     "verifier": verification,
     "tightening": tightening,
     "certificate": certify,
+    "sensitivity": relaxations,
     "attack": attack,
     "exports": export,
     "display": display,

@@ -274,7 +274,7 @@ def test_a_bad_guess_of_the_step_and_vehicles_that_stay_do_no_harm() -> None:
     with pytest.raises(rho.InfeasibleError, match="a single step"):
         rho.plan_minimum_time(straight(2, FAST))
     crowded = [rho.Waypoint(None, [x, 0.3 * x % 1, 1.0]) for x in (1.0, 2.0, 3.0, 4.0)]
-    with pytest.raises(rho.InfeasibleError, match="waypoints in their order"):
+    with pytest.raises(rho.InfeasibleError, match=r"on 4 knots .*: waypoints in their order"):
         rho.plan_minimum_time(single(limits=FAST, waypoints=crowded, grid=rho.Grid(1.0, 4)))
 
 
@@ -307,6 +307,48 @@ def test_what_has_no_least_time_is_refused() -> None:
     room = dataclasses.replace(FAST, position=rho.Box([-1, -5, -5], [11, 5, 5]))
     with pytest.raises(rho.InfeasibleError, match="obstacle 1"):
         rho.plan_minimum_time(single(limits=room, obstacles=[wall], between_knots=True))
+
+
+@pytest.mark.parametrize(
+    ("waypoints", "why"),
+    [
+        ([(1.0, [0, 100, 0])], ("maximum acceleration", "waypoint 1 at 1 s")),
+        ([(3.0, [2, 0, 0]), (3.1, [5, 0, 0])], ("maximum speed", "waypoint 1", "waypoint 2")),
+        ([(1.0, [0.5, 0, 0]), (None, [4, 3, 0]), (1.5, [9, 0, 0])], ("waypoint 3 at 1.5 s",)),
+    ],
+    ids=["far", "apart", "between"],
+)
+def test_times_that_no_final_time_can_meet_are_named_with_the_limit(
+    waypoints: list[tuple[float | None, list[float]]],
+    why: tuple[str, ...],
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: object,
+) -> None:
+    passed = [rho.Waypoint(time, position) for time, position in waypoints]
+    scenario = single(limits=FAST, waypoints=passed, grid=rho.Grid(0.5, 21))
+    with pytest.raises(rho.InfeasibleError, match="no plan: in no final time") as caught:
+        rho.plan_minimum_time(scenario)
+    assert "goal" not in str(caught.value)
+    for words in why:
+        assert words in str(caught.value)
+    path = f"{tmp_path}/late.yaml"
+    rho.save_scenario(scenario, path)
+    status, out, err = run(capsys, monkeypatch, "fastest", path, "--quiet")
+    assert (status, out, err) == (3, "", f"drake-rho: {caught.value}\n")
+
+
+def test_a_flight_lasts_as_long_as_its_given_times_and_intervals() -> None:
+    passed = [rho.Waypoint(2.0, [2, 0, 0]), rho.Waypoint(None, [4, 2, 0])]
+    passed += [rho.Waypoint(6.0, [6, 0, 0]), rho.Waypoint(None, [8, -1, 0])]
+    plan = rho.plan_minimum_time(single(limits=FAST, waypoints=passed, grid=rho.Grid(0.5, 21)))
+    assert rho.verify(plan).ok
+    times = [float(each.time or 0.0) for each in plan.scenario.vehicles[0].waypoints]
+    assert times == sorted(times)
+    assert times[::2] == [2.0, 6.0]
+    home = rho.KeepIn(rho.Sphere([0, 0, 0], 2.0), active=(8.0, 8.0))
+    waits = dataclasses.replace(single(limits=FAST, grid=rho.Grid(0.6, 21)), requirements=(home,))
+    assert least_time(waits) > 10.0  # 8 m from there to the goal
 
 
 def test_the_command_prints_and_saves_the_plan(

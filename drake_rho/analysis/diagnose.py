@@ -1,12 +1,19 @@
-"""`diagnose`: reason why a scenario has no plan, its least violation, and changes that give one."""
+"""`diagnose`: reason why a scenario has no plan, its least violation, and changes that give one.
+
+Of a plan in the least time it is the limits that make it as long as it is.
+"""
 
 from __future__ import annotations
 
 import dataclasses
+from typing import overload
 
 from drake_rho.analysis.diagnosis import Diagnosis
 from drake_rho.analysis.infeasible_subset import infeasible_subset
+from drake_rho.analysis.sensitivity import TimeSensitivity
+from drake_rho.analysis.time_sensitivity import SensitivityAnalysis
 from drake_rho.analysis.trials import Trials, durations, least_factor, precision_of
+from drake_rho.motion.plan import Plan
 from drake_rho.planning.call.progress import Progress, tell
 from drake_rho.planning.call.time_limit import with_time_limit
 from drake_rho.planning.errors import InfeasibleError, OutOfTimeError, SolverError
@@ -21,16 +28,42 @@ from drake_rho.verification.check import Check
 from drake_rho.verification.verify import verify
 
 
-@checked
-@with_time_limit
+@overload
 def diagnose(
     scenario: Scenario,
     *,
     solver: Solver | SolverName | None = None,
     progress: Progress | None = None,
     time_limit: float | None = None,
-) -> Diagnosis:
-    """Find out why a scenario has no plan, its least violation, and changes that give a plan.
+) -> Diagnosis: ...
+
+
+@overload
+def diagnose(
+    scenario: Plan,
+    *,
+    planned: Scenario | None = None,
+    progress: Progress | None = None,
+    time_limit: float | None = None,
+) -> TimeSensitivity: ...
+
+
+@checked
+@with_time_limit
+def diagnose(
+    scenario: Scenario | Plan,
+    *,
+    planned: Scenario | None = None,
+    solver: Solver | SolverName | None = None,
+    progress: Progress | None = None,
+    time_limit: float | None = None,
+) -> Diagnosis | TimeSensitivity:
+    """Find out why a scenario has no plan, or which limits make a plan of least time so long.
+
+    Of a scenario without a plan, it finds the constraints that cannot be met together, the least
+    violation, and changes that give a plan. Of a plan of `plan_minimum_time`, it finds by how much
+    the final time falls if each limit is relaxed by a little: each is relaxed in turn, in a program
+    with a free final time around the plan. Where limits bend, the change is that to first order.
 
     Conflicts with obstacles are those of the first linearisation, around the plan without
     obstacles. Changes that give a plan are found with the first plan of `plan_scp`, which also
@@ -38,14 +71,22 @@ def diagnose(
     shorter ones are tried as well.
 
     Args:
-        scenario: scenario to diagnose.
-        solver: `"clarabel"`, `"daqp"` or `"osqp"`, or a Drake solver; Clarabel if not given.
+        scenario: scenario to diagnose, or plan of the least time.
+        planned: for a plan, the scenario that it was planned for, whose times of waypoints are
+            kept. If not given, the times of all waypoints count as found.
+        solver: `"clarabel"`, `"daqp"` or `"osqp"`, or a Drake solver; Clarabel if not given. Plans
+            are diagnosed with Clarabel.
         progress: called with a short description of the current step, as on each trial.
         time_limit: seconds, above 0, after which the findings so far are returned (`cut`).
 
+    Returns:
+        A `Diagnosis` of a scenario, the `TimeSensitivity` of a plan.
+
     Raises:
         OutOfTimeError: time was up before a plan, or a reason why there is none, was found.
+        ScenarioError: a waypoint of the scenario has no time, or no limit bounds a plan's time.
         SolverError: the solvers fail numerically.
+        ValueError: the plan is none of least time, or not one of the scenario `planned`.
 
     Examples:
         >>> scenario = rho.Scenario(
@@ -56,7 +97,15 @@ def diagnose(
         ... )
         >>> rho.diagnose(scenario).conflicts
         {'scout': ('goal x', 'maximum acceleration from 0 s to 9.75 s')}
+        >>> print(rho.diagnose(rho.plan_minimum_time(scenario)))
+        hurry: 10.6904 s; what makes it so long
+        limit             change    vehicles  less time
+        max_acceleration  1 % more  scout         0.5 %
     """
+    if isinstance(scenario, Plan):
+        return SensitivityAnalysis(scenario, planned, progress).result()
+    if planned is not None:
+        raise ValueError("planned: got a scenario beside a scenario, expected it beside a plan")
     backend = Backend.of(solver)
     violations: tuple[Check, ...] = ()
     tolerable, premise, trials = None, "", Trials(backend, progress)

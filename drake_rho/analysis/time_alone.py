@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
+from contextlib import suppress
 
 import numpy as np
 
+from drake_rho.analysis.infeasible_subset import infeasible_subset
 from drake_rho.motion.statistics import Statistics
 from drake_rho.planning.call.progress import Progress, tell
 from drake_rho.planning.errors import InfeasibleError, SolverError
@@ -185,8 +188,40 @@ def no_plan_alone(scenario: Scenario, backend: Backend) -> Exception:
     grid = dataclasses.replace(scenario.grid, step=_LONGER[1] * scenario.grid.step)
     try:
         first_plan(Problem.of(scenario.ending_with(grid)), backend=backend)
-    except (InfeasibleError, SolverError) as error:
+    except InfeasibleError as error:
+        return in_no_time([error], backend)
+    except SolverError as error:
         return error
     conflicts = {each.name: ("waypoints in their order",) for each in scenario.vehicles}
-    because = f"no motion on {scenario.grid.knots} knots passes them, in whatever time"
-    return InfeasibleError(conflicts, scenario=scenario, because=because)
+    because = f"no motion on {scenario.grid.knots} knots passes these in any time; more knots may"
+    return InfeasibleError(conflicts, because=because)  # the scenario has no waypoints here
+
+
+def in_no_time(errors: Sequence[InfeasibleError], backend: Backend) -> InfeasibleError:
+    """Return the error of a scenario that has no plan in any final time.
+
+    The conflict of the first final time that does not involve the goal is more telling than that
+    of one which may be too short.
+
+    Args:
+        errors: errors of the final times that were tried, the longest last.
+        backend: solver that reduces the conflicts.
+    """
+    for error in errors:
+        if error.scenario is None or error.because:
+            return error
+        duration, conflicts = error.scenario.grid.duration, error.conflicts
+        with suppress(SolverError):
+            conflicts = infeasible_subset(error, solver=backend.solver)
+        if not any(name.startswith("goal") for each in conflicts.values() for name in each):
+            break
+    premise = f" {error.premise}" if error.premise else ""
+    return InfeasibleError(
+        conflicts,
+        scenario=error.scenario,
+        statistics=error.statistics,
+        obstacles=error.obstacles,
+        reference=error.reference,
+        because=f"in no final time that was tried; in {duration:.4g} s these cannot be met "
+        f"together{premise}",
+    )

@@ -11,7 +11,7 @@ from itertools import islice
 import numpy as np
 
 from drake_rho.analysis.early_arrivals import as_soon_as_each_can
-from drake_rho.analysis.time_alone import TimesAlone
+from drake_rho.analysis.time_alone import TimesAlone, in_no_time
 from drake_rho.analysis.trials import Trials, durations
 from drake_rho.motion.plan import Plan
 from drake_rho.planning.call.options import Options
@@ -25,7 +25,7 @@ from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs.backend import Backend
 from drake_rho.planning.scp.least_time import ROUGH, LeastTime
 from drake_rho.planning.scp.subproblem import Subproblem
-from drake_rho.planning.scp.timed import Timed
+from drake_rho.planning.scp.timed import Timed, latest
 from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.records import Grid, Scenario
@@ -160,16 +160,19 @@ class TimeSearch:
 
     def _from_first_plans(self, alone: Timed) -> Timed:
         """Return a motion in least time near a first plan in more time."""
-        failure: Exception = SolverError("no motion was found around the first plans")
+        failures = list[Exception]()
         for longer in _LONGER:
             try:
                 found = self._from_first_plan(alone, longer * alone.duration)
             except (InfeasibleError, SolverError, ScenarioError) as error:
-                failure = error
+                failures.append(error)
             else:
                 if found is not None:
                     return found
-        raise failure
+        if infeasible := [each for each in failures if isinstance(each, InfeasibleError)]:
+            raise in_no_time(infeasible, self._backend)
+        none = SolverError("no motion was found around the first plans")
+        raise failures[-1] if failures else none
 
     def _shorter(self, low: float, best: Timed) -> Timed:
         """Return a motion that takes less time than a local optimum, if one is found.
@@ -220,6 +223,7 @@ class TimeSearch:
         smoothing, steps = self._scenario.smoothing, self._scenario.grid.knots - 1
         if smoothing is not None:
             duration = max(duration, smoothing.width * steps * (1.0 + 1e-9))
+        duration = max(duration, latest(self._scenario, like.passing) * (1.0 + 1e-9))
         scaled = dataclasses.replace(like.lasting(duration), scenario=self._scenario)
         return Problem.of(self._timed(scaled.grid, scaled.passing.times)), scaled
 
@@ -255,12 +259,14 @@ class TimeSearch:
         """Return a motion as a plan.
 
         Limits that rounding exceeds are met by a motion that is slower by a few roundings, or by
-        that of a program that is solved to more digits.
+        that of a program that is solved to more digits, with a little more time if there is none.
         """
         plan = self._met(best)
         if plan is None:
             least = LeastTime(Backend(), self._progress, steady=self._steady)
-            exact = least.at_same_times(best) or best
+            slower = (best.lasting((1.0 + each) * best.duration) for each in _SLOWER)
+            found = (least.at_same_times(each) for each in (best, *islice(slower, 1, None)))
+            exact = next((each for each in found if each is not None), best)
             self._least.statistics += least.statistics
             plan = self._met(exact) or self._plan(exact)
             if not verify(plan).ok:

@@ -46,10 +46,38 @@ class Failed(Document):
 
 @record
 class Diagnosed(Document):
-    """Document of diagnose."""
+    """Document of diagnose for a scenario."""
 
     diagnosis: DiagnosisPart
     """why there is no plan and which changes help"""
+
+
+@record
+class LimitRow:
+    """Effect of one limit on the final time of a plan."""
+
+    limit: str
+    """name of the limit"""
+    change: str
+    """change of the limit to which `less_time` refers"""
+    less_time: float
+    """part of the final time that such a change saves, to first order"""
+    vehicles: list[str]
+    """names of the vehicles for which the limit counts"""
+
+
+@record
+class TimeDiagnosed(Document):
+    """Document of diagnose for a plan in the least time."""
+
+    scenario: str
+    """name of the scenario"""
+    duration_s: float
+    """final time of the plan, counted from the first knot"""
+    limits: list[LimitRow]
+    """limits that make the plan as long as it is, that with the largest effect first"""
+    cut: bool
+    """true if time ended before every limit was tried"""
 
 
 @record

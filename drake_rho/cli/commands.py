@@ -6,7 +6,6 @@ import json
 import logging
 import sys
 import webbrowser
-import zipfile
 from pathlib import Path
 from typing import Annotated, NoReturn
 
@@ -49,7 +48,7 @@ from drake_rho.cli.options import (
 )
 from drake_rho.cli.planning import assign, fastest, fly, plan
 from drake_rho.cli.simulation import simulate
-from drake_rho.cli.sources import read, refuse_options
+from drake_rho.cli.sources import is_result, read, refuse_options
 from drake_rho.cli.streams import pipe_safe
 from drake_rho.cli.verification import certify, diagnose, verify
 from drake_rho.motion.files import load
@@ -234,7 +233,7 @@ def _scenario_of(
     source: str, duration: float | None, step: float | None, world: str | None
 ) -> Scenario:
     """Return a scenario, or that of a file with a plan, a flight or a simulation."""
-    if _is_result(source):
+    if is_result(source):
         refuse_options(source, duration, step, world)
         return load(source).scenario
     return read(source, duration, step, world)
@@ -251,16 +250,11 @@ def _conflicts_of(scenario: Scenario, work: Work) -> InfeasibleError | None:
     return None
 
 
-def _is_result(source: str) -> bool:
-    """Return whether a file holds a plan, a flight or a simulation."""
-    return source.endswith(".npz") or zipfile.is_zipfile(source)
-
-
 def _load_or_plan(
     source: str, duration: float | None, step: float | None, world: str | None, work: Work
 ) -> Flown:
     """Return the content of a file, or a new flight of a scenario; for a fleet, a new plan."""
-    if _is_result(source):
+    if is_result(source):
         refuse_options(source, duration, step, world)
         return load(source)
     scenario = read(source, duration, step, world)

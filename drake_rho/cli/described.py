@@ -8,7 +8,14 @@ import numpy as np
 
 from drake_rho.analysis.certificate import Certificate
 from drake_rho.analysis.diagnosis import Diagnosis
-from drake_rho.cli.analysis_documents import Certified, CertifiedRow, DiagnosisPart
+from drake_rho.analysis.sensitivity import TimeSensitivity
+from drake_rho.cli.analysis_documents import (
+    Certified,
+    CertifiedRow,
+    DiagnosisPart,
+    LimitRow,
+    TimeDiagnosed,
+)
 from drake_rho.cli.document import read_off
 from drake_rho.cli.documents import (
     Assigned,
@@ -89,6 +96,17 @@ def diagnosis_part(diagnosis: Diagnosis) -> DiagnosisPart:
         shortest_duration_s=diagnosis.shortest_duration,
         longest_duration_s=diagnosis.longest_duration,
         bearable_wind_mps2=diagnosis.bearable_wind,
+    )
+
+
+def time_diagnosed(found: TimeSensitivity) -> TimeDiagnosed:
+    """Return the document of the sensitivity of a plan's final time."""
+    return read_off(
+        TimeDiagnosed,
+        found,
+        scenario=found.scenario.name,
+        duration_s=found.duration,
+        limits=[read_off(LimitRow, each, vehicles=list(each.vehicles)) for each in found.limits],
     )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import zipfile
 from contextlib import suppress
 from difflib import get_close_matches
 from pathlib import Path
@@ -17,6 +18,11 @@ from drake_rho.scenario.records import Grid, Scenario
 
 _YAML = (".yaml", ".yml")
 _RESULT_FILES = "a file saved by plan, fly or simulate (.npz), or a plan exported as JSON (.json)"
+
+
+def is_result(source: str) -> bool:
+    """Return whether a file holds a plan, a flight or a simulation."""
+    return source.endswith(".npz") or zipfile.is_zipfile(source)
 
 
 def load_result(path: Path) -> Flown:

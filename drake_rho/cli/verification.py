@@ -14,7 +14,6 @@ from drake_rho.cli.analysis_documents import Diagnosed
 from drake_rho.cli.console import answer, stopping_early, working
 from drake_rho.cli.options import (
     DurationOption,
-    ScenarioArgument,
     Solver,
     SolverOption,
     StepOption,
@@ -22,7 +21,7 @@ from drake_rho.cli.options import (
     WorldOption,
 )
 from drake_rho.cli.reports import finish
-from drake_rho.cli.sources import load_result, read
+from drake_rho.cli.sources import is_result, load_result, read, refuse_options
 from drake_rho.planning.programs.backend import SOLVERS
 
 
@@ -75,20 +74,51 @@ def certify(
 
 
 def diagnose(
-    scenario: ScenarioArgument,
+    source: Annotated[
+        str,
+        typer.Argument(
+            metavar="SCENARIO|FILE",
+            help="A scenario, or a file (.npz) with a plan saved by 'fastest'.",
+        ),
+    ],
     solver: SolverOption = Solver.CLARABEL,
     time_limit: TimeLimitOption = None,
+    planned: Annotated[
+        str | None,
+        typer.Option(
+            metavar="SCENARIO",
+            help="For a plan: the scenario that it was planned for, whose times of waypoints are "
+            "kept. Without it, all times of waypoints count as found.",
+        ),
+    ] = None,
     duration: DurationOption = None,
     step: StepOption = None,
     world: WorldOption = None,
 ) -> int:
-    """Explain why a scenario has no plan and what would make it feasible.
+    """Explain why a scenario has no plan, or which limits make a plan so long.
 
-    The exit status is 0 whether there is a plan or not.
+    For a scenario, changes that would make it feasible follow; the exit status is 0 whether there
+    is a plan or not. For a plan of 'fastest', it is the time that wider limits would save.
     """
-    problem = read(scenario, duration, step, world)
+    if is_result(source):
+        refuse_options(source, duration, step, world)
+        return _diagnose_plan(source, planned, time_limit)
+    if planned is not None:
+        raise ValueError(f"--planned: got {planned!r} for a scenario, expected a file of a plan")
+    problem = read(source, duration, step, world)
     with working("looking for a plan") as work, stopping_early():
         diagnosis = diagnosis_of(
             problem, solver=SOLVERS[solver](), progress=work, time_limit=time_limit
         )
     return answer(Diagnosed(diagnosis=described.diagnosis_part(diagnosis)), str(diagnosis))
+
+
+def _diagnose_plan(source: str, planned: str | None, time_limit: float | None) -> int:
+    """Print which limits make the plan of a file as long as it is."""
+    flown = load_result(Path(source))
+    if flown.kind != "plan":
+        raise ValueError(f"{source}: got a {flown.kind}, expected a plan")
+    scenario = None if planned is None else read(planned, None, None)
+    with working("looking for less time near the plan") as work, stopping_early():
+        found = diagnosis_of(flown.plan, planned=scenario, progress=work, time_limit=time_limit)
+    return answer(described.time_diagnosed(found), str(found))

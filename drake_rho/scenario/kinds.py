@@ -1,8 +1,8 @@
 """Kinds of requirements that scenarios have, so that no part of the package forgets one.
 
-Planner, verifier, tightening, certificate, attack, exports and display each have a table that says
-what they do with every kind (`tests/test_completeness.py` holds it), and the verifier refuses a
-scenario of which it has not checked every kind.
+Planner, verifier, tightening, certificate, sensitivity, attack, exports and display each have a
+table that says what they do with every kind (`tests/test_completeness.py` holds it), and the
+verifier refuses a scenario of which it has not checked every kind.
 """
 
 from __future__ import annotations

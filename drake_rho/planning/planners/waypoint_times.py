@@ -30,6 +30,8 @@ _ROUGHLY = 1e-2
 def passing_of(waypoints: AllWaypoints, scenario: Scenario, grid: Grid) -> Passing:
     """Return waypoints with their times; those that are free grow with the roots of distances.
 
+    Those between given times do so between these.
+
     Args:
         waypoints: the waypoints of all vehicles.
         scenario: the scenario with these vehicles.
@@ -42,7 +44,11 @@ def passing_of(waypoints: AllWaypoints, scenario: Scenario, grid: Grid) -> Passi
         legs = np.sqrt(np.linalg.norm(np.diff(places, axis=0), axis=1))
         legs = np.maximum(legs, _LEAST_LEG * max(legs.max(), 1e-300))
         guess = grid.duration * np.cumsum(legs)[:-1] / legs.sum()
-        times[own] = np.where(waypoints.given[own], times[own], guess)
+        given = waypoints.given[own]
+        if given.any() and not given.all():
+            ends = [0.0, *guess[given], grid.duration], [0.0, *times[own][given], grid.duration]
+            guess = np.interp(guess, *ends)
+        times[own] = np.where(given, times[own], guess)
     return Passing(
         waypoints.vehicles,
         times,

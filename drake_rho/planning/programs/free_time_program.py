@@ -124,7 +124,8 @@ class FreeTimeProgram:
         high = np.minimum(reach, np.maximum(T - passing.least - passing.times, 0.0))
         program.AddBoundingBoxConstraint(low, high, self._changes)
         free = ~passing.given
-        later = 1 + np.flatnonzero((np.diff(passing.vehicles) == 0) & free[1:] & free[:-1])
+        same = np.diff(passing.vehicles) == 0
+        later = 1 + np.flatnonzero(same & (free[1:] | free[:-1]))
         if len(later) > 0:
             both = np.eye(len(reach))[later] - np.eye(len(reach))[later - 1]
             gaps = passing.times[later] - passing.times[later - 1]

@@ -64,6 +64,24 @@ class Passing:
             self.least,
         )
 
+    def lasting(self, duration: float, before: float) -> Passing:
+        """Return the waypoints of another final time, with free ones at the same parts of it.
+
+        Those between given times are at the same parts of the time between these.
+
+        Args:
+            duration: the other final time [s].
+            before: final time so far [s].
+        """
+        factor = duration / before
+        times = np.where(self.given, self.times, factor * self.times)
+        for i in np.unique(self.vehicles[self.given]):
+            own = self.vehicles == i
+            known = self.times[own & self.given]
+            ends = [0.0, *known, before], [0.0, *known, duration]
+            times[own] = np.interp(self.times[own], *ends)
+        return dataclasses.replace(self, times=times, least=factor * self.least)
+
     def axes(self, effort: MinimumEffort) -> Rows:
         """Return rows with the positions less the waypoints, three for each, as their values."""
         who, times = np.repeat(self.vehicles, 3), np.repeat(self.times, 3)

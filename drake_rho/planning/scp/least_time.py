@@ -20,11 +20,12 @@ from drake_rho.motion.dynamics import Motion, roll_out
 from drake_rho.motion.statistics import Statistics
 from drake_rho.planning.call.progress import Progress, tell
 from drake_rho.planning.call.time_limit import check_time
-from drake_rho.planning.constraints.base import Constraint, HalfSpaces
+from drake_rho.planning.constraints.base import VIOLATED, Constraint, HalfSpaces
 from drake_rho.planning.errors import OutOfTimeError, SolverError
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs.backend import Backend
 from drake_rho.planning.programs.free_time import LITTLE_EFFORT, POWERS, FreeTimePrograms
+from drake_rho.planning.programs.free_time_program import bound_rates
 from drake_rho.planning.programs.free_times import NO_CHANGE, Change, FreeTime
 from drake_rho.planning.scp.timed import Timed
 from drake_rho.scenario.errors import Description, ScenarioError
@@ -139,6 +140,20 @@ class LeastTime:
         """Return a motion around another with the same times; None also if solvers fail."""
         return self._tried(timed, self._same_times)
 
+    def linearised(self, timed: Timed, reach: float) -> Timed | None:
+        """Return the solution of one linearised program; None if there is none or solvers fail.
+
+        It meets constraints to first order in the changes of times.
+
+        Args:
+            timed: motion to linearise around.
+            reach: part of the final time by which times may change.
+        """
+        final = ((1.0 - reach) ** 2, (1.0 + reach) ** 2)
+        if self._steady or not self._final_time:
+            final = self._same_times.final
+        return self._tried(timed, Change(final, reach * timed.duration))
+
     def _again(self, best: Timed) -> _Iteration:
         """Return the motion in least time around the best one."""
         return _Iteration(self._tried(best, self._same_times), 0.0, 0.0)
@@ -150,10 +165,7 @@ class LeastTime:
             best: motion that meets every constraint.
             reach: part of the final time by which times may change.
         """
-        final = ((1.0 - reach) ** 2, (1.0 + reach) ** 2)
-        if self._steady or not self._final_time:
-            final = self._same_times.final
-        guess = self._tried(best, Change(final, reach * best.duration))
+        guess = self.linearised(best, reach)
         if guess is None:
             return _Iteration(None, 1.0, reach)
         scale = guess.duration / best.duration
@@ -258,9 +270,24 @@ def violated_rows(
             for each in constraints
             if not between or each.searches > 0
         ]
-        if more := [each for each in rows if len(each) > 0]:
+        if more := [left for each in rows if len(left := still_violated(each, found, problem))]:
             return more
     return []
+
+
+def still_violated(rows: HalfSpaces, found: FreeTime, problem: Problem) -> HalfSpaces:
+    """Return the violated rows without those that hold where obstacles and tracks are by then.
+
+    Args:
+        rows: rows that a solution violates with obstacles where they are at the program's times.
+        found: solution of the program.
+        problem: problem of the program.
+    """
+    later = bound_rates(rows) * (found.factor - 1.0)
+    if not later.any():
+        return rows
+    margins = rows.margins(in_its_time(found, problem, rows.constraint.quantity)) - later
+    return rows.select(margins < -VIOLATED * rows.tolerances)
 
 
 def near_rows(rows: Iterable[HalfSpaces], found: FreeTime, problem: Problem) -> list[HalfSpaces]:

@@ -21,6 +21,10 @@ from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.records import Grid, Scenario
 from drake_rho.scenario.smoothing import largest_accelerations
 
+_AFTER = 1e-3
+"""Part of the least time between waypoints for which a flight goes on after a requirement's end: so
+little costs no time, but constraints hold at the end of a requirement as at any instant in it."""
+
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Timed:
@@ -60,9 +64,11 @@ class Timed:
 
     @property
     def least_factor(self) -> float:
-        """Least factor of the squared final time for which steps are as wide as the smoothing."""
+        """Least factor of the squared final time: that of the smoothing and of given times."""
         smoothing = self.scenario.smoothing
-        return 0.0 if smoothing is None else (smoothing.width / self.step) ** 2 * (1.0 + 1e-9)
+        width = 0.0 if smoothing is None else smoothing.width
+        least = max(width / self.step, latest(self.scenario, self.passing) / self.duration)
+        return least**2 * (1.0 + 1e-9)
 
     @property
     def missed(self) -> float:
@@ -93,9 +99,8 @@ class Timed:
 
     def lasting(self, duration: float) -> Timed:
         """Return the motion in another final time [s], with free waypoints at the same parts."""
-        factor, passing = duration / self.duration, self.passing
-        times = np.where(passing.given, passing.times, factor * passing.times)
-        passing = dataclasses.replace(passing, times=times, least=factor * passing.least)
+        factor = duration / self.duration
+        passing = self.passing.lasting(duration, self.duration)
         return dataclasses.replace(
             self,
             step=factor * self.step,
@@ -135,3 +140,16 @@ class Timed:
         accelerations = found.accelerations / found.factor
         step = self.step * root
         return Timed(self.scenario, step, accelerations, passing, later, resting=self.resting)
+
+
+def latest(scenario: Scenario, passing: Passing) -> float:
+    """Return the time before which no flight can end: those of waypoints and requirements [s].
+
+    Args:
+        scenario: the scenario.
+        passing: its waypoints.
+    """
+    before_end = [each.active[1] for each in scenario.requirements if each.active]
+    after = passing.least * _AFTER - scenario.grid.start
+    waypoints = passing.times[passing.given] + passing.least
+    return float(max([0.0, *waypoints, *(each + after for each in before_end)]))

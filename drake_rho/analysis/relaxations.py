@@ -1,0 +1,237 @@
+"""Small relaxations of the limits of a motion, one by one: `relaxations_of`."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+
+from drake_rho.planning.constraints.base import Constraint
+from drake_rho.planning.constraints.obstacles import KeepOutOfObstacle
+from drake_rho.planning.scp.timed import Timed
+from drake_rho.scenario.fields import FloatArray, IntArray
+from drake_rho.scenario.kinds import BOXES, LIMITS
+from drake_rho.scenario.norms import NORMS
+from drake_rho.scenario.records import Box, Limits, Scenario
+from drake_rho.scenario.sets import ConvexSet
+
+_PART = 1e-3
+"""Part by which a limit is relaxed: so little that the final time changes in proportion."""
+
+_OF_LENGTH = 1e-4
+"""Relaxation of a limit without a size of its own, as a part of a motion's scale."""
+
+_LARGEST_TILT = np.pi / 2.0 - 1e-9
+"""Largest tilt that a limit can have [rad]."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Relaxation:
+    """Small relaxation of one limit."""
+
+    limit: str
+    """name of the limit"""
+    change: str
+    """words for a change of unit size, such as '1 % more'"""
+    size: float
+    """size of the relaxation, in changes of unit size"""
+    vehicles: IntArray
+    """indices of the vehicles that it concerns"""
+    relaxed: Callable[[Timed, IntArray], Timed]
+    """function that relaxes the limit for some of these vehicles, around the same motion"""
+    for_each: bool = True
+    """whether it can be relaxed for some of its vehicles alone"""
+
+
+def relaxations_of(timed: Timed) -> list[Relaxation]:
+    """Return the relaxations of everything that may make a motion as long as it is."""
+    scenario = timed.scenario
+    return [*_of_limits(scenario), *_of_places(timed), *_of_scenario(scenario)]
+
+
+def _of_limits(scenario: Scenario) -> list[Relaxation]:
+    """Return the relaxations of the fields of `Limits`."""
+    found = list[Relaxation]()
+    for field in LIMITS:
+        limits = [getattr(scenario.limits_of(each), field) for each in scenario.vehicles]
+        limited = np.flatnonzero([each is not None for each in limits])
+        if len(limited) == 0:
+            continue
+        if field == "position":
+            step = _OF_LENGTH * float(scenario.fleet.lengths.max())
+            apply = partial(_with_limits, field=field, wider=partial(_moved, by=step))
+            found.append(Relaxation(field, "0.01 m more", step / 0.01, limited, apply))
+        else:
+            apply = partial(_with_limits, field=field, wider=_grown)
+            found.append(Relaxation(field, "1 % more", _PART / 0.01, limited, apply))
+    return found
+
+
+def _grown(limit: float | Box) -> float | Box:
+    """Return a limit that is wider by a part."""
+    if isinstance(limit, Box):
+        low, high = limit.lower, limit.upper
+        return Box(low - _PART * np.abs(low), high + _PART * np.abs(high))
+    return limit * (1.0 + _PART)
+
+
+def _moved(limit: Box, by: float) -> Box:
+    """Return a box with all sides further out [m]."""
+    return Box(limit.lower - by, limit.upper + by)
+
+
+def _with_limits(
+    timed: Timed, vehicles: IntArray, *, field: str, wider: Callable[..., float | Box]
+) -> Timed:
+    """Return a motion with a wider limit of some vehicles."""
+    scenario, changed = timed.scenario, list(timed.scenario.vehicles)
+    for i in vehicles.tolist():
+        limit = wider(getattr(scenario.limits_of(changed[i]), field))
+        if field == "max_tilt" and isinstance(limit, float):
+            limit = min(limit, _LARGEST_TILT)
+        own = dataclasses.replace(changed[i].limits or Limits(), **{field: limit})
+        changed[i] = dataclasses.replace(changed[i], limits=own)
+    return dataclasses.replace(
+        timed, scenario=dataclasses.replace(scenario, vehicles=tuple(changed))
+    )
+
+
+def _of_places(timed: Timed) -> list[Relaxation]:
+    """Return the relaxations of waypoints, and of the distances from obstacles."""
+    scenario, passing, found = timed.scenario, timed.passing, list[Relaxation]()
+    names, lengths = scenario.names, scenario.fleet.lengths
+    for w, vehicle in enumerate(passing.vehicles.tolist()):
+        number = 1 + w - int(np.searchsorted(passing.vehicles, vehicle))
+        name = f"waypoint {number}" + (f" of {names[vehicle]}" if len(names) > 1 else "")
+        step, who = _OF_LENGTH * float(lengths[vehicle]), np.array([vehicle])
+        near = partial(_within, number=w, by=step)
+        found.append(Relaxation(name, "0.01 m more tolerance", step / 0.01, who, near))
+        if passing.given[w]:
+            sooner = partial(_sooner, number=w)
+            found.append(Relaxation(f"time of {name}", "1 % less", _PART / 0.01, who, sooner))
+    step, every = _OF_LENGTH * float(lengths.max()), np.arange(len(names))
+    for number, _ in scenario.avoided:
+        nearer = partial(_nearer, number=number, by=step)
+        name = scenario.obstacle_name(number)
+        found.append(Relaxation(name, "0.01 m nearer", step / 0.01, every, nearer))
+    return found
+
+
+def _within(timed: Timed, vehicles: IntArray, *, number: int, by: float) -> Timed:
+    """Return a motion that may miss a waypoint by a little more [m]."""
+    within = timed.passing.within.copy()
+    within[number] += by
+    return dataclasses.replace(timed, passing=dataclasses.replace(timed.passing, within=within))
+
+
+def _sooner(timed: Timed, vehicles: IntArray, *, number: int) -> Timed:
+    """Return a motion that has to pass a waypoint of given time a little sooner."""
+    times = timed.passing.times.copy()
+    times[number] *= 1.0 - _PART
+    return dataclasses.replace(timed, passing=dataclasses.replace(timed.passing, times=times))
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Nearer(Timed):
+    """Motion of which some vehicles may come nearer to an obstacle."""
+
+    number: int = 0
+    """number of the obstacle"""
+    by: FloatArray = dataclasses.field(default_factory=lambda: np.zeros(0))
+    """distance by which each vehicle may come nearer [m], shape (N,)"""
+
+    def linearised(self) -> list[Constraint]:
+        """Return the constraints with a smaller distance from the obstacle."""
+        return [
+            dataclasses.replace(each, required=each.required - self.by)
+            if isinstance(each, KeepOutOfObstacle) and each.obstacle_number == self.number
+            else each
+            for each in super().linearised()
+        ]
+
+
+def _nearer(timed: Timed, vehicles: IntArray, *, number: int, by: float) -> Timed:
+    """Return a motion of which some vehicles may come a little nearer to an obstacle [m]."""
+    distances = np.zeros(len(timed.scenario.vehicles))
+    distances[vehicles] = by
+    fields = {each.name: getattr(timed, each.name) for each in dataclasses.fields(Timed)}
+    return _Nearer(**fields, number=number, by=distances)
+
+
+def _of_scenario(scenario: Scenario) -> list[Relaxation]:
+    """Return the relaxations of what concerns several vehicles: separation to smoothing."""
+    found = list[Relaxation]()
+    every, smaller = np.arange(len(scenario.vehicles)), 1.0 - _PART
+
+    def add(name: str, change: str, size: float, vehicles: IntArray, relaxed: Scenario) -> None:
+        apply = partial(_of_other, scenario=relaxed)
+        found.append(Relaxation(name, change, size, vehicles, apply, for_each=False))
+
+    apart, wind, smoothing = scenario.separation, scenario.disturbance, scenario.smoothing
+    if apart is not None and len(every) > 1:
+        nearer = dataclasses.replace(apart, distance=apart.distance * smaller)
+        relaxed = dataclasses.replace(scenario, separation=nearer)
+        add("separation", "1 % less", _PART / 0.01, every, relaxed)
+    for index, each in enumerate(scenario.requirements):
+        by = _OF_LENGTH * float(scenario.fleet.scale(each.quantity).max())
+        wider = list(scenario.requirements)
+        wider[index] = dataclasses.replace(each, set=_Wider(each.set, by))
+        relaxed = dataclasses.replace(scenario, requirements=tuple(wider))
+        words, members = f"0.01 {each.unit} wider", each.members(scenario.names)
+        add(each.called(index + 1), words, by / 0.01, members, relaxed)
+    if wind is not None:
+        weaker = dataclasses.replace(wind, acceleration=wind.acceleration * smaller)
+        relaxed = dataclasses.replace(scenario, disturbance=weaker)
+        add("wind", "1 % less", _PART / 0.01, every, relaxed)
+    if smoothing is not None:
+        narrower = dataclasses.replace(smoothing, width=smoothing.width * smaller)
+        relaxed = dataclasses.replace(scenario, smoothing=narrower)
+        add("smoothing", "1 % narrower", _PART / 0.01, every, relaxed)
+    return found
+
+
+def _of_other(timed: Timed, vehicles: IntArray, *, scenario: Scenario) -> Timed:
+    """Return the motion as one of another scenario."""
+    return dataclasses.replace(timed, scenario=scenario)
+
+
+@dataclasses.dataclass(frozen=True)
+class _Wider:
+    """Convex set with everything that is within a small distance of it."""
+
+    inner: ConvexSet
+    """the set"""
+    by: float
+    """the distance, in the quantity's unit"""
+
+    def support(self, n: FloatArray) -> FloatArray:
+        """Return the largest n · x in the set, shape (...)."""
+        return self.inner.support(n) + self.by
+
+    def signed_distance(self, x: FloatArray) -> FloatArray:
+        """Return distances from the boundary, shape (...)."""
+        return self.inner.signed_distance(x) - self.by
+
+    def outward(self, x: FloatArray) -> FloatArray:
+        """Return unit vectors that point away from the set, shape (..., 3)."""
+        return self.inner.outward(x)
+
+
+TREATMENT: dict[str, str] = {
+    "dynamics": "kept: they are equations",
+    "goals": "kept: what a flight is for",
+    **dict.fromkeys(BOXES, "1 % wider; a box of positions by a length"),
+    **dict.fromkeys(NORMS, "1 % larger, for each vehicle"),
+    "waypoints": "a larger distance, and a given time 1 % sooner",
+    "requirements": "a set with everything near it",
+    "obstacles": "a smaller distance, for each vehicle",
+    "moving obstacles": "a smaller distance, for each vehicle",
+    "late obstacles": "a smaller distance if it is known at the start",
+    "active obstacles": "a smaller distance; its interval is kept",
+    "separation": "1 % less",
+    "disturbance": "1 % less wind; errors of the estimate are kept",
+    "smoothing": "averages over 1 % less",
+}
+"""Relaxation of every kind of requirement."""
