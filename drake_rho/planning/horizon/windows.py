@@ -151,7 +151,7 @@ class WindowPlanner:
         window = window or self._planned(scenario, first_knot, followed)
         if isinstance(window, Window):
             return window
-        holds = on_plan and self._still_holds(tail, last)
+        holds = on_plan and self.still_holds(tail, last)
         if not _lacks(scenario):  # otherwise no planner can find a plan
             quick = holds and scenario.disturbance is not None
             other = self.planner if quick else self.fallback
@@ -185,7 +185,7 @@ class WindowPlanner:
         reasons = _lacks(scenario)
         return _no_slack(scenario, reasons) if reasons else None
 
-    def _still_holds(self, tail: Plan, last: Window) -> bool:
+    def still_holds(self, tail: Plan, last: Window) -> bool:
         """Return whether the rest of the previous plan meets every constraint.
 
         Constraints that were verified when the plan was accepted are not verified again. Since the
