@@ -50,19 +50,20 @@ def arrival_steps(plan: Plan) -> int:
 
 
 def arriving(
-    windows: WindowPlanner, free: Free, before: int | None = None, *, or_later: bool = False
+    windows: WindowPlanner, free: Free, before: int, *, or_later: bool = False
 ) -> WindowPlanner:
     """Return the planner of windows that arrive as early as it can.
 
     Args:
         windows: planner of windows with a given final time.
         free: which waypoints have times that may change.
-        before: number of steps until the previous plan arrives; None in the first window.
+        before: number of steps until the previous plan arrives; in the first window, for which the
+            times of waypoints are.
         or_later: whether the arrival may be after that of the previous plan.
     """
     planner = EarlyArrival(windows.planner, free, before, or_later)
     fallback = windows.fallback and dataclasses.replace(planner, at_latest=windows.fallback)
-    return dataclasses.replace(windows, planner=planner, fallback=fallback)
+    return dataclasses.replace(windows, planner=planner, fallback=fallback, retimed=True)
 
 
 def next_window(
@@ -115,8 +116,8 @@ class EarlyArrival:
     """planner of a window with a given final time"""
     free: Free
     """which waypoints have times that may change"""
-    before: int | None = None
-    """number of steps until the previous plan arrives; those of the scenario if not given"""
+    before: int
+    """number of steps until the previous plan arrives, for which the times of waypoints are"""
     or_later: bool = False
     """whether the arrival may be after that of the previous plan"""
     at_latest: Planner | None = None
@@ -132,15 +133,15 @@ class EarlyArrival:
             OutOfTimeError: time was up before there was one.
             SolverError: the solvers fail numerically.
         """
-        steps = scenario.grid.knots - 1
-        if self.before is not None and not self.or_later:
-            steps = min(self.before, steps)
+        steps = scenario.grid.knots - 1 if self.or_later else self.before
+        avoids = scenario.avoided or scenario.separation is not None
         best = self._plan(self.at_latest or self.planner, scenario, steps, reference, solver)
         spent, none, saved, bisects = best.statistics, self._passed(scenario), 1, False
         with suppress(OutOfTimeError):
             while steps - none > 1:
                 fewer = max(steps - saved, none + 1)
-                found, more = self._plan_around(scenario, fewer, (reference, best), solver)
+                references = (reference, best) if avoids else (reference,)
+                found, more = self._plan_around(scenario, fewer, references, solver)
                 spent += more
                 if found is None:
                     none, bisects = fewer, True
@@ -189,13 +190,12 @@ class EarlyArrival:
             InfeasibleError: there is none, or it violates a constraint after the arrival.
         """
         whole = scenario.grid.knots - 1
-        before = whole if self.before is None else self.before
-        if steps == whole and before == whole:
+        if steps == self.before == whole:
             return planner(scenario, reference=reference, solver=solver)
-        short = shortened(scenario, self.free, steps, steps / max(before, 1))
+        short = shortened(scenario, self.free, steps, steps / max(self.before, 1))
         around = None
         if reference is not None:  # the tail, moved to measured states, does not rest exactly
-            around = in_steps(reference, short, min(arrival_steps(reference), before))
+            around = in_steps(reference, short, min(arrival_steps(reference), self.before))
         return rested(planner(short, reference=around, solver=solver), scenario)
 
 

@@ -17,11 +17,8 @@ from drake_rho.planning.call.options import Options
 from drake_rho.planning.call.progress import Progress, tell
 from drake_rho.planning.call.time_limit import within_time
 from drake_rho.planning.call.wall_time import with_wall_time
-from drake_rho.planning.horizon.free_final_time import (
-    arriving,
-    check_rest_at_goals,
-    next_window,
-)
+from drake_rho.planning.horizon.first_window import FirstWindow
+from drake_rho.planning.horizon.free_final_time import check_rest_at_goals, next_window
 from drake_rho.planning.horizon.measured_states import (
     ROUNDING,
     exceeding,
@@ -259,13 +256,12 @@ class RecedingHorizon:
             raise ValueError(f"time: got {time!r}, expected {expected}")
         return knot
 
-    def _from_measured(self, states: FloatArray) -> Scenario:
-        """Return the scenario from measured states; itself if these are the starts.
+    def _from_measured(self, states: FloatArray, scenario: Scenario) -> Scenario:
+        """Return a scenario from measured states; itself if these are the starts.
 
         Starts are exact, and so are states equal to them. Other states are estimates, whose errors
         the tube begins with. A vehicle that was not seen is taken to be at its start.
         """
-        scenario = self.scenario
         positions, velocities = _split(_completed(states, scenario.fleet.start_states))
         fleet, tolerance = scenario.fleet, TOLERANCE if scenario.disturbance is None else ROUNDING
         deviations = positions - fleet.start_positions, velocities - fleet.start_velocities
@@ -279,16 +275,10 @@ class RecedingHorizon:
         return moved.derived(under_way=False)  # there is no previous plan
 
     def _first(self, states: FloatArray) -> Window:
-        """Return the first window, and find the times of waypoints without one before it."""
-        spent, windows = Statistics(), self._planner
-        if any(map(any, free_of(self.scenario))):
-            timed = with_options(self._options, best_plan)(
-                self.scenario, reference=None, solver=windows.solver
-            )
-            self.scenario, spent = timed_as(self.scenario, timed.scenario), timed.statistics
-        if self.free_final_time:
-            windows = arriving(windows, self._free)
-        return windows.first(self.scenario, self._from_measured(states)).after(spent)
+        """Return the first window."""
+        times = with_options(self._options, best_plan)
+        measured = partial(self._from_measured, states)
+        return FirstWindow(self._planner, times, measured, self.free_final_time).of(self.scenario)
 
     def _next(self, knot: int, states: FloatArray) -> Window:
         """Return a window after the first."""
