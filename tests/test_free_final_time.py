@@ -11,6 +11,7 @@ import pytest
 import drake_rho as rho
 from drake_rho.motion.flown import Flown
 from drake_rho.planning.horizon.free_final_time import arrival_steps
+from drake_rho.planning.horizon.windows import Planner
 from drake_rho.simulation.closed_loop import fly
 
 LIMITS = rho.Limits(max_speed=3.0, max_acceleration=3.0)
@@ -94,13 +95,13 @@ def windy(seed: int) -> rho.Scenario:
     return rho.Scenario("windy", grid, vehicles, limits, obstacles, apart, disturbance=around)
 
 
-def check_no_rise(scenario: rho.Scenario, seed: int) -> None:
+def check_no_rise(scenario: rho.Scenario, seed: int, fallback: Planner | None) -> None:
     """Check that no window arrives later than the one before it, in noise."""
     rng = np.random.default_rng(seed)
     every = int(rng.integers(3, 6))
     wind = rho.winds.coloured_noise(scenario, rng)
     simulation = fly(
-        scenario, replan_every=every, free_final_time=True, fallback=None, wind=wind, rng=rng
+        scenario, replan_every=every, free_final_time=True, fallback=fallback, wind=wind, rng=rng
     )
     found = arrivals(simulation)
     assert found == sorted(found, reverse=True)
@@ -112,14 +113,14 @@ def check_no_rise(scenario: rho.Scenario, seed: int) -> None:
 
 
 def test_no_wind_makes_a_window_arrive_later() -> None:
-    check_no_rise(dataclasses.replace(crossing(knots=21, length=4.0), disturbance=WIND), 1)
+    check_no_rise(dataclasses.replace(crossing(knots=21, length=4.0), disturbance=WIND), 1, None)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(24))
+@pytest.mark.parametrize("seed", range(16))
 def test_no_wind_makes_a_window_of_random_fleets_arrive_later(seed: int) -> None:
     try:
-        check_no_rise(windy(seed), seed)
+        check_no_rise(windy(seed), seed, rho.plan)
     except rho.InfeasibleError:
         pytest.skip("the first window has no plan")
 
