@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
+from unittest.mock import patch
 
 import numpy as np
 import pytest
 
 import drake_rho as rho
+from drake_rho import cli
 from drake_rho.motion.flown import Flown
 from drake_rho.planning.horizon.free_final_time import arrival_steps
 from drake_rho.planning.horizon.windows import Planner
@@ -273,3 +275,13 @@ def test_an_invalid_request_is_one_clear_error() -> None:
         rho.simulate(rho.plan(scenario), free_final_time=True)
     with pytest.raises(rho.InfeasibleError):
         rho.plan_rho(crossing(knots=9), free_final_time=True)
+
+
+def test_the_command_flies_with_a_free_final_time(tmp_path: Path) -> None:
+    rho.save_scenario(crossing(knots=21, length=4.0), tmp_path / "crossing.yaml")
+    file = tmp_path / "flown.npz"
+    words = "fly", str(tmp_path / "crossing.yaml"), "--free-final-time", "-o", str(file)
+    with patch("sys.argv", ["drake-rho", *words]), pytest.raises(SystemExit) as ended:
+        cli.main()
+    assert ended.value.code == 0
+    assert {*arrivals(rho.load(file))} == {12}
