@@ -233,6 +233,19 @@ def test_given_times_of_waypoints_stay() -> None:
     assert rho.verify(flight).ok
 
 
+def test_while_a_given_time_lies_ahead_waypoints_keep_their_order() -> None:
+    scenario = through_a_gate(4.05, knots=21, step=0.4)
+    (vehicle,) = scenario.vehicles
+    gates = [rho.Waypoint(None, [1, 0, 1]), *vehicle.waypoints, rho.Waypoint(None, [5, 0, 1])]
+    vehicle = dataclasses.replace(vehicle, waypoints=tuple(gates))
+    scenario = dataclasses.replace(scenario, vehicles=(vehicle,))
+    flight = rho.plan_rho(scenario, replan_every=10, free_final_time=True)
+    times = [each.time or 0.0 for each in flight.scenario.vehicles[0].waypoints]
+    assert times == sorted(times)
+    assert times[1] == 4.05
+    assert rho.verify(flight).ok
+
+
 def test_flights_and_simulations_are_read_as_they_were_written(tmp_path: Path) -> None:
     gate = through_a_gate(knots=21, step=0.4)
     scenario = dataclasses.replace(gate, disturbance=WIND)

@@ -61,6 +61,8 @@ def arriving(
             times of waypoints are.
         or_later: whether the arrival may be after that of the previous plan.
     """
+    # times found between given ones stay, so that waypoints keep their order
+    free = tuple(own if all(own) else (False,) * len(own) for own in free)
     planner = EarlyArrival(windows.planner, free, before, or_later)
     fallback = windows.fallback and dataclasses.replace(planner, at_latest=windows.fallback)
     return dataclasses.replace(windows, planner=planner, fallback=fallback, retimed=True)
