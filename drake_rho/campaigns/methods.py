@@ -128,6 +128,8 @@ class ByPlanRho(Method):
     """name of the planner"""
     replan_every: ReplanEvery = 5
     """number of steps flown of each window"""
+    free_final_time: bool = False
+    """whether windows may arrive before the last knot"""
     windows: Literal["auto", "convex", "scp"] = "auto"
     """planner of windows: convex is `plan_convex`, scp is `plan`, and auto is `plan` where
     `plan_convex` fails"""
@@ -145,6 +147,7 @@ class ByPlanRho(Method):
             plan_rho,
             scenario,
             replan_every=self.replan_every,
+            free_final_time=self.free_final_time,
             planner=planner,
             fallback=fallback,
             reference=None if self.reference is None else _REFERENCES[self.reference],
@@ -183,6 +186,8 @@ class BySimulate(Method):
     """name of the planner"""
     replan_every: ReplanEvery = 5
     """number of steps flown of each window"""
+    free_final_time: bool = False
+    """whether windows may arrive before the last knot"""
     windows: Literal["auto", "convex", "scp"] = "auto"
     """planner of windows: convex is `plan_convex`, scp is `plan`, and auto is `plan` where
     `plan_convex` fails"""
@@ -204,6 +209,7 @@ class BySimulate(Method):
         simulation = flown(
             scenario,
             replan_every=self.replan_every,
+            free_final_time=self.free_final_time,
             planner=planner,
             fallback=fallback,
             wind=wind,

@@ -109,6 +109,14 @@ WidthOption = Annotated[
 ReplanEveryOption = Annotated[
     int, typer.Option(help="Steps that are flown of each window before the next is planned.")
 ]
+FreeFinalTimeOption = Annotated[
+    bool,
+    typer.Option(
+        "--free-final-time",
+        help="Windows arrive at the earliest knot for which a plan is found, and vehicles then "
+        "rest; by default all arrive at the last knot.",
+    ),
+]
 MethodOption = Annotated[
     Method,
     typer.Option(

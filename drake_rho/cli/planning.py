@@ -19,6 +19,7 @@ from drake_rho.cli.options import (
     DurationOption,
     FiguresOption,
     FormatOption,
+    FreeFinalTimeOption,
     MaxMemoryOption,
     Method,
     MethodOption,
@@ -129,6 +130,7 @@ def fly(
     scenario: ScenarioArgument,
     output: OutputOption = None,
     replan_every: ReplanEveryOption = 5,
+    free_final_time: FreeFinalTimeOption = False,
     method: MethodOption = Method.AUTO,
     reference: Annotated[
         Reference | None,
@@ -158,6 +160,7 @@ def fly(
         flight = plan_rho(
             problem,
             replan_every=replan_every,
+            free_final_time=free_final_time,
             planner=planner,
             fallback=fallback,
             reference=None if reference is None else REFERENCES[reference],

@@ -14,6 +14,7 @@ from drake_rho.cli.options import (
     DurationOption,
     FiguresOption,
     FormatOption,
+    FreeFinalTimeOption,
     Method,
     MethodOption,
     OutputOption,
@@ -84,6 +85,7 @@ def simulate(
         Plant, typer.Option(help="Vehicle model: point masses or Drake's quadrotors.")
     ] = Plant.POINT,
     replan_every: ReplanEveryOption = 5,
+    free_final_time: FreeFinalTimeOption = False,
     method: MethodOption = Method.AUTO,
     duration: DurationOption = None,
     step: StepOption = None,
@@ -104,12 +106,17 @@ def simulate(
     with working("computing the wind") as work:
         planner, fallback = planners(method, work.detail)
         horizon = RecedingHorizon(
-            problem, replan_every=replan_every, planner=planner, fallback=fallback
+            problem,
+            replan_every=replan_every,
+            free_final_time=free_final_time,
+            planner=planner,
+            fallback=fallback,
         )
         wind_model, description = _wind(horizon, wind, direction, wind_rng)
         flown = simulated(
             problem,
             replan_every=replan_every,
+            free_final_time=free_final_time,
             planner=planner,
             fallback=fallback,
             wind=wind_model,

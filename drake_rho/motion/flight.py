@@ -55,9 +55,16 @@ class Window(metaclass=Described):
             return own
         return dataclasses.replace(self.reference.statistics + own, seconds=own.seconds)
 
+    def after(self, spent: Statistics) -> Window:
+        """Return the window with the statistics of what was done before its plan, too."""
+        return self._with(self.plan.with_statistics(spent + self.plan.statistics))
+
     def lasting(self, seconds: float) -> Window:
         """Return the window with another wall time [s], which includes that of the reference."""
-        plan = self.plan.lasting(seconds)
+        return self._with(self.plan.lasting(seconds))
+
+    def _with(self, plan: Plan) -> Window:
+        """Return the window with a plan of the same motion, as its own reference if it is one."""
         reference = plan if self.reference is self.plan else self.reference
         return unchecked(self, plan=plan, reference=reference)
 

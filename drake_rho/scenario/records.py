@@ -343,7 +343,7 @@ class Scenario(ShownInNotebooks):
         vehicles = tuple(
             unchecked(
                 vehicle,
-                start=unchecked(vehicle.start, position=p, velocity=v, acceleration=a),
+                start=unchecked(vehicle.start, position=p, velocity=v, acceleration=_known(a)),
                 waypoints=tuple(
                     each
                     for each in vehicle.waypoints
@@ -381,6 +381,11 @@ class Scenario(ShownInNotebooks):
         if name not in self.names:
             raise ValueError(f"vehicle: got {name!r}, expected {one_of(self.names, name)}")
         return self.names.index(name)
+
+
+def _known(acceleration: FloatArray) -> FloatArray | None:
+    """Return an acceleration before the start, or None if it is NaN, as where there was none."""
+    return None if np.isnan(acceleration).any() else acceleration
 
 
 _COMPUTED_FROM: dict[str, set[str]] = {

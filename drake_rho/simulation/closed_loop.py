@@ -52,6 +52,7 @@ def fly(
     scenario: Scenario,
     *,
     replan_every: int = 5,
+    free_final_time: bool = False,
     planner: Planner = plan_convex,
     fallback: Planner | None = best_plan,
     wind: Wind | None = None,
@@ -65,7 +66,11 @@ def fly(
         ValueError: an argument is invalid.
     """
     horizon = RecedingHorizon(
-        scenario, replan_every=replan_every, planner=planner, fallback=fallback
+        scenario,
+        replan_every=replan_every,
+        free_final_time=free_final_time,
+        planner=planner,
+        fallback=fallback,
     )
     return flown(Feedback(horizon), wind, rng)
 

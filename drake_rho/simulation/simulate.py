@@ -33,6 +33,7 @@ def simulate(
     scenario: Scenario | Plan | Flight,
     *,
     replan_every: int = _EVERY,
+    free_final_time: bool = False,
     planner: Planner = plan_convex,
     fallback: Planner | None = best_plan,
     wind: Wind | None = None,
@@ -53,6 +54,7 @@ def simulate(
     Args:
         scenario: scenario to fly, or the plan or flight to track.
         replan_every: number of steps flown of each window; of a scenario only.
+        free_final_time: whether windows may arrive before the last knot; of a scenario only.
         planner: planner of a window; of a scenario only.
         fallback: planner of a window for which `planner` finds no plan; of a scenario only.
         wind: a wind of `rho.winds`, `rho.worst_case`, or a function of time [s], positions [m] and
@@ -94,12 +96,13 @@ def simulate(
         horizon = RecedingHorizon(
             _disturbed(scenario, disturbance),
             replan_every=replan_every,
+            free_final_time=free_final_time,
             planner=planner,
             fallback=fallback,
             progress=progress,
         )
     else:
-        _check_no_windows(scenario, replan_every, planner, fallback)
+        _check_no_windows(scenario, replan_every, free_final_time, planner, fallback)
         plan = in_small_steps(scenario.plan)
         if plan is not scenario.plan and disturbance is not None:
             disturbance = disturbance.for_grid(plan.scenario.grid)
@@ -123,7 +126,11 @@ def _disturbed(scenario: Scenario, disturbance: Disturbance | None) -> Scenario:
 
 
 def _check_no_windows(
-    flown: Plan | Flight, replan_every: int, planner: Planner, fallback: Planner | None
+    flown: Plan | Flight,
+    replan_every: int,
+    free_final_time: bool,
+    planner: Planner,
+    fallback: Planner | None,
 ) -> None:
     """Check that nothing is said about windows, which the flight of a plan does not have.
 
@@ -132,6 +139,7 @@ def _check_no_windows(
     """
     given = {
         "replan_every": (replan_every, _EVERY),
+        "free_final_time": (free_final_time, False),
         "planner": (planner, plan_convex),
         "fallback": (fallback, best_plan),
     }

@@ -28,6 +28,7 @@ def plan_rho(
     scenario: Scenario,
     *,
     replan_every: int = 5,
+    free_final_time: bool = False,
     planner: Planner = plan_convex,
     fallback: Planner | None = best_plan,
     reference: Reference | None = None,
@@ -35,7 +36,7 @@ def plan_rho(
     progress: Progress | None = None,
     options: Options | None = None,
 ) -> Flight:
-    """Fly with a receding horizon that shrinks towards the fixed goal and arrival time.
+    """Fly with a receding horizon that shrinks towards the goals and the arrival time.
 
     Each window plans from the current state to the goal and is flown for `replan_every` steps. If
     the planner has no solution, the fallback plans from the tail of the previous prediction. If it
@@ -53,6 +54,8 @@ def plan_rho(
     Args:
         scenario: to be flown.
         replan_every: d, the steps flown of each window; the last window has the remaining ones.
+        free_final_time: whether windows arrive at the earliest knot for which a plan is found, and
+            vehicles then rest; the grid's last knot is the latest arrival.
         planner: plans one window.
         fallback: plans a window, including the first, if `planner` has no solution or its solvers
             fail; None to continue along the tail at once.
@@ -73,7 +76,8 @@ def plan_rho(
         OutOfTimeError: the time limit expired before the first window had a plan.
         SolverError: the solvers fail numerically in the first window, even with the fallback.
         ValueError: `replan_every` is not a whole number of at least 1.
-        ScenarioError: the scenario has a smoothing, with which windows would begin in motion.
+        ScenarioError: the scenario has a smoothing, with which windows would begin in motion, or a
+            vehicle moves at its goal and the final time is free.
 
     Examples:
         >>> flight = rho.plan_rho(rho.load_scenario("paper"), replan_every=5)
@@ -83,6 +87,7 @@ def plan_rho(
     horizon = RecedingHorizon(
         scenario,
         replan_every=replan_every,
+        free_final_time=free_final_time,
         planner=planner,
         fallback=fallback,
         reference=reference,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
+from functools import partial
 from numbers import Integral
 
 import numpy as np
@@ -16,6 +17,8 @@ from drake_rho.planning.call.options import Options
 from drake_rho.planning.call.progress import Progress, tell
 from drake_rho.planning.call.time_limit import within_time
 from drake_rho.planning.call.wall_time import with_wall_time
+from drake_rho.planning.horizon.first_window import FirstWindow
+from drake_rho.planning.horizon.free_final_time import check_rest_at_goals, next_window
 from drake_rho.planning.horizon.measured_states import (
     ROUNDING,
     exceeding,
@@ -23,6 +26,7 @@ from drake_rho.planning.horizon.measured_states import (
     renewed_tracking,
 )
 from drake_rho.planning.horizon.newer_maps import SeenMaps, with_obstacles
+from drake_rho.planning.horizon.waypoints_ahead import free_ahead, free_of, timed_as
 from drake_rho.planning.horizon.windows import (
     Planner,
     Reference,
@@ -55,9 +59,17 @@ class RecedingHorizon:
     window has a plan, nothing new becomes known, and disturbances are within those declared, then
     every window has a valid plan.
 
+    With a free final time every window arrives at the earliest knot for which a plan is found, and
+    vehicles then rest at their goals. Under the same premise no window arrives after the one
+    before it. The grid's last knot is the latest arrival.
+
+    The times of waypoints without one are found with the first window, by `plan`. They stay, but
+    become earlier with the arrival.
+
     Args:
         scenario: to be flown.
         replan_every: d, the steps flown of each window; the last window has the remaining ones.
+        free_final_time: whether windows may arrive before the grid's last knot.
         planner: plans one window.
         fallback: plans a window, including the first, if `planner` has no solution or its solvers
             fail; None to continue the previous plan at once.
@@ -70,13 +82,15 @@ class RecedingHorizon:
             continued.
 
     Attributes:
-        scenario: as given.
+        scenario: as given, with newer maps that were seen, and the times found for waypoints.
         replan_every: as given.
+        free_final_time: as given.
         windows: windows planned so far.
 
     Raises:
         ValueError: `replan_every` is not a whole number of at least 1.
-        ScenarioError: the scenario has a smoothing.
+        ScenarioError: the scenario has a smoothing, or a vehicle moves at its goal and the final
+            time is free.
     """
 
     @checked
@@ -85,6 +99,7 @@ class RecedingHorizon:
         scenario: Scenario,
         *,
         replan_every: int = 5,
+        free_final_time: bool = False,
         planner: Planner = plan_convex,
         fallback: Planner | None = best_plan,
         reference: Reference | None = None,
@@ -96,9 +111,12 @@ class RecedingHorizon:
         if not whole or replan_every < 1:
             raise ValueError(f"replan_every: got {replan_every!r}, expected a whole number >= 1")
         scenario.check_stepwise("a receding horizon")
+        if free_final_time:
+            check_rest_at_goals(scenario)
         if reference is None:
             reference = free_reference if scenario.separation is None else tail_reference
         self.scenario, self.replan_every = scenario, int(replan_every)
+        self.free_final_time, self._free = free_final_time, free_of(scenario)
         self.windows: list[Window] = []
         self._maps = SeenMaps(scenario)
         self._planner, self._progress = (
@@ -110,6 +128,7 @@ class RecedingHorizon:
             ),
             progress,
         )
+        self._options = options
         self._time_limit = None if options is None else options.time_limit
 
     @property
@@ -181,10 +200,8 @@ class RecedingHorizon:
         knot = self._knot(time)
         number = knot // self.replan_every + 1
         tell(self._progress, f"window {number} of {len(self.knots)}")
-        if not self.windows:
-            window = self._planner.first(self.scenario, self._from_measured(measured))
-        else:
-            window = self._next(knot, measured)
+        window = self._next(knot, measured) if self.windows else self._first(measured)
+        self.scenario = timed_as(self.scenario, window.plan.scenario)
         names = [vehicle.name for vehicle in self.scenario.vehicles]
         unseen = tuple(names[i] for i in np.flatnonzero(np.isnan(measured).any(axis=1)))
         if unseen:
@@ -239,13 +256,12 @@ class RecedingHorizon:
             raise ValueError(f"time: got {time!r}, expected {expected}")
         return knot
 
-    def _from_measured(self, states: FloatArray) -> Scenario:
-        """Return the scenario from measured states; itself if these are the starts.
+    def _from_measured(self, states: FloatArray, scenario: Scenario) -> Scenario:
+        """Return a scenario from measured states; itself if these are the starts.
 
         Starts are exact, and so are states equal to them. Other states are estimates, whose errors
         the tube begins with. A vehicle that was not seen is taken to be at its start.
         """
-        scenario = self.scenario
         positions, velocities = _split(_completed(states, scenario.fleet.start_states))
         fleet, tolerance = scenario.fleet, TOLERANCE if scenario.disturbance is None else ROUNDING
         deviations = positions - fleet.start_positions, velocities - fleet.start_velocities
@@ -257,6 +273,12 @@ class RecedingHorizon:
             scenario.grid, positions, velocities, fleet.accelerations_before, tracking
         )
         return moved.derived(under_way=False)  # there is no previous plan
+
+    def _first(self, states: FloatArray) -> Window:
+        """Return the first window."""
+        times = with_options(self._options, best_plan)
+        measured = partial(self._from_measured, states)
+        return FirstWindow(self._planner, times, measured, self.free_final_time).of(self.scenario)
 
     def _next(self, knot: int, states: FloatArray) -> Window:
         """Return a window after the first."""
@@ -276,7 +298,11 @@ class RecedingHorizon:
             around = unchecked(left.disturbance, tracking=tracking)
             left = left.derived(disturbance=around, under_way=True)
         off = off_tube(tail.scenario, deviations)
-        window = self._planner.next(left, knot, tail, last=last, on_plan=not off.any())
+        plan_next = self._planner.next
+        if self.free_final_time:
+            free = free_ahead(self._free, self.scenario, left.grid)
+            plan_next = partial(next_window, self._planner, free)
+        window = plan_next(left, knot, tail, last=last, on_plan=not off.any())
         if left.disturbance is None or not off.any():
             return window
         names = tuple(left.vehicles[i].name for i in np.flatnonzero(off))

@@ -19,6 +19,7 @@ from drake_rho.planning.call.options import Options
 from drake_rho.planning.constraints.tightening import NO_SLACK, missing_slack
 from drake_rho.planning.errors import InfeasibleError, OutOfTimeError, SolverError
 from drake_rho.planning.horizon.fallbacks import least_violation, moved
+from drake_rho.planning.horizon.waypoints_ahead import with_waypoints
 from drake_rho.planning.planners.convex import plan_convex
 from drake_rho.planning.planners.plan import plan, plan_scp
 from drake_rho.planning.problem import Problem
@@ -94,6 +95,8 @@ class WindowPlanner:
     """function for the motion around which `planner` linearises"""
     solver: Solver | None
     """Drake solver or `Daqp()`; Clarabel if None"""
+    retimed: bool = False
+    """whether the planners' plans may have other times of waypoints than their scenarios"""
 
     def first(self, scenario: Scenario, measured: Scenario) -> Window:
         """Return the first window, which begins at the measured states.
@@ -151,7 +154,7 @@ class WindowPlanner:
         window = window or self._planned(scenario, first_knot, followed)
         if isinstance(window, Window):
             return window
-        holds = on_plan and self._still_holds(tail, last)
+        holds = on_plan and self.still_holds(tail, last)
         if not _lacks(scenario):  # otherwise no planner can find a plan
             quick = holds and scenario.disturbance is not None
             other = self.planner if quick else self.fallback
@@ -185,7 +188,7 @@ class WindowPlanner:
         reasons = _lacks(scenario)
         return _no_slack(scenario, reasons) if reasons else None
 
-    def _still_holds(self, tail: Plan, last: Window) -> bool:
+    def still_holds(self, tail: Plan, last: Window) -> bool:
         """Return whether the rest of the previous plan meets every constraint.
 
         Constraints that were verified when the plan was accepted are not verified again. Since the
@@ -202,7 +205,8 @@ class WindowPlanner:
         try:
             if scenario.obstacles or scenario.separation is not None:
                 around = self.reference(scenario, tail, self.solver)
-            plan = _verified(scenario, self.planner(scenario, reference=around, solver=self.solver))
+            plan = self.planner(scenario, reference=around, solver=self.solver)
+            plan = self._verified(scenario, plan)
         except _FAILURES as error:
             return _failure(error)
         return Window(first_knot, plan, around or plan.reference or plan)
@@ -219,13 +223,40 @@ class WindowPlanner:
         if planner is None:
             return failure
         try:
-            plan = _verified(scenario, planner(scenario, reference=tail, solver=self.solver))
+            plan = self._verified(scenario, planner(scenario, reference=tail, solver=self.solver))
         except _FAILURES as error:
             again = _failure(error)
             again.statistics = failure.statistics + again.statistics
             return again
         plan = plan.with_statistics(failure.statistics + plan.statistics)
         return Window(first_knot, plan, plan.reference or plan)
+
+    def _verified(self, scenario: Scenario, plan: Plan) -> Plan:
+        """Return a plan that the verifier accepts, with its whole tube if there is a disturbance.
+
+        Args:
+            scenario: given to the planner; that of the plan may differ.
+            plan: found by the planner.
+
+        Raises:
+            InfeasibleError: the plan violates a constraint, which the error names.
+        """
+        if scenario.disturbance is None:
+            return plan
+        candidate = plan
+        if plan.scenario is not scenario:
+            if self.retimed:
+                scenario = with_waypoints(scenario, plan.scenario.vehicles)
+            candidate = Plan.from_accelerations(scenario, plan.accelerations, plan.statistics)
+        if (found := first_violation(candidate)) is None:
+            return candidate
+        what = f"{found.what} by {found.excess:.3g} {found.unit} at {clock_time(found.time)}"
+        raise InfeasibleError(
+            {found.vehicle: (what,)},
+            statistics=plan.statistics,
+            scenario=scenario,
+            because="the plan found violates constraints",
+        )
 
 
 def _lacks(scenario: Scenario) -> dict[str, tuple[str, ...]]:
@@ -238,32 +269,6 @@ def _no_slack(scenario: Scenario, reasons: dict[str, tuple[str, ...]]) -> Infeas
     violated = "constraints are violated at the start or the goal"
     because = violated if scenario.disturbance is None else NO_SLACK
     return InfeasibleError(reasons, scenario=scenario, because=because)
-
-
-def _verified(scenario: Scenario, plan: Plan) -> Plan:
-    """Return a plan that the verifier accepts, with its whole tube if there is a disturbance.
-
-    Args:
-        scenario: given to the planner; that of the plan may differ.
-        plan: found by the planner.
-
-    Raises:
-        InfeasibleError: the plan violates a constraint, which the error names.
-    """
-    if scenario.disturbance is None:
-        return plan
-    candidate = plan
-    if plan.scenario is not scenario:
-        candidate = Plan.from_accelerations(scenario, plan.accelerations, plan.statistics)
-    if (found := first_violation(candidate)) is None:
-        return candidate
-    what = f"{found.what} by {found.excess:.3g} {found.unit} at {clock_time(found.time)}"
-    raise InfeasibleError(
-        {found.vehicle: (what,)},
-        statistics=plan.statistics,
-        scenario=scenario,
-        because="the plan found violates constraints",
-    )
 
 
 def _new_obstacles(tail: Plan, last: Window) -> list[int]:

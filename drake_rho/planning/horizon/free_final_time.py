@@ -1,0 +1,289 @@
+"""Windows with a free final time: arrival at the earliest knot that has a plan, and rest after it.
+
+The step of the grid stays, and the number of steps until the arrival falls. A motion that arrives
+earlier and rests is one on the whole grid, so flights, tubes, clocks and files need nothing else.
+The rest of the previous plan arrives when that plan does, so a window that continues it is not
+later.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable
+from contextlib import suppress
+
+import numpy as np
+
+from drake_rho.motion.flight import Window
+from drake_rho.motion.plan import Plan
+from drake_rho.motion.statistics import Statistics
+from drake_rho.planning.errors import InfeasibleError, OutOfTimeError, SolverError
+from drake_rho.planning.horizon.waypoints_ahead import Free, sooner, until, with_waypoints
+from drake_rho.planning.horizon.windows import Planner, WindowPlanner
+from drake_rho.planning.programs.backend import Solver
+from drake_rho.scenario.errors import ScenarioError
+from drake_rho.scenario.fields import FloatArray
+from drake_rho.scenario.records import Grid, KeepIn, Scenario, Sphere
+from drake_rho.verification.holds import first_violation
+
+_ROUNDING = 1e-6
+"""Part of a step before a knot in which a waypoint counts as one at the knot."""
+
+
+def check_rest_at_goals(scenario: Scenario) -> None:
+    """Check that vehicles rest at their goals.
+
+    Raises:
+        ScenarioError: a vehicle moves at its goal.
+    """
+    for i, vehicle in enumerate(scenario.vehicles):
+        if np.any(vehicle.goal.velocity):
+            expected = "0 with a free final time: vehicles rest at their goals after the arrival"
+            field = f"vehicles[{i}].goal.velocity"
+            raise ScenarioError(field, vehicle.goal.velocity.tolist(), expected)
+
+
+def arrival_steps(plan: Plan) -> int:
+    """Return the number of steps after which no vehicle accelerates any more."""
+    moving = np.flatnonzero(plan.accelerations.any(axis=(0, 2)))
+    return int(moving[-1]) + 1 if len(moving) > 0 else 0
+
+
+def arriving(
+    windows: WindowPlanner, free: Free, before: int, *, or_later: bool = False
+) -> WindowPlanner:
+    """Return the planner of windows that arrive as early as it can.
+
+    Args:
+        windows: planner of windows with a given final time.
+        free: which waypoints have times that may change.
+        before: number of steps until the previous plan arrives; in the first window, for which the
+            times of waypoints are.
+        or_later: whether the arrival may be after that of the previous plan.
+    """
+    # times found between given ones stay, so that waypoints keep their order
+    free = tuple(own if all(own) else (False,) * len(own) for own in free)
+    planner = EarlyArrival(windows.planner, free, before, or_later)
+    fallback = windows.fallback and dataclasses.replace(planner, at_latest=windows.fallback)
+    return dataclasses.replace(windows, planner=planner, fallback=fallback, retimed=True)
+
+
+def next_window(
+    windows: WindowPlanner,
+    free: Free,
+    scenario: Scenario,
+    first_knot: int,
+    tail: Plan,
+    *,
+    last: Window,
+    on_plan: bool,
+) -> Window:
+    """Return a window that does not arrive after the previous plan, as long as that one holds.
+
+    Vehicles that have arrived stay. If the previous plan does not hold any more, the arrival may be
+    later than it was.
+
+    Args:
+        windows: planner of windows with a given final time.
+        free: which waypoints ahead have times that may change.
+        scenario: rest of the flight, from the current states.
+        first_knot: knot of the whole flight at which the window starts, counted from 0.
+        tail: rest of the previous prediction.
+        last: previous window, with that prediction.
+        on_plan: whether the vehicles are in the tail's tube, so that the tail stays valid.
+    """
+    before, spent = arrival_steps(tail), Statistics()
+    if before > 0:
+        earlier = arriving(windows, free, before)
+        window = earlier.next(scenario, first_knot, tail, last=last, on_plan=on_plan)
+        if window.kept or not window.infeasible:
+            return window
+        spent = window.statistics
+    elif on_plan and windows.still_holds(tail, last):
+        return Window(first_knot, tail, tail, kept=True)
+    later = arriving(windows, free, before, or_later=True)
+    return later.next(scenario, first_knot, tail, last=last, on_plan=on_plan).after(spent)
+
+
+@dataclasses.dataclass(frozen=True)
+class EarlyArrival:
+    """Planner of windows that arrive at the earliest knot for which another planner finds a plan.
+
+    A motion that arrives at a knot and rests is one of those that arrive by any later knot, so the
+    earliest knot is found by bisection: 1, 2, 4, ... steps are saved at a time until there is no
+    plan, and then the number of steps is bisected.
+    """
+
+    planner: Planner
+    """planner of a window with a given final time"""
+    free: Free
+    """which waypoints have times that may change"""
+    before: int
+    """number of steps until the previous plan arrives, for which the times of waypoints are"""
+    or_later: bool = False
+    """whether the arrival may be after that of the previous plan"""
+    at_latest: Planner | None = None
+    """planner for the latest arrival, from which fewer steps are tried; `planner` if not given"""
+
+    def __call__(
+        self, scenario: Scenario, *, reference: Plan | None, solver: Solver | None
+    ) -> Plan:
+        """Return a plan for `scenario`, in which vehicles rest at their goals from the arrival on.
+
+        Raises:
+            InfeasibleError: there is no plan with the latest arrival.
+            OutOfTimeError: time was up before there was one.
+            SolverError: the solvers fail numerically.
+        """
+        steps = scenario.grid.knots - 1 if self.or_later else self.before
+        avoids = scenario.avoided or scenario.separation is not None
+        best = self._plan(self.at_latest or self.planner, scenario, steps, reference, solver)
+        spent, none, saved, bisects = best.statistics, self._passed(scenario), 1, False
+        with suppress(OutOfTimeError):
+            while steps - none > 1:
+                fewer = max(steps - saved, none + 1)
+                references = (reference, best) if avoids else (reference,)
+                found, more = self._plan_around(scenario, fewer, references, solver)
+                spent += more
+                if found is None:
+                    none, bisects = fewer, True
+                else:
+                    best, steps = found, fewer
+                saved = max((steps - none) // 2, 1) if bisects else 2 * saved
+        return best.with_statistics(spent)
+
+    def _plan_around(
+        self,
+        scenario: Scenario,
+        steps: int,
+        references: Iterable[Plan | None],
+        solver: Solver | None,
+    ) -> tuple[Plan | None, Statistics]:
+        """Return the first plan around one of several references, or None, and what was spent."""
+        spent = Statistics()
+        for each in references:
+            try:
+                plan = self._plan(self.planner, scenario, steps, each, solver)
+            except (InfeasibleError, SolverError, ScenarioError, MemoryError) as error:
+                spent += getattr(error, "statistics", Statistics())
+            else:
+                return plan, spent + plan.statistics
+        return None, spent
+
+    def _passed(self, scenario: Scenario) -> int:
+        """Return the number of steps that begin before the last waypoint with a given time."""
+        grid, last = scenario.grid, scenario.grid.start
+        for own, vehicle in zip(self.free, scenario.vehicles, strict=True):
+            given = (each.time for one, each in zip(own, vehicle.waypoints, strict=True) if not one)
+            last = max([last, *(time for time in given if time is not None)])
+        return int((last - grid.start) / grid.step + _ROUNDING)
+
+    def _plan(
+        self,
+        planner: Planner,
+        scenario: Scenario,
+        steps: int,
+        reference: Plan | None,
+        solver: Solver | None,
+    ) -> Plan:
+        """Return a planner's plan with an arrival after a number of steps.
+
+        Raises:
+            InfeasibleError: there is none, or it violates a constraint after the arrival.
+        """
+        whole = scenario.grid.knots - 1
+        if steps == self.before == whole:
+            return planner(scenario, reference=reference, solver=solver)
+        short = shortened(scenario, self.free, steps, steps / max(self.before, 1))
+        around = None
+        if reference is not None:  # the tail, moved to measured states, does not rest exactly
+            around = in_steps(reference, short, min(arrival_steps(reference), self.before))
+        return rested(planner(short, reference=around, solver=solver), scenario)
+
+
+def shortened(scenario: Scenario, free: Free, steps: int, factor: float) -> Scenario:
+    """Return the scenario of a window that ends after some of its steps.
+
+    Args:
+        scenario: scenario of the window.
+        free: which waypoints have times that may change.
+        steps: number of steps.
+        factor: factor by which these times change, since the first knot.
+
+    Raises:
+        InfeasibleError: a waypoint is not passed before the end.
+    """
+    grid = Grid(scenario.grid.step, steps + 1, scenario.grid.start)
+    vehicles = tuple(
+        sooner(vehicle, own, grid.start, factor)
+        for vehicle, own in zip(scenario.vehicles, free, strict=True)
+    )
+    short = until(scenario, grid, vehicles)
+    for one, other in zip(short.vehicles, vehicles, strict=True):
+        if len(one.waypoints) < len(other.waypoints):
+            late = {one.name: ("waypoints",)}
+            raise InfeasibleError(late, scenario=scenario, because="passed after the arrival")
+    if steps == scenario.grid.knots - 1:
+        return short
+    gentle = _gentle_arrivals(scenario, grid)
+    return short.derived(requirements=(*short.requirements, *gentle)) if gentle else short
+
+
+def _gentle_arrivals(scenario: Scenario, grid: Grid) -> list[KeepIn]:
+    """Return requirements of last accelerations from which limits of jerks allow rest at once."""
+    last = (grid.end - grid.step / 2.0, grid.end)
+    limits = {each.name: scenario.limits_of(each).max_jerk for each in scenario.vehicles}
+    return [
+        KeepIn(Sphere([0, 0, 0], jerk * grid.step), of="acceleration", vehicles=name, active=last)
+        for name, jerk in limits.items()
+        if jerk is not None
+    ]
+
+
+def in_steps(plan: Plan, short: Scenario, arrival: int) -> Plan:
+    """Return a motion that arrives at the end of another scenario, to be linearised around.
+
+    It passes the positions of a plan until its arrival in another time, and need not be flown.
+
+    Args:
+        plan: motion that arrives, and may rest then.
+        short: scenario of the same vehicles with the same step and start.
+        arrival: number of steps after which it arrives.
+    """
+    steps = short.grid.knots - 1
+    if arrival in (0, steps):
+        positions, velocities = plan.positions[:, : steps + 1], plan.velocities[:, : steps + 1]
+        return Plan(short, positions, velocities, plan.accelerations[:, :steps])
+    factor, motion = arrival / steps, plan.motion()
+    times = np.minimum(factor * short.grid.elapsed, arrival * short.grid.step)
+    middles: FloatArray = (times[1:] + times[:-1]) / 2.0
+    return Plan(
+        short,
+        motion.at("position", times),
+        factor * motion.at("velocity", times),
+        factor**2 * motion.at("acceleration", middles),
+    )
+
+
+def rested(plan: Plan, scenario: Scenario) -> Plan:
+    """Return a plan as one of a longer scenario, in which vehicles rest at their goals afterwards.
+
+    Args:
+        plan: plan of a shortened scenario.
+        scenario: scenario of the window.
+
+    Raises:
+        InfeasibleError: it violates a constraint of the whole scenario.
+    """
+    whole = with_waypoints(scenario, plan.scenario.vehicles)
+    more = scenario.grid.knots - plan.scenario.grid.knots
+    accelerations = np.pad(plan.accelerations, ((0, 0), (0, more), (0, 0)))
+    found = Plan.from_accelerations(whole, accelerations, plan.statistics)
+    if (violated := first_violation(found)) is None:
+        return found
+    raise InfeasibleError(
+        {violated.vehicle: (violated.what,)},
+        statistics=plan.statistics,
+        scenario=scenario,
+        because="the plan violates a constraint with this arrival",
+    )

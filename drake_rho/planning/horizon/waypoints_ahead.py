@@ -1,0 +1,110 @@
+"""Waypoints of windows whose times are found: which of them lie ahead, and their new times."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from drake_rho.motion.scenario_tube import tube_of
+from drake_rho.scenario.disturbance import Tracking
+from drake_rho.scenario.fields import unchecked
+from drake_rho.scenario.parts import Grid, Vehicle, Waypoint
+from drake_rho.scenario.records import Scenario
+from drake_rho.scenario.waypoints import is_during_flight
+
+Free = tuple[tuple[bool, ...], ...]
+"""Whether the time of each waypoint of each vehicle is found, in their order."""
+
+
+def free_of(scenario: Scenario) -> Free:
+    """Return which waypoints of a scenario have no time."""
+    return tuple(
+        tuple(waypoint.time is None for waypoint in each.waypoints) for each in scenario.vehicles
+    )
+
+
+def free_ahead(free: Free, whole: Scenario, grid: Grid) -> Free:
+    """Return which waypoints of the rest of a flight have times that are found.
+
+    Args:
+        free: of the whole flight.
+        whole: scenario of it, with times of all waypoints.
+        grid: grid of the rest.
+    """
+    return tuple(
+        tuple(one for one, each in zip(own, vehicle.waypoints, strict=True) if _ahead(each, grid))
+        for own, vehicle in zip(free, whole.vehicles, strict=True)
+    )
+
+
+def timed_as(whole: Scenario, rest: Scenario) -> Scenario:
+    """Return the scenario of a whole flight with the times that waypoints have in the rest of it.
+
+    Args:
+        whole: scenario of the whole flight, which is returned if no time differs.
+        rest: scenario of a window's plan, whose waypoints are those ahead.
+    """
+    vehicles = tuple(
+        _replaced(vehicle, iter(own.waypoints), rest.grid)
+        for vehicle, own in zip(whole.vehicles, rest.vehicles, strict=True)
+    )
+    return with_waypoints(whole, vehicles)
+
+
+def with_waypoints(scenario: Scenario, vehicles: tuple[Vehicle, ...]) -> Scenario:
+    """Return a scenario with other times of waypoints; itself if none differs."""
+    pairs = zip(scenario.vehicles, vehicles, strict=True)
+    if all(_times(one) == _times(other) for one, other in pairs):
+        return scenario
+    changed = until(scenario, scenario.grid, vehicles)
+    return changed.derived(disturbance=scenario.disturbance)
+
+
+def until(scenario: Scenario, grid: Grid, vehicles: tuple[Vehicle, ...]) -> Scenario:
+    """Return a scenario with another end, in the same error tube; not validated again.
+
+    Args:
+        scenario: scenario of a flight or of the rest of one.
+        grid: grid that begins as the scenario's.
+        vehicles: the vehicles, with other times of their waypoints.
+    """
+    fleet, tracking = scenario.fleet, None
+    if scenario.disturbance is not None:
+        own = Tracking(scenario.grid.start, tube_of(scenario).gains)
+        tracking = scenario.disturbance.tracking or own
+    given = scenario.derived(vehicles=vehicles, fleet=fleet)
+    starts = fleet.start_positions, fleet.start_velocities, fleet.accelerations_before
+    ended = given.from_states(grid, *starts, tracking)
+    return ended.derived(under_way=scenario.under_way)
+
+
+def sooner(vehicle: Vehicle, free: tuple[bool, ...], start: float, factor: float) -> Vehicle:
+    """Return a vehicle that passes its free waypoints after a part of the time.
+
+    Args:
+        vehicle: vehicle of a window.
+        free: whether the time of each of its waypoints is found.
+        start: time of the first knot [s].
+        factor: part of the time since the first knot.
+    """
+    waypoints = tuple(
+        unchecked(each, time=start + factor * (each.time - start))
+        if one and each.time is not None
+        else each
+        for one, each in zip(free, vehicle.waypoints, strict=True)
+    )
+    return unchecked(vehicle, waypoints=waypoints)
+
+
+def _replaced(vehicle: Vehicle, ahead: Iterator[Waypoint], grid: Grid) -> Vehicle:
+    """Return a vehicle with other waypoints in place of those that lie ahead."""
+    waypoints = tuple(next(ahead) if _ahead(each, grid) else each for each in vehicle.waypoints)
+    return unchecked(vehicle, waypoints=waypoints)
+
+
+def _ahead(waypoint: Waypoint, grid: Grid) -> bool:
+    """Return whether a waypoint is passed during the rest of a flight."""
+    return waypoint.time is None or is_during_flight(waypoint.time, grid)
+
+
+def _times(vehicle: Vehicle) -> list[float | None]:
+    return [each.time for each in vehicle.waypoints]
