@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Final
 
 import numpy as np
@@ -71,7 +71,7 @@ class RestTube:
             return np.inf
         last = min(max(until, self.begin), self.end)
         if quantity == "position":
-            return self._largest_position(last)
+            return self._largest_position_ever if last == self.end else self._to(last)
         over = self.tube.velocity_over if quantity == "velocity" else self.tube.acceleration_over
         return float(over(self.begin, last)[0])
 
@@ -80,7 +80,11 @@ class RestTube:
         """Whether anything causes errors that grow without feedback."""
         return bool(self.tube.sizes[0] > 0.0 or self.tube.sizes[4] > 0.0 or any(self.tube.gains))
 
-    def _largest_position(self, last: float) -> float:
+    @cached_property
+    def _largest_position_ever(self) -> float:
+        return self._to(self.end)
+
+    def _to(self, last: float) -> float:
         """Return the largest radius of the position until a time, by branch and bound."""
         tube, first = self.tube, self.begin
         if not any(tube.initial):  # each sample has larger radii than the one before

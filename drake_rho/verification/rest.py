@@ -19,7 +19,6 @@ from drake_rho.motion.rest_tube import RestTube, rest_tube
 from drake_rho.motion.scenario_tube import tube_of
 from drake_rho.scenario.clock import clock_time
 from drake_rho.scenario.fields import FloatArray, unchecked
-from drake_rho.scenario.parts import Grid
 from drake_rho.scenario.records import Scenario
 from drake_rho.scenario.tracks import Track
 from drake_rho.verification.boxes import check_boxes
@@ -37,10 +36,10 @@ _NAMED = 3
 _AWAY = 1e3
 """Multiple of its distance that something moving on for ever has moved when it is far away."""
 
-_HALVINGS = 100
-"""Number of halvings of a time, which reach its rounding."""
+_SHORT = 1e-12
+"""Part of a time to which it is bisected."""
 
-_REACHED = 1e-4
+_REACHED = 1e-6
 """Part of a tolerance beyond its limit at which a constraint counts as reached, for its time."""
 
 
@@ -136,7 +135,7 @@ class Rest:
         still = np.zeros((len(goals), 2, 3))
         return PiecewiseTrajectory(
             self.scenario.derived(
-                grid=Grid(duration, 2, self.begin),
+                grid=unchecked(self.scenario.grid, step=duration, knots=2, start=self.begin),
                 disturbance=None,
                 smoothing=None,
                 between_knots=True,
@@ -158,14 +157,19 @@ class Rest:
         What holds for a time holds for a shorter one too: there are fewer instants, and the radii
         are not larger.
         """
-        held, lost = 0.0, self.horizon
-        for _ in range(_HALVINGS):
+        shortest = _SHORT * self.scenario.grid.step
+        if self._reaches(vehicle, shortest):
+            return self.begin
+        held, lost = shortest, self.horizon
+        middle = lost / 2.0 if self.tube is None else min(self.tube.end - self.begin, lost / 2.0)
+        while lost - held > _SHORT * max(lost, self.scenario.grid.step):
+            held, lost = (held, middle) if self._reaches(vehicle, middle) else (middle, lost)
             middle = (held + lost) / 2.0
-            if middle in (held, lost):
-                break
-            reached = any(_is_beyond(each, vehicle, _REACHED) for each in self.columns(middle))
-            held, lost = (held, middle) if reached else (middle, lost)
         return self.begin + lost
+
+    def _reaches(self, vehicle: int, lasting: float) -> bool:
+        """Return whether a vehicle gets to a limit within a time since `begin` [s]."""
+        return any(_is_beyond(each, vehicle, _REACHED) for each in self.columns(lasting))
 
 
 def _without_what_is_over(scenario: Scenario) -> Scenario:
@@ -222,7 +226,17 @@ def _worst_of(unit: str, columns: list[Column], scenario: Scenario, count: int) 
         for vehicle in np.flatnonzero(worse).tolist():
             parts[vehicle] = _named(each, vehicle)
     return Column(
-        kind="holding", constraint="hold at goal", parts=parts, unit=unit, due=due, **numbers
+        kind="holding",
+        constraint="hold at goal",
+        parts=parts,
+        times=numbers["times"],
+        values=numbers["values"],
+        limits=numbers["limits"],
+        excess=numbers["excess"],
+        tolerances=numbers["tolerances"],
+        errors=numbers["errors"],
+        unit=unit,
+        due=due,
     )
 
 
@@ -257,13 +271,18 @@ def _is_beyond(column: Column, vehicle: int, part: float = 1.0) -> bool:
 def _note(rest: Rest, columns: list[Column], vehicle: int) -> str:
     """Return until when a vehicle can hold, and what it violates first."""
     time = rest.until(vehicle)
-    then = zip(columns, rest.columns(time - rest.begin), strict=True)
+    lasting = max(time - rest.begin, _SHORT * rest.scenario.grid.step)
+    then = zip(columns, rest.columns(lasting), strict=True)
     failing = [(now, each) for each, now in then if _is_beyond(each, vehicle)]
     now, each = next(
         (both for both in failing if _is_beyond(both[0], vehicle, _REACHED)), failing[0]
     )
-    until = f"{rest.scenario.names[vehicle]} can hold at its goal until {clock_time(time)} only"
+    name, at_once = rest.scenario.names[vehicle], time == rest.begin
+    until = f"{name} can hold at its goal until {clock_time(time)} only"
+    if at_once:
+        until = f"{name} cannot hold at its goal"
     if rest.tube is not None and not rest.tube.is_bounded:
         return f"{until}, for {_named(now, vehicle)}: its errors go on growing"
     beyond = f"by up to {each.excess[vehicle]:.3g} {each.unit}"
-    return f"{until}: {_named(now, vehicle)} is violated later, {beyond}"
+    violated = "is violated" if at_once else "is violated later,"
+    return f"{until}: {_named(now, vehicle)} {violated} {beyond}"

@@ -18,8 +18,8 @@ from drake_rho.verification.norms import check_norms
 from drake_rho.verification.notes import notes_on, notes_on_simulation, notes_on_tracks
 from drake_rho.verification.obstacles import check_obstacles
 from drake_rho.verification.report import Report
-from drake_rho.verification.rest import check_rest, notes_on_rest
 from drake_rho.verification.requirements import check_requirements
+from drake_rho.verification.rest import check_rest, notes_on_rest
 from drake_rho.verification.separation import check_separation
 from drake_rho.verification.simulated import check_simulated, trajectory_of
 from drake_rho.verification.states import check_planned

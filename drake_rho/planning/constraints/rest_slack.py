@@ -8,6 +8,7 @@ that is sought here, on straight pieces of its track.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import pairwise
 
 import numpy as np
 
@@ -142,7 +143,7 @@ def _pieces(body: Obstacle, points: FloatArray, begin: float) -> Iterator[tuple[
         size = np.where(np.isfinite(body.shape.extent), body.shape.extent, 0.0)
         last = latest + _until_far(body, points, latest, float(np.linalg.norm(size)))
     times = [first, *times, last]
-    yield from zip(times[:-1], times[1:], strict=True)
+    yield from pairwise(times)
 
 
 def _until_far(moving: Obstacle, points: FloatArray, time: float, size: float) -> float:

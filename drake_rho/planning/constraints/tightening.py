@@ -10,11 +10,11 @@ import numpy as np
 from drake_rho.motion.scenario_tube import tube_of
 from drake_rho.planning.constraints.close_pairs import max_pair_margin
 from drake_rho.planning.constraints.margins import Margins, PlanMargins
-from drake_rho.planning.constraints.rest_slack import slacks_at_rest
 from drake_rho.planning.constraints.requirement_slack import (
     ends_in_requirements,
     sizes_of_requirements,
 )
+from drake_rho.planning.constraints.rest_slack import slacks_at_rest
 from drake_rho.planning.constraints.slack import ENDS, TighteningSlack
 from drake_rho.scenario.fields import FloatArray, unchecked
 from drake_rho.scenario.norms import NORMS
