@@ -291,6 +291,23 @@ def test_true_refuses_false_is_silent_and_none_notes() -> None:
     assert violated.time == pytest.approx(30.0, abs=1e-3)
 
 
+def test_the_least_time_is_refused_if_vehicles_cannot_hold_from_then_on() -> None:
+    limits = rho.Limits(max_speed=4.0, max_acceleration=2.0)
+    scenario = single(limits=limits, obstacles=[moving([-1.0, 0.0, 0.0], 30.0)])
+    with pytest.raises(rho.InfeasibleError, match=r"cannot hold .*obstacle 1 \(held goal 1 m"):
+        rho.plan_minimum_time(given(scenario, hold_at_goal=True))
+
+
+def test_smooth_motions_hold_from_their_end_on() -> None:
+    limits = rho.Limits(max_acceleration=2.0)
+    scenario = single(limits=limits, obstacles=[moving([-1.0, 0.0, 0.0], 30.0)], between_knots=True)
+    smooth = given(scenario, smoothing=rho.Smoothing(0.5, 2))
+    assert until(smooth) == pytest.approx(29.0, abs=1e-9)
+    longer = rho.plan(smooth).holding(5.0)
+    assert rho.verify(longer).ok
+    np.testing.assert_allclose(longer.at([13.0], vehicle="solo").positions[0], GOAL, atol=1e-9)
+
+
 def test_a_goal_that_moves_is_refused_or_not_held() -> None:
     passing = single(
         goal=rho.State(GOAL, [1.0, 0.0, 0.0]), obstacles=[moving([-1.0, 0.0, 0.0], 30.0)]

@@ -24,7 +24,7 @@ from drake_rho.scenario.records import Scenario
 _QUANTITIES: tuple[Quantity, ...] = ("position", "velocity", "acceleration")
 
 CANNOT_HOLD = "vehicles cannot hold at their goals"
-"""Reason in messages why a scenario without a disturbance that requires it has no plan."""
+"""Reason in messages why a scenario that requires it has no plan, if it is the only one."""
 
 NO_SLACK = "no room for the errors that the disturbance leads to"
 """Reason in messages why a scenario without sufficient tightening slack has no plan."""
@@ -71,8 +71,9 @@ def missing_slack(
 
 
 def missing_slack_at_rest(scenario: Scenario) -> dict[str, tuple[str, ...]]:
-    """Return what keeps vehicles without a disturbance from holding at their goals, by names."""
-    return _missing(scenario, slacks_at_rest(scenario, None))
+    """Return what keeps vehicles from holding at their goals as required, by vehicles' names."""
+    tube = None if scenario.disturbance is None else tube_of(scenario)
+    return _missing(scenario, slacks_at_rest(scenario, tube))
 
 
 def _missing(
