@@ -20,7 +20,7 @@ from drake_rho.scenario.obstacles import Obstacle
 from drake_rho.scenario.parts import Quantity
 from drake_rho.scenario.records import Scenario
 from drake_rho.scenario.requirements import KeepIn
-from drake_rho.scenario.shapes.base import Shape
+from drake_rho.scenario.shapes.base import Shape, Solid
 
 _WHERE = "held goal"
 """Place of the comparison, as in 'obstacle 1 (held goal 0.1 m inside, of 0.2)'."""
@@ -33,8 +33,11 @@ _GOLDEN = (np.sqrt(5.0) - 1.0) / 2.0
 _SECTIONS = 90
 """Number of golden sections of a piece of time, which leave 1e-19 of it."""
 
-_PARTS = 4096
-"""Number of parts of a piece of time in which distances from a map that moves are bounded."""
+_PRECISION = 1e-3
+"""Precision of distances from maps that move, as a part of the smallest radius of a vehicle."""
+
+_ROUNDS = 60
+"""Largest number of halvings of a piece of time for this precision."""
 
 
 def slacks_at_rest(scenario: Scenario, tube: ErrorTube | None) -> Iterator[TighteningSlack]:
@@ -83,15 +86,21 @@ def _obstacles(scenario: Scenario, radius: FloatArray) -> Iterator[TighteningSla
     for number, body in enumerate(scenario.bodies_in_flight, start=1):
         if body.active is not None and body.active[1] <= end + scenario.grid.rounding:
             continue
-        distances = _least_distances(body, fleet.goal_positions, end)
+        precision = _PRECISION * float(fleet.radii.min())
+        distances = _least_distances(body, fleet.goal_positions, end, precision)
         available = distances - fleet.radii - body.deviation
         tolerances = fleet.obstacle_tolerances(body.shape)
         name = scenario.obstacle_name(number)
         yield TighteningSlack(name, _WHERE, "position", available, radius, tolerances)
 
 
-def _least_distances(body: Obstacle, points: FloatArray, begin: float) -> FloatArray:
-    """Return the least distances of points (N, 3) from an obstacle from a time on [m], (N,)."""
+def _least_distances(
+    body: Obstacle, points: FloatArray, begin: float, precision: float
+) -> FloatArray:
+    """Return the least distances of points (N, 3) from an obstacle from a time on [m], (N,).
+
+    Those from a map that moves may be too small by `precision` [m].
+    """
     if body.is_steady:
         return body.shape.local_distance(points - body.first_center)
     least = np.full(len(points), np.inf)
@@ -100,11 +109,8 @@ def _least_distances(body: Obstacle, points: FloatArray, begin: float) -> FloatA
         x, moved = points - ends[0], ends[0] - ends[1]
         if isinstance(body.shape, Shape):
             found = _least_of_convex(body.shape, x, moved)
-        else:  # a lower bound: a distance changes no faster than the obstacle moves
-            s = np.linspace(0.0, 1.0, _PARTS + 1)[:, None, None]
-            sampled = body.shape.local_distance(x + s * moved)
-            found = (sampled[:-1] + sampled[1:] - np.linalg.norm(moved) / _PARTS) / 2.0
-            found = found.min(axis=0)
+        else:
+            found = _least_of_map(body.shape, x, moved, precision)
         least = np.minimum(least, found)
     return least
 
@@ -131,6 +137,33 @@ def _least_of_convex(shape: Shape, x: FloatArray, moved: FloatArray) -> FloatArr
         later = first > second
         low, high = np.where(later, left, low), np.where(later, high, right)
     return least
+
+
+def _least_of_map(shape: Solid, x: FloatArray, moved: FloatArray, precision: float) -> FloatArray:
+    """Return lower bounds of the least distances from a map on segments, by branch and bound, (N,).
+
+    A distance changes no faster than its point moves.
+
+    Args:
+        shape: shape of the obstacle.
+        x: beginnings of the segments relative to its centre [m], shape (N, 3).
+        moved: their ends less their beginnings [m], shape (3,).
+        precision: amount by which the bounds may be too small [m].
+    """
+    length, who, low = float(np.linalg.norm(moved)), np.arange(len(x)), np.zeros(len(x))
+    left, right = shape.local_distance(x), shape.local_distance(x + moved)
+    least, width = np.minimum(left, right), 1.0
+    for _ in range(_ROUNDS):
+        open_ = (left + right - length * width) / 2.0 < least[who] - precision
+        who, low, left, right = who[open_], low[open_], left[open_], right[open_]
+        if len(who) == 0:
+            break
+        width /= 2.0
+        middle = shape.local_distance(x[who] + (low + width)[:, None] * moved)
+        np.minimum.at(least, who, middle)
+        who, low = np.tile(who, 2), np.concatenate([low, low + width])
+        left, right = np.concatenate([left, middle]), np.concatenate([middle, right])
+    return least - precision
 
 
 def _pieces(body: Obstacle, points: FloatArray, begin: float) -> Iterator[tuple[float, float]]:
