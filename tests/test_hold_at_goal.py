@@ -33,7 +33,7 @@ def given(scenario: rho.Scenario, **changes: Any) -> rho.Scenario:
 
 
 def shifted(*by: float) -> Array:
-    return GOAL + np.array(by)
+    return np.asarray(GOAL + np.array(by))
 
 
 def moving(velocity: Any, reach: float, **more: Any) -> rho.Obstacle:
@@ -157,6 +157,16 @@ def test_an_obstacle_that_comes_is_told_with_its_time() -> None:
     assert until(windy) == pytest.approx(29.0 - radius, abs=1e-6)
     held = [rho.verify(rho.plan(scenario).holding(time)).ok for time in (20.9, 21.4)]
     assert held == [True, False]
+
+
+def test_the_first_of_many_that_come_is_told() -> None:
+    rng = np.random.default_rng(0)
+    reach, speeds = rng.uniform(40.0, 90.0, 12), rng.uniform(0.3, 3.0, 12)
+    directions = rng.standard_normal((12, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    scenario = single(obstacles=list(map(moving, speeds[:, None] * directions, reach)))
+    assert until(scenario) == pytest.approx(np.min(reach - 1.0 / speeds), abs=1e-9)
+    assert f"obstacle {1 + np.argmin(reach - 1.0 / speeds)} " in notes_on_rest(scenario)[0]
 
 
 def test_obstacles_that_pass_by_or_have_passed_are_no_matter() -> None:

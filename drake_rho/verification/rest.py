@@ -10,8 +10,8 @@ on for ever is far away.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator
-from functools import cached_property
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -24,7 +24,7 @@ from drake_rho.scenario.tracks import Track
 from drake_rho.verification.boxes import check_boxes
 from drake_rho.verification.check import AT_ALL_TIMES, AT_KNOTS, Column
 from drake_rho.verification.norms import check_norms
-from drake_rho.verification.obstacles import check_obstacles
+from drake_rho.verification.obstacles import check_obstacle
 from drake_rho.verification.requirements import check_requirements
 from drake_rho.verification.separation import check_separation
 from drake_rho.verification.trajectory import PiecewiseTrajectory
@@ -41,6 +41,10 @@ _SHORT = 1e-12
 
 _REACHED = 1e-6
 """Part of a tolerance beyond its limit at which a constraint counts as reached, for its time."""
+
+
+Check = Callable[[PiecewiseTrajectory], Iterable[Column]]
+"""Function that verifies constraints of one kind, or one obstacle, on a trajectory."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -84,13 +88,14 @@ class Rest:
             if own.track is not None and own.active is None:
                 size = float(getattr(own.set, "size", 0.0))
                 moving.append((own.track, size if np.isfinite(size) else 0.0))
+        far = horizon
         for track, size in moving:
             speed = float(np.linalg.norm(track.last_velocity))
             if track.after == "goes_on" and speed > 0.0:
                 at = track.at(np.array([self._elapsed + horizon]))
                 away = np.linalg.norm(goals - at, axis=1).max() + size + track.deviation
-                horizon += _AWAY * float(away) / speed
-        return horizon
+                far = max(far, horizon + _AWAY * float(away) / speed)
+        return far
 
     @property
     def _elapsed(self) -> float:
@@ -101,22 +106,27 @@ class Rest:
         """Return times since the first knot as times since `begin` [s]."""
         return [float(each) for each in times - self._elapsed]
 
+    @property
+    def checks(self) -> list[Check]:
+        """Functions that verify all constraints of a trajectory, each some of them."""
+        jerks = np.zeros((len(self.scenario.vehicles), 1, 3))
+        obstacles = range(1, len(self.scenario.bodies) + 1)
+        return [
+            lambda rest: check_boxes(rest, jerks),
+            lambda rest: check_norms(rest, jerks),
+            lambda rest: check_requirements(rest, jerks),
+            *(partial(check_obstacle, number=number) for number in obstacles),
+            check_separation,
+        ]
+
     def columns(self, lasting: float = np.inf) -> list[Column]:
         """Return the checks of all constraints at all times.
 
         Args:
             lasting: time since `begin` until which vehicles hold [s]; for ever if not given.
         """
-        trajectory = self._trajectory(lasting)
-        jerks = np.zeros((len(self.scenario.vehicles), 1, 3))
-        columns = [
-            *check_boxes(trajectory, jerks),
-            *check_norms(trajectory, jerks),
-            *check_requirements(trajectory, jerks),
-            *check_obstacles(trajectory),
-            *check_separation(trajectory),
-        ]
-        return [each for each in columns if not each.parts[0].endswith(AT_KNOTS)]
+        rest = self._trajectory(lasting)
+        return [column for check in self.checks for column in _at_all_times(check(rest))]
 
     def _trajectory(self, lasting: float) -> PiecewiseTrajectory:
         """Return the rest as one piece of time, with the largest radii in it."""
@@ -157,19 +167,32 @@ class Rest:
         What holds for a time holds for a shorter one too: there are fewer instants, and the radii
         are not larger.
         """
-        shortest = _SHORT * self.scenario.grid.step
-        if self._reaches(vehicle, shortest):
+        held, lost = _SHORT * self.scenario.grid.step, self.horizon
+        if self._reached(vehicle, held, self.checks):
             return self.begin
-        held, lost = shortest, self.horizon
+        checks = self._reached(vehicle, lost, self.checks)
         middle = lost / 2.0 if self.tube is None else min(self.tube.end - self.begin, lost / 2.0)
         while lost - held > _SHORT * max(lost, self.scenario.grid.step):
-            held, lost = (held, middle) if self._reaches(vehicle, middle) else (middle, lost)
+            if earlier := self._reached(vehicle, middle, checks):
+                lost, checks = middle, earlier  # the others are reached later
+            else:
+                held = middle
             middle = (held + lost) / 2.0
         return self.begin + lost
 
-    def _reaches(self, vehicle: int, lasting: float) -> bool:
-        """Return whether a vehicle gets to a limit within a time since `begin` [s]."""
-        return any(_is_beyond(each, vehicle, _REACHED) for each in self.columns(lasting))
+    def _reached(self, vehicle: int, lasting: float, checks: Sequence[Check]) -> list[Check]:
+        """Return checks with limits that a vehicle gets to within a time since `begin` [s]."""
+        rest = self._trajectory(lasting)
+        return [
+            check
+            for check in checks
+            if any(_is_beyond(each, vehicle, _REACHED) for each in _at_all_times(check(rest)))
+        ]
+
+
+def _at_all_times(columns: Iterable[Column]) -> list[Column]:
+    """Return columns without those of knots, which others include."""
+    return [each for each in columns if not each.parts[0].endswith(AT_KNOTS)]
 
 
 def _without_what_is_over(scenario: Scenario) -> Scenario:
