@@ -171,7 +171,11 @@ class Rest:
         if self._reached(vehicle, held, self.checks):
             return self.begin
         checks = self._reached(vehicle, lost, self.checks)
-        middle = lost / 2.0 if self.tube is None else min(self.tube.end - self.begin, lost / 2.0)
+        worst = [each.times[vehicle] for each in self.columns() if _is_beyond(each, vehicle)]
+        middle = min(worst, default=self.begin + lost / 2.0) - self.begin
+        if self.tube is not None:  # its radii are constant from here on
+            middle = max(middle, self.tube.end - self.begin)
+        middle = min(float(middle), lost / 2.0)
         while lost - held > _SHORT * max(lost, self.scenario.grid.step):
             if earlier := self._reached(vehicle, middle, checks):
                 lost, checks = middle, earlier  # the others are reached later
