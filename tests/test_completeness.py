@@ -64,6 +64,8 @@ def _scenario(kind: str) -> rho.Scenario:
         limits = rho.Limits(max_acceleration=2.0)
         averaged = single(limits=limits, obstacles=[SPHERE], between_knots=True)
         return dataclasses.replace(averaged, smoothing=rho.Smoothing(0.5, 2))
+    if kind == "holding":
+        return dataclasses.replace(single(obstacles=[SPHERE]), hold_at_goal=True)
     return disturbed(0) if kind == "disturbance" else single()
 
 
@@ -119,7 +121,11 @@ def test_every_kind_is_planned_for_and_verified(kind: str) -> None:
 
 @pytest.mark.parametrize(
     "kind",
-    [each for each in KINDS if each not in ("dynamics", "goals", "disturbance", "smoothing")],
+    [
+        each
+        for each in KINDS
+        if each not in ("dynamics", "goals", "disturbance", "holding", "smoothing")
+    ],
 )
 def test_what_breaks_a_requirement_is_not_said_to_hold(kind: str) -> None:
     """A motion through everything in its way, or with too much of everything, is seen."""

@@ -64,6 +64,7 @@ TREATMENT = {
     "active obstacles": "as obstacles, at instants of the interval",
     "separation": "quadratics of the separation's ellipsoid; left out in large fleets",
     "disturbance": "a bound for the plan's margins, and one without them",
+    "holding": "no part of the bound: it depends on goals alone",
     "smoothing": "a bound for plans that meet the constraints before they are averaged too",
 }
 """Contribution of every kind of requirement to the lower bound."""

@@ -72,7 +72,8 @@ def plan_minimum_time(
         waypoints the times that were found.
 
     Raises:
-        InfeasibleError: no plan was found for any final time that was tried.
+        InfeasibleError: no plan was found for any final time that was tried, or vehicles cannot
+            hold at their goals from the least time on (`Scenario.hold_at_goal`).
         OutOfTimeError: time was up before a plan was found.
         ScenarioError: no limit bounds the time, or the scenario does not fit the number of knots.
         SolverError: the solvers fail numerically.

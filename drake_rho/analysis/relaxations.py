@@ -232,6 +232,7 @@ TREATMENT: dict[str, str] = {
     "active obstacles": "a smaller distance; its interval is kept",
     "separation": "1 % less",
     "disturbance": "1 % less wind; errors of the estimate are kept",
+    "holding": "kept: it depends on goals alone",
     "smoothing": "averages over 1 % less",
 }
 """Relaxation of every kind of requirement."""

@@ -16,7 +16,11 @@ from drake_rho.analysis.trials import Trials, durations
 from drake_rho.motion.plan import Plan
 from drake_rho.planning.call.options import Options
 from drake_rho.planning.call.progress import Progress, tell
-from drake_rho.planning.constraints.tightening import enlarged_by_margins
+from drake_rho.planning.constraints.tightening import (
+    CANNOT_HOLD,
+    enlarged_by_margins,
+    missing_slack_at_rest,
+)
 from drake_rho.planning.errors import InfeasibleError, SolverError
 from drake_rho.planning.path_search.initial_guesses import paths_on_grids
 from drake_rho.planning.planners.first_plan import FirstPlan, plan_near
@@ -260,6 +264,10 @@ class TimeSearch:
 
         Limits that rounding exceeds are met by a motion that is slower by a few roundings, or by
         that of a program that is solved to more digits, with a little more time if there is none.
+
+        Raises:
+            InfeasibleError: vehicles have to hold at their goals, and cannot from this time on.
+            SolverError: the motion violates a constraint.
         """
         plan = self._met(best)
         if plan is None:
@@ -269,10 +277,12 @@ class TimeSearch:
             exact = next((each for each in found if each is not None), best)
             self._least.statistics += least.statistics
             plan = self._met(exact) or self._plan(exact)
-            if not verify(plan).ok:
+            if not (verify(plan).ok or missing_slack_at_rest(plan.scenario)):
                 raise SolverError(
                     "the motion that the solvers found does not meet every constraint"
                 )
+        if conflicts := missing_slack_at_rest(plan.scenario):
+            raise InfeasibleError(conflicts, scenario=plan.scenario, because=CANNOT_HOLD)
         statistics = dataclasses.replace(
             self._least.statistics, converged=best.converged, time_bound=self._bound
         )

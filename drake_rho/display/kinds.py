@@ -23,6 +23,7 @@ TREATMENT = {
     "active obstacles": "shaded times, and in the scene while they are active",
     "separation": "`separation_figure`, and shells in the scene",
     "disturbance": "`errors_figure`, and the tube's radius in the scene",
+    "holding": "not drawn; `verify` tells it",
     "smoothing": "the averages are drawn, from the first knot to the last",
 }
 """Display of every kind of requirement."""

@@ -32,6 +32,7 @@ TREATMENT = {
     "active obstacles": "as obstacles, in the interval of time",
     "separation": "what is left of the distance is compared with the deviation",
     "disturbance": "what is left is compared with the deviation beside the errors",
+    "holding": "not in the files; verified before",
     "smoothing": "the averages are written, for json the plan that is averaged",
 }
 """Treatment of every kind of requirement in exports."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from typing import TYPE_CHECKING, Literal, Self
 
 import numpy as np
@@ -15,9 +16,10 @@ from drake_rho.motion.scenario_tube import tube_of
 from drake_rho.motion.smooth import Polynomials, SmoothMotion
 from drake_rho.motion.statistics import Statistics
 from drake_rho.scenario.arguments import checked
+from drake_rho.scenario.consistency import check_goals_at_rest
 from drake_rho.scenario.described import Described, ShownInNotebooks
 from drake_rho.scenario.fields import FloatArray, IntArray, read_only, unchecked
-from drake_rho.scenario.parts import Quantity
+from drake_rho.scenario.parts import MOST_KNOTS, SAME_TIME, Quantity
 from drake_rho.scenario.records import Scenario
 from drake_rho.scenario.shapes.base import TOLERANCE
 
@@ -301,6 +303,48 @@ class Plan(ShownInNotebooks, metaclass=Described):
                 satisfied = excess <= limit.sets.tolerances
                 values = np.where(satisfied[:, None], limit.sets.nearest(values), values)
         return values
+
+    @checked
+    def holding(self, seconds: float) -> Plan:
+        """Return the plan continued at rest: vehicles hold at their goals for a time after the end.
+
+        Its grid has as many more steps as the time needs. The feedback, if any, is that of this
+        plan, so that the error tube goes on as it was.
+
+        Args:
+            seconds: time to hold [s]; of a part of a step, the whole step is added.
+
+        Raises:
+            ValueError: the time is negative, infinite or NaN, or there would be too many knots.
+            ScenarioError: a goal has a velocity, so that its vehicle moves on.
+
+        Examples:
+            >>> scenario = rho.load_scenario("courier")
+            >>> longer = rho.plan(scenario).holding(60.0)
+            >>> longer.scenario.grid.end, rho.verify(longer).ok
+            (70.0, True)
+        """
+        scenario, grid = self.scenario, self.scenario.grid
+        most = (MOST_KNOTS - grid.knots) * grid.step
+        if not 0.0 <= seconds <= most:
+            raise ValueError(f"seconds: got {seconds}, expected a time from 0 to {most:g} s")
+        check_goals_at_rest(scenario.vehicles)
+        steps = math.ceil(seconds / grid.step * (1.0 - SAME_TIME))
+        disturbance = scenario.disturbance
+        if disturbance is not None:
+            tracking = tube_of(scenario).tracking
+            disturbance = unchecked(disturbance, tracking=tracking)
+        longer = scenario.derived(
+            grid=unchecked(grid, knots=grid.knots + steps), disturbance=disturbance
+        )
+        still = np.zeros((len(scenario.vehicles), steps, 3))
+        return Plan(
+            longer,
+            np.concatenate([self.positions, still + self.positions[:, -1:]], axis=1),
+            np.concatenate([self.velocities, still], axis=1),
+            np.concatenate([self.accelerations, still], axis=1),
+            self.statistics,
+        )
 
     def tail(self, knot: int) -> Plan:
         """Return the rest of the plan from `knot`, counted from 0, as a separate plan."""

@@ -19,9 +19,11 @@ from drake_rho.planning.constraints.margins import PlanMargins, margins_of
 from drake_rho.planning.constraints.obstacles import KeepOutOfObstacle
 from drake_rho.planning.constraints.separation import KeepApart, pairs_of
 from drake_rho.planning.constraints.tightening import (
+    CANNOT_HOLD,
     NO_SLACK,
     largest_tolerable_wind,
     missing_slack,
+    missing_slack_at_rest,
     without_wind,
 )
 from drake_rho.planning.errors import InfeasibleError, SolverError
@@ -178,6 +180,8 @@ class Problem:
     def check_tightening_slack(self) -> None:
         """Check that limits, starts and goals leave sufficient slack for the disturbance, if any.
 
+        So do goals at which vehicles have to hold after the end (`Scenario.hold_at_goal`).
+
         A flight that is under way is not checked here: its windows are checked when they are
         planned.
 
@@ -185,7 +189,11 @@ class Problem:
             InfeasibleError: the slack is insufficient; the error has the largest tolerable wind.
         """
         scenario = self.scenario
-        if scenario.disturbance is None or scenario.under_way:
+        if scenario.under_way:
+            return
+        if scenario.disturbance is None:
+            if conflicts := missing_slack_at_rest(scenario):
+                raise InfeasibleError(conflicts, scenario=scenario, because=CANNOT_HOLD)
             return
         if conflicts := missing_slack(scenario, self.margins):
             calm = dataclasses.replace(self, scenario=without_wind(scenario)).margins

@@ -116,6 +116,19 @@ def check_ends(
             check_separation(separation, vehicles, f"{end}.position", positions)
 
 
+def check_goals_at_rest(vehicles: Sequence[Vehicle]) -> None:
+    """Check that goals are at rest, where vehicles are to hold at them.
+
+    Raises:
+        ScenarioError: a goal has a velocity.
+    """
+    for index, vehicle in enumerate(vehicles):
+        if np.any(vehicle.goal.velocity):
+            velocity = vehicle.goal.velocity.tolist()
+            expected = "none with hold_at_goal: vehicles hold at goals at rest only"
+            raise ScenarioError(f"vehicles[{index}].goal.velocity", velocity, expected)
+
+
 def check_limits(fleet: Fleet, *, under_way: bool = False) -> None:
     """Check that starts and goals satisfy the limits of their vehicles.
 

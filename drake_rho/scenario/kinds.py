@@ -32,6 +32,7 @@ KINDS: tuple[str, ...] = (
     "active obstacles",
     "separation",
     "disturbance",
+    "holding",
     "smoothing",
 )
 """All kinds. Moving obstacles, those that are known late and those that are active for a time are
@@ -50,6 +51,7 @@ def kinds_of(scenario: Scenario) -> set[str]:
         "active obstacles": any(each.active is not None for each in bodies),
         "separation": scenario.separation is not None and len(scenario.vehicles) > 1,
         "disturbance": scenario.disturbance is not None,
+        "holding": scenario.hold_at_goal is True,
         "smoothing": scenario.smoothing is not None,
     }
     given = [scenario.limits, *(each.limits for each in scenario.vehicles if each.limits)]

@@ -47,6 +47,9 @@ UNITS: dict[Quantity, str] = {
 }
 """SI units of the quantities."""
 
+MOST_KNOTS = 100_000
+"""Largest number of knots of a grid."""
+
 SAME_TIME = 1e-9
 """Part of a step, or of a sample of the feedback, by which two times may differ and still count as
 equal."""
@@ -68,7 +71,7 @@ class Grid:
 
     step: Positive
     """h, the time from one knot to the next [s]"""
-    knots: Annotated[int, Field(ge=2, le=100_000), NOT_BOOLEAN]
+    knots: Annotated[int, Field(ge=2, le=MOST_KNOTS), NOT_BOOLEAN]
     """K, the number of knots, including the first and the last"""
     start: Finite = 0.0
     """time of the first knot on the scenario's clock, to which the times of obstacles refer [s]"""

@@ -12,6 +12,7 @@ from pydantic import Field, ValidationInfo, model_validator
 
 from drake_rho.scenario.consistency import (
     check_ends,
+    check_goals_at_rest,
     check_maps,
     check_names,
     check_obstacles,
@@ -112,6 +113,10 @@ class Scenario(ShownInNotebooks):
     smoothing: Smoothing | None = None
     """moving averages with which plans are flown; as planned, with jumps of the acceleration, if
     not given"""
+    hold_at_goal: bool | None = None
+    """whether vehicles have to be able to hold at their goals for ever after the end, in any wind
+    allowed: true refuses what does not allow it, false says nothing; if not given, reports note
+    where vehicles with goals at rest cannot"""
 
     if TYPE_CHECKING:
 
@@ -127,6 +132,7 @@ class Scenario(ShownInNotebooks):
             disturbance: Disturbance | None = None,
             requirements: Sequence[KeepIn] = (),
             smoothing: Smoothing | None = None,
+            hold_at_goal: bool | None = None,
         ) -> None: ...
 
     @cached_property
@@ -151,6 +157,8 @@ class Scenario(ShownInNotebooks):
         self.check_ends(under_way=under_way)
         check_waypoints(self.fleet, self.grid, self.bodies)
         check_requirements(self.requirements, self.fleet, self.names, self.grid, under_way)
+        if self.hold_at_goal:
+            check_goals_at_rest(self.vehicles)
         if self.smoothing is not None:
             check_smoothing(
                 self.smoothing,
@@ -366,6 +374,14 @@ class Scenario(ShownInNotebooks):
             known=known,
             under_way=True,
         )
+
+    @cached_property
+    def held(self) -> tuple[int, ...]:
+        """Indices of the vehicles that are to hold at their goals: those with a goal at rest."""
+        if self.hold_at_goal is False:
+            return ()
+        at_rest = enumerate(~np.any(self.fleet.goal_velocities, axis=1))
+        return tuple(index for index, rests in at_rest if rests)
 
     @property
     def names(self) -> tuple[str, ...]:

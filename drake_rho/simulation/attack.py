@@ -47,6 +47,7 @@ TREATMENT = {
     "active obstacles": "aimed at, in the interval of time",
     "separation": "aimed at: both vehicles of the closest pair",
     "disturbance": "its bound is what is used up",
+    "holding": "not aimed at: it is after the flight",
     "smoothing": "not beside a disturbance, which attacks need",
 }
 """Target of the attacking wind for every kind of requirement."""

@@ -33,6 +33,7 @@ from drake_rho.verification.maps import encounters
 from drake_rho.verification.norms import check_norms
 from drake_rho.verification.obstacles import check_obstacle, relative_to
 from drake_rho.verification.requirements import check_requirements
+from drake_rho.verification.rest import check_rest
 from drake_rho.verification.separation import check_separation
 from drake_rho.verification.states import check_planned
 from drake_rho.verification.steps import Steps
@@ -113,6 +114,7 @@ class _PlanCheck:
                 lambda: check_requirements(trajectory, jerks),
             )
             yield self._all_keep_apart, lambda: check_separation(trajectory)
+            yield (lambda: not scenario.hold_at_goal), lambda: check_rest(scenario)
             obstacles = [number for number, _ in scenario.known]
         for number in obstacles:
             yield from self._obstacle(number)

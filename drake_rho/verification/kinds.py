@@ -30,6 +30,7 @@ TREATMENT = {
     "active obstacles": f"{_OF_OBSTACLES}, in its interval of time",
     "separation": "distance of every pair at the knots and at every instant",
     "disturbance": "every check with the radius of the errors",
+    "holding": "every check at goals for ever, with the largest radii from the end on",
     "smoothing": "every check is of the averages, which are computed anew",
 }
 """Verification of every kind of requirement."""

@@ -202,7 +202,7 @@ class _Check:
 
     def _error_curvatures(self) -> FloatArray:
         """Return κ of the errors in each piece of time [m/s²], shape (J,)."""
-        return self._vehicles * self.trajectory.feedback
+        return self._vehicles * self.trajectory.curvatures
 
     def _position_errors(self, pieces: IntArray, times: FloatArray) -> FloatArray:
         """Return radii of the errors of positions in pieces (P,) at times (S, P)."""
@@ -275,7 +275,8 @@ class _Check:
         if self.requirement.of == "thrust" and self.partner is None:
             values = values + np.array([0.0, 0.0, GRAVITY])
         distances = np.asarray(self.requirement.set.signed_distance(values))
-        return _worst_of(begins[chosen], distances, self._error_curvatures()[chosen])
+        errors = self._vehicles * self.trajectory.feedback[chosen]
+        return _worst_of(begins[chosen], distances, errors)
 
     def jerks(self, jerks: FloatArray) -> Highest:
         """Return the worst jerks of the plan, which has no errors."""

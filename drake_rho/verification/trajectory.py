@@ -186,6 +186,13 @@ class PiecewiseTrajectory:
             return np.zeros(len(self.durations))
         return self.tubes.over("acceleration", self.times[:-1], self.times[1:])
 
+    @property
+    def curvatures(self) -> FloatArray:
+        """κ of ρ_p in each piece [m/s²], shape (J,); zero without tubes."""
+        if self.tubes is None:
+            return np.zeros(len(self.durations))
+        return self.tubes.curvatures(self.times[:-1], self.times[1:])
+
     def error_radii(self, pieces: IntArray, vehicles: float = 1.0) -> ErrorRadii | None:
         """Return the error radii of positions in pieces; None without tubes.
 

@@ -15,7 +15,7 @@ properties of the tube (`docs/flight.md`):
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Self
 
 import numpy as np
@@ -78,6 +78,10 @@ class Tubes:
             greatest[here] = over(begins[here], ends[here])
         return greatest
 
+    def curvatures(self, begins: FloatArray, ends: FloatArray) -> FloatArray:
+        """Return κ of ρ_p over intervals that have one tube each [m/s²], shape (M,)."""
+        return self.over("acceleration", begins, ends)
+
     def _number(self, times: FloatArray, side: int = 1) -> IntArray:
         """Return the index of the tube valid at each time.
 
@@ -93,6 +97,35 @@ class Tubes:
             here = numbers == number
             radii[here] = getattr(self.tubes[number], quantity)(times[here])
         return radii
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class ConstantTubes(Tubes):
+    """Tubes with the same radii at all times: the largest ones."""
+
+    radii: Mapping[Quantity, float]
+    """radii of position [m], velocity [m/s] and feedback [m/s²]"""
+
+    @classmethod
+    def with_radii(cls, radii: Mapping[Quantity, float]) -> Self:
+        """Return tubes with given radii."""
+        return cls((), np.zeros(0), radii)
+
+    def at(self, quantity: Quantity, times: FloatArray) -> FloatArray:
+        """Return the radius for every time."""
+        return np.full(times.shape, self.radii[quantity])
+
+    def position_in(self, times: FloatArray, begins: FloatArray, ends: FloatArray) -> FloatArray:
+        """Return the radius of the position for every time."""
+        return self.at("position", times)
+
+    def over(self, quantity: Quantity, begins: FloatArray, ends: FloatArray) -> FloatArray:
+        """Return the radius for every interval."""
+        return self.at(quantity, begins)
+
+    def curvatures(self, begins: FloatArray, ends: FloatArray) -> FloatArray:
+        """Return zeros: the radius of the position does not change."""
+        return np.zeros(begins.shape)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -116,7 +149,7 @@ class ErrorRadii:
         """
         different, which = np.unique(np.stack([begins, durations]), axis=1, return_inverse=True)
         begin, duration = different
-        curvatures = tubes.over("acceleration", begin, begin + duration) * duration**2
+        curvatures = tubes.curvatures(begin, begin + duration) * duration**2
 
         def radii(steps: IntArray, u: FloatArray) -> FloatArray:
             first, lasts = begins[steps, None], durations[steps, None]

@@ -19,6 +19,7 @@ from drake_rho.verification.notes import notes_on, notes_on_simulation, notes_on
 from drake_rho.verification.obstacles import check_obstacles
 from drake_rho.verification.report import Report
 from drake_rho.verification.requirements import check_requirements
+from drake_rho.verification.rest import check_rest, notes_on_rest
 from drake_rho.verification.separation import check_separation
 from drake_rho.verification.simulated import check_simulated, trajectory_of
 from drake_rho.verification.states import check_planned
@@ -56,6 +57,10 @@ def verify(flown: Flown) -> Report:
     which is computed anew from the accelerations (`drake_rho.verification.averages`). Limits on
     velocities and accelerations are verified at every instant too.
 
+    Vehicles whose goals are at rest hold there after the end (`drake_rho.verification.rest`). Notes
+    name those that cannot do so for ever and until when they can, unless the scenario says
+    otherwise (`hold_at_goal`); if it requires it, there are checks, which count.
+
     For a simulation the true motion is verified, without a tube and against the limits as given.
     Limits on accelerations apply to the commands, and the limit on jerk to the plans. A vehicle
     reaches its goal if it ends within the radii of the last window's tube.
@@ -79,6 +84,7 @@ def verify(flown: Flown) -> Report:
         >>> print(report.clearance.vehicle, report.summary.fastest)
         UAV-2 UAV-3
     """
+    last = flown.windows[-1].plan.scenario if flown.windows else flown.scenario
     with np.errstate(over="ignore", invalid="ignore"):  # values that overflow become NaN or inf
         if (simulation := flown.simulation) is not None:
             trajectory, jerks = trajectory_of(simulation), flown.plan.motion().jerks()
@@ -99,8 +105,10 @@ def verify(flown: Flown) -> Report:
             *check_requirements(trajectory, jerks),
             *check_obstacles(trajectory),
             *check_separation(trajectory),
+            *check_rest(last),
         ]
         summary = Summary.of(trajectory, flown.cost)
+        notes += notes_on_rest(last)
     scenario = trajectory.scenario
     refuse_unchecked(scenario, columns)
     names = [vehicle.name for vehicle in scenario.vehicles]

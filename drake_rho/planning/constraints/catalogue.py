@@ -82,6 +82,7 @@ TREATMENT: dict[str, str] = {
     "active obstacles": "half-spaces within the active interval only",
     "separation": "half-spaces of pairs around a reference (`Problem.linearized`)",
     "disturbance": "all rows tightened by the radius of the error tube",
+    "holding": "no rows: it depends on goals alone, which are checked before planning",
     "smoothing": "rows of obstacles, pairs and waypoints with its margin; longer requirements",
 }
 """Planners' treatment of every kind of requirement."""

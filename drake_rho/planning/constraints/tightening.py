@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from drake_rho.planning.constraints.requirement_slack import (
     ends_in_requirements,
     sizes_of_requirements,
 )
+from drake_rho.planning.constraints.rest_slack import slacks_at_rest
 from drake_rho.planning.constraints.slack import ENDS, TighteningSlack
 from drake_rho.scenario.fields import FloatArray, unchecked
 from drake_rho.scenario.norms import NORMS
@@ -21,6 +22,9 @@ from drake_rho.scenario.parts import Quantity
 from drake_rho.scenario.records import Scenario
 
 _QUANTITIES: tuple[Quantity, ...] = ("position", "velocity", "acceleration")
+
+CANNOT_HOLD = "vehicles cannot hold at their goals"
+"""Reason in messages why a scenario that requires it has no plan, if it is the only one."""
 
 NO_SLACK = "no room for the errors that the disturbance leads to"
 """Reason in messages why a scenario without sufficient tightening slack has no plan."""
@@ -43,6 +47,7 @@ TREATMENT: dict[str, str] = {
     "active obstacles": "as obstacles, if they are active at the start or at the end",
     "separation": "half the distance of starts and goals against the position's radius",
     "disturbance": "the radii",
+    "holding": "all constraints at goals against the largest radii that there ever are",
     "smoothing": "not compared: programs decide whether there is room for its margin",
 }
 """Comparison with the radii of the error tube, for every kind of requirement."""
@@ -62,8 +67,20 @@ def missing_slack(
         margins: the margins of plans.
         under_way: whether starts are measured states, which may deviate by a few tolerances.
     """
+    return _missing(scenario, _slacks(scenario, margins.inner), under_way=under_way)
+
+
+def missing_slack_at_rest(scenario: Scenario) -> dict[str, tuple[str, ...]]:
+    """Return what keeps vehicles from holding at their goals as required, by vehicles' names."""
+    tube = None if scenario.disturbance is None else tube_of(scenario)
+    return _missing(scenario, slacks_at_rest(scenario, tube))
+
+
+def _missing(
+    scenario: Scenario, slacks: Iterable[TighteningSlack], *, under_way: bool = False
+) -> dict[str, tuple[str, ...]]:
     found: dict[str, tuple[str, ...]] = {}
-    for each in _slacks(scenario, margins.inner):
+    for each in slacks:
         measured = under_way and each.where == ENDS[0]
         tolerances = _MEASURED_START if measured else 1.0
         for vehicle in np.flatnonzero(each.missing(tolerances) > 0.0).tolist():
@@ -99,7 +116,8 @@ def largest_tolerable_wind(scenario: Scenario, margins: PlanMargins, calm: PlanM
     for windy, still in zip(
         _slacks(scenario, margins.inner), _slacks(scenario, calm.inner), strict=True
     ):
-        more = windy.needed - still.needed
+        with np.errstate(invalid="ignore"):  # where errors are not bounded, in any wind
+            more = windy.needed - still.needed
         left = windy.available + windy.tolerances - still.needed
         tolerable = np.divide(left, more, out=np.where(left < 0.0, 0.0, np.inf), where=more > 0.0)
         part = min(part, float(np.min(tolerable)))
@@ -111,6 +129,7 @@ def _slacks(scenario: Scenario, margins: Margins) -> Iterator[TighteningSlack]:
     yield from _limit_slacks(scenario, margins)
     for end in ENDS:
         yield from _end_slacks(scenario, margins, end)
+    yield from slacks_at_rest(scenario, margins.tube)
 
 
 def _end_slacks(scenario: Scenario, margins: Margins, end: int) -> Iterator[TighteningSlack]:

@@ -1,0 +1,315 @@
+"""Verification of the time after the end: whether vehicles can hold at their goals for ever.
+
+Vehicles whose goals are at rest stay there. So their motion after the end is one long piece of time
+at rest, and every constraint is verified by the same functions as in the flight. Around the goals
+are the largest radii that the error tube ever has from the end on (`drake_rho.motion.rest_tube`).
+The piece ends where nothing changes any more: tracks have ended, intervals are over, and what moves
+on for ever is far away.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import cached_property, partial
+
+import numpy as np
+
+from drake_rho.motion.rest_tube import RestTube, rest_tube
+from drake_rho.motion.scenario_tube import tube_of
+from drake_rho.scenario.clock import clock_time
+from drake_rho.scenario.fields import FloatArray, unchecked
+from drake_rho.scenario.records import Scenario
+from drake_rho.scenario.tracks import Track
+from drake_rho.verification.boxes import check_boxes
+from drake_rho.verification.check import AT_ALL_TIMES, AT_KNOTS, Column
+from drake_rho.verification.norms import check_norms
+from drake_rho.verification.obstacles import check_obstacle
+from drake_rho.verification.requirements import check_requirements
+from drake_rho.verification.separation import check_separation
+from drake_rho.verification.trajectory import PiecewiseTrajectory
+from drake_rho.verification.tubes import ConstantTubes
+
+_NAMED = 3
+"""Largest number of vehicles that are named in notes."""
+
+_AWAY = 1e3
+"""Multiple of its distance that something moving on for ever has moved when it is far away."""
+
+_SHORT = 1e-12
+"""Part of a time to which it is bisected."""
+
+_REACHED = 1e-6
+"""Part of a tolerance beyond its limit at which a constraint counts as reached, for its time."""
+
+
+Check = Callable[[PiecewiseTrajectory], Iterable[Column]]
+"""Function that verifies constraints of one kind, or one obstacle, on a trajectory."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Rest:
+    """Vehicles that hold at their goals from the end of a flight on."""
+
+    scenario: Scenario
+    """scenario of the flight, of the vehicles that hold"""
+    begin: float
+    """time from which they rest [s]"""
+    tube: RestTube | None
+    """their error tube from then on; None without a disturbance"""
+
+    @classmethod
+    def of(cls, scenario: Scenario) -> Rest | None:
+        """Return the rest after a flight; None if nothing can be violated after it."""
+        changes = any(not each.is_steady for each in scenario.bodies) or scenario.requirements
+        if not scenario.held or (scenario.disturbance is None and not changes):
+            return None
+        tube = None if scenario.disturbance is None else rest_tube(tube_of(scenario))
+        if len(scenario.held) < len(scenario.vehicles):
+            scenario = scenario.of_vehicles(scenario.held)
+        return cls(_without_what_is_over(scenario), scenario.grid.end + scenario.lead, tube)
+
+    @cached_property
+    def horizon(self) -> float:
+        """Time after which nothing changes any more, since `begin` [s]."""
+        horizon = self.scenario.grid.step
+        if self.tube is not None:
+            horizon = max(horizon, self.tube.end - self.begin)
+        goals, moving = self.scenario.fleet.goal_positions, list[tuple[Track, float]]()
+        for each in self.scenario.bodies_in_flight:
+            horizon = max([horizon, *(self._since_begin(each.corners))])
+            if each.track is not None and each.active is None:
+                extent = each.shape.extent
+                size = float(np.linalg.norm(np.where(np.isfinite(extent), extent, 0.0)))
+                moving.append((each.track, size + float(self.scenario.fleet.radii.max())))
+        for asked in self.scenario.requirements:
+            own = asked.since(self.scenario.grid.start)
+            horizon = max([horizon, *(self._since_begin(own.corners))])
+            if own.track is not None and own.active is None:
+                size = float(getattr(own.set, "size", 0.0))
+                moving.append((own.track, size if np.isfinite(size) else 0.0))
+        far = horizon
+        for track, size in moving:
+            speed = float(np.linalg.norm(track.last_velocity))
+            if track.after == "goes_on" and speed > 0.0:
+                at = track.at(np.array([self._elapsed + horizon]))
+                away = np.linalg.norm(goals - at, axis=1).max() + size + track.deviation
+                far = max(far, horizon + _AWAY * float(away) / speed)
+        return far
+
+    @property
+    def _elapsed(self) -> float:
+        """Time from the first knot to `begin` [s]."""
+        return self.begin - self.scenario.grid.start
+
+    def _since_begin(self, times: FloatArray) -> list[float]:
+        """Return times since the first knot as times since `begin` [s]."""
+        return [float(each) for each in times - self._elapsed]
+
+    @property
+    def checks(self) -> list[Check]:
+        """Functions that verify all constraints of a trajectory, each some of them."""
+        jerks = np.zeros((len(self.scenario.vehicles), 1, 3))
+        obstacles = range(1, len(self.scenario.bodies) + 1)
+        return [
+            lambda rest: check_boxes(rest, jerks),
+            lambda rest: check_norms(rest, jerks),
+            lambda rest: check_requirements(rest, jerks),
+            *(partial(check_obstacle, number=number) for number in obstacles),
+            check_separation,
+        ]
+
+    def columns(self, lasting: float = np.inf) -> list[Column]:
+        """Return the checks of all constraints at all times.
+
+        Args:
+            lasting: time since `begin` until which vehicles hold [s]; for ever if not given.
+        """
+        rest = self._trajectory(lasting)
+        return [column for check in self.checks for column in _at_all_times(check(rest))]
+
+    def _trajectory(self, lasting: float) -> PiecewiseTrajectory:
+        """Return the rest as one piece of time, with the largest radii in it."""
+        duration = min(lasting, self.horizon)
+        tubes = None
+        if self.tube is not None:
+            until = self.begin + duration
+            tubes = ConstantTubes.with_radii(
+                {
+                    "position": self.tube.largest("position", until),
+                    "velocity": self.tube.largest("velocity", until),
+                    "acceleration": self.tube.largest("acceleration", until),
+                }
+            )
+        goals = self.scenario.fleet.goal_positions[:, None]
+        still = np.zeros((len(goals), 2, 3))
+        return PiecewiseTrajectory(
+            self.scenario.derived(
+                grid=unchecked(self.scenario.grid, step=duration, knots=2, start=self.begin),
+                disturbance=None,
+                smoothing=None,
+                between_knots=True,
+                fleet=self.scenario.fleet,  # with the flight's tolerances
+            ),
+            np.array([0.0, duration]),
+            np.array([duration]),
+            np.ones(2, dtype=bool),
+            np.repeat(goals, 2, axis=1),
+            still,
+            still[:, :1],
+            still[:, :1],
+            tubes,
+        )
+
+    def until(self, vehicle: int) -> float:
+        """Return the time to which a vehicle holds with every constraint [s], by bisection.
+
+        What holds for a time holds for a shorter one too: there are fewer instants, and the radii
+        are not larger.
+        """
+        held, lost = _SHORT * self.scenario.grid.step, self.horizon
+        if self._reached(vehicle, held, self.checks):
+            return self.begin
+        checks = self._reached(vehicle, lost, self.checks)
+        worst = [each.times[vehicle] for each in self.columns() if _is_beyond(each, vehicle)]
+        middle = min(worst, default=self.begin + lost / 2.0) - self.begin
+        if self.tube is not None:  # its radii are constant from here on
+            middle = max(middle, self.tube.end - self.begin)
+        middle = min(float(middle), lost / 2.0)
+        while lost - held > _SHORT * max(lost, self.scenario.grid.step):
+            if earlier := self._reached(vehicle, middle, checks):
+                lost, checks = middle, earlier  # the others are reached later
+            else:
+                held = middle
+            middle = (held + lost) / 2.0
+        return self.begin + lost
+
+    def _reached(self, vehicle: int, lasting: float, checks: Sequence[Check]) -> list[Check]:
+        """Return checks with limits that a vehicle gets to within a time since `begin` [s]."""
+        rest = self._trajectory(lasting)
+        return [
+            check
+            for check in checks
+            if any(_is_beyond(each, vehicle, _REACHED) for each in _at_all_times(check(rest)))
+        ]
+
+
+def _at_all_times(columns: Iterable[Column]) -> list[Column]:
+    """Return columns without those of knots, which others include."""
+    return [each for each in columns if not each.parts[0].endswith(AT_KNOTS)]
+
+
+def _without_what_is_over(scenario: Scenario) -> Scenario:
+    """Return a scenario in which nothing is active at its end that is over after it.
+
+    Intervals include their ends, where the radii of the flight count.
+    """
+    end, changed = scenario.grid.end + scenario.lead, dict[str, object]()
+    over = (end - 2.0, end - 1.0)
+
+    def is_over(active: tuple[float, float] | None) -> bool:
+        return active is not None and active[1] <= end + scenario.grid.rounding
+
+    if any(is_over(each.active) for each in scenario.bodies):
+        changed["obstacles"] = tuple(
+            unchecked(each, active=over) if is_over(each.active) else each
+            for each in scenario.bodies
+        )
+    if any(is_over(each.active) for each in scenario.requirements):
+        changed["requirements"] = tuple(
+            unchecked(each, active=over) if is_over(each.active) else each
+            for each in scenario.requirements
+        )
+    return scenario.derived(**changed, fleet=scenario.fleet) if changed else scenario
+
+
+def check_rest(scenario: Scenario) -> Iterator[Column]:
+    """Yield what is left at the goals for ever, where a scenario requires it: one check per unit.
+
+    A check has the constraint that is violated most or, if all hold, is closest.
+    """
+    if not scenario.hold_at_goal:
+        return
+    rest, count = Rest.of(scenario), len(scenario.vehicles)
+    columns = [] if rest is None else rest.columns()
+    for unit in dict.fromkeys(["m", *(each.unit for each in columns)]):
+        yield _worst_of(unit, [each for each in columns if each.unit == unit], scenario, count)
+
+
+def _worst_of(unit: str, columns: list[Column], scenario: Scenario, count: int) -> Column:
+    """Return the worst checks of columns with one unit; due nowhere if there are none."""
+    numbers = {name: np.zeros(count) for name in ("times", "values", "limits", "excess", "errors")}
+    numbers["tolerances"] = np.ones(count)
+    parts, due, worst = [""] * count, np.zeros(count, dtype=bool), np.full(count, -np.inf)
+    for each in columns:
+        excess = np.where(np.isnan(each.excess), np.inf, each.excess)
+        violated = excess > each.tolerances
+        badness = np.where(violated, excess / each.tolerances, np.minimum(excess, 0.0))
+        worse = (badness > worst) & (True if each.due is None else each.due)
+        worst[worse], due = badness[worse], due | worse
+        for name, values in numbers.items():
+            own = getattr(each, name)
+            values[worse] = 0.0 if own is None else own[worse]
+        for vehicle in np.flatnonzero(worse).tolist():
+            parts[vehicle] = _named(each, vehicle)
+    return Column(
+        kind="holding",
+        constraint="hold at goal",
+        parts=parts,
+        times=numbers["times"],
+        values=numbers["values"],
+        limits=numbers["limits"],
+        excess=numbers["excess"],
+        tolerances=numbers["tolerances"],
+        errors=numbers["errors"],
+        unit=unit,
+        due=due,
+    )
+
+
+def _named(column: Column, vehicle: int) -> str:
+    """Return the constraint and the part of a check, without its times."""
+    return f"{column.constraint} {column.parts[vehicle].removesuffix(AT_ALL_TIMES)}".strip()
+
+
+def notes_on_rest(scenario: Scenario) -> tuple[str, ...]:
+    """Return notes on vehicles that cannot hold at their goals for ever, with times and amounts."""
+    rest = Rest.of(scenario)
+    if rest is None:
+        return ()
+    columns = rest.columns()
+    failing = [
+        vehicle
+        for vehicle in range(len(rest.scenario.vehicles))
+        if any(_is_beyond(each, vehicle) for each in columns)
+    ]
+    notes = [_note(rest, columns, vehicle) for vehicle in failing[:_NAMED]]
+    if len(failing) > _NAMED:
+        notes.append(f"{len(failing) - _NAMED} more vehicles cannot hold at their goals for ever")
+    return tuple(notes)
+
+
+def _is_beyond(column: Column, vehicle: int, part: float = 1.0) -> bool:
+    """Return whether a vehicle is beyond a limit by more than a part of the tolerance."""
+    due = column.due is None or bool(column.due[vehicle])
+    return due and not column.excess[vehicle] <= part * column.tolerances[vehicle]
+
+
+def _note(rest: Rest, columns: list[Column], vehicle: int) -> str:
+    """Return until when a vehicle can hold, and what it violates first."""
+    time = rest.until(vehicle)
+    lasting = max(time - rest.begin, _SHORT * rest.scenario.grid.step)
+    then = zip(columns, rest.columns(lasting), strict=True)
+    failing = [(now, each) for each, now in then if _is_beyond(each, vehicle)]
+    now, each = next(
+        (both for both in failing if _is_beyond(both[0], vehicle, _REACHED)), failing[0]
+    )
+    name, at_once = rest.scenario.names[vehicle], time == rest.begin
+    until = f"{name} can hold at its goal until {clock_time(time)} only"
+    if at_once:
+        until = f"{name} cannot hold at its goal"
+    if rest.tube is not None and not rest.tube.is_bounded:
+        return f"{until}, for {_named(now, vehicle)}: its errors go on growing"
+    beyond = f"by up to {each.excess[vehicle]:.3g} {each.unit}"
+    violated = "is violated" if at_once else "is violated later,"
+    return f"{until}: {_named(now, vehicle)} {violated} {beyond}"
