@@ -142,7 +142,7 @@ class EarlyArrival:
         with suppress(OutOfTimeError):
             while steps - none > 1:
                 fewer = max(steps - saved, none + 1)
-                references = (reference, best) if avoids else (reference,)
+                references = (None, best) if avoids and reference is None else (reference,)
                 found, more = self._plan_around(scenario, fewer, references, solver)
                 spent += more
                 if found is None:
