@@ -25,7 +25,7 @@ from typing import Any, NamedTuple
 import casadi as ca
 import numpy as np
 
-OPTIONS = {
+OPTIONS: dict[str, Any] = {
     "expand": True,  # scalar expressions, whose derivatives evaluate several times faster
     "print_time": False,
     "ipopt.print_level": 0,
