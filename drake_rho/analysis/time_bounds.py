@@ -270,7 +270,7 @@ class TimeBound:
         """Return the largest distance from a waypoint in its window [m], and its index."""
         missed, which = 0.0, -1
         for number, (waypoint, window) in enumerate(zip(self._waypoints, one.windows, strict=True)):
-            times = relaxed.duration * np.linspace(*window, _SAMPLES)
+            times = relaxed.duration * np.linspace(float(window[0]), float(window[1]), _SAMPLES)
             at = relaxed.motion.each_at("position", np.zeros(_SAMPLES, dtype=int), times)
             away = _distance_from_path(at - waypoint.position) - waypoint.within
             radius = self._near(one, number).radius

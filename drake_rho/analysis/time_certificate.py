@@ -45,7 +45,7 @@ class TimeCertificate(metaclass=Described):
     relaxations: int = 0
     """number of convex programs that were solved"""
     cut: bool = False
-    """whether time was up before the gap was as small as wanted"""
+    """whether the search ended before the gap was as small as wanted: by time or number"""
 
     @property
     def duration(self) -> float:
@@ -89,7 +89,9 @@ class TimeCertificate(metaclass=Described):
     def _title(self) -> str:
         verdict = "the least time" if self.is_globally_optimal else "not proved to be the least"
         verdict = verdict if self.holds else "violates its constraints"
-        verdict += " (time was up)" if self.cut and not self.is_globally_optimal else ""
+        verdict += (
+            " (the search was cut short)" if self.cut and not self.is_globally_optimal else ""
+        )
         return (
             f"{self.scenario.name}: {verdict}; final time {self.duration:.6g} s, "
             f"lower bound {self.bound:.6g} s; gap {percent(max(self.gap, 0.0))}"
