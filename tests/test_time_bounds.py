@@ -48,7 +48,7 @@ def test_no_point_outside_of_a_set_is_cut_off(kind: str) -> None:
 
 def _is_in(half_spaces: tuple[np.ndarray, np.ndarray], x: np.ndarray) -> np.ndarray:
     normals, bounds = half_spaces
-    return np.all(x @ normals.T >= bounds - 1e-9, axis=1)
+    return np.asarray(np.all(x @ normals.T >= bounds - 1e-9, axis=1))
 
 
 def test_small_cones_come_close_to_the_surface() -> None:
