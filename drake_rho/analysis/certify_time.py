@@ -35,6 +35,7 @@ TREATMENT = {
     "active obstacles": "as obstacles, for final times for which an instant is in the interval",
     "separation": "left out (`left_out`)",
     "disturbance": "left out (`left_out`)",
+    "holding": "left out: it depends on goals alone",
     "smoothing": "left out: limits and obstacles hold before motions are averaged too",
 }
 """Contribution of every kind of requirement to the lower bound."""

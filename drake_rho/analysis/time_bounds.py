@@ -84,8 +84,8 @@ class TimeBound:
         self._waypoints = [each for _, each in in_order(scenario.vehicles[0])]
         vehicle = dataclasses.replace(scenario.vehicles[0], waypoints=())
         grid = dataclasses.replace(scenario.grid, step=duration / (scenario.grid.knots - 1))
-        self._scenario = scenario.derived(requirements=(), disturbance=None, smoothing=None)
-        self._scenario = self._scenario.ending_with(grid, [vehicle])
+        bare = scenario.derived(requirements=(), disturbance=None, smoothing=None)
+        self._scenario = bare.derived(hold_at_goal=None).ending_with(grid, [vehicle])
         self._free = self._scenario.without_obstacles()
         self._obstacles = self._scenario.avoided
         steps = (grid.knots - 1) * (2 if scenario.between_knots else 1)
