@@ -10,11 +10,13 @@ if TYPE_CHECKING:
     __version__: str
     from drake_rho.analysis.certificate import Certificate, VehicleCertificate
     from drake_rho.analysis.certify import certify
+    from drake_rho.analysis.certify_time import certify_time
     from drake_rho.analysis.diagnose import diagnose
     from drake_rho.analysis.diagnosis import Diagnosis
     from drake_rho.analysis.infeasible_subset import infeasible_subset
     from drake_rho.analysis.minimum_time import plan_minimum_time, shortest_plan
     from drake_rho.analysis.sensitivity import LimitEffect, TimeSensitivity
+    from drake_rho.analysis.time_certificate import TimeCertificate, VehicleTimeBound
     from drake_rho.campaigns.campaign import campaign
     from drake_rho.campaigns.results import Results
     from drake_rho.campaigns.study import Study, load_study
@@ -147,10 +149,12 @@ __all__ = [
     "Statistics",
     "Study",
     "Summary",
+    "TimeCertificate",
     "TimeSensitivity",
     "Track",
     "Vehicle",
     "VehicleCertificate",
+    "VehicleTimeBound",
     "Voxels",
     "Waypoint",
     "Window",
@@ -162,6 +166,7 @@ __all__ = [
     "attack",
     "campaign",
     "certify",
+    "certify_time",
     "check_set",
     "circle_swap",
     "coupled",
@@ -217,6 +222,8 @@ _NAMES = {
     "drake_rho.analysis.infeasible_subset": ("infeasible_subset",),
     "drake_rho.analysis.certificate": ("Certificate", "VehicleCertificate"),
     "drake_rho.analysis.certify": ("certify",),
+    "drake_rho.analysis.certify_time": ("certify_time",),
+    "drake_rho.analysis.time_certificate": ("TimeCertificate", "VehicleTimeBound"),
     "drake_rho.campaigns.campaign": ("campaign",),
     "drake_rho.campaigns.results": ("Results",),
     "drake_rho.campaigns.study": ("Study", "load_study"),

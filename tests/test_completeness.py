@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import drake_rho as rho
-from drake_rho.analysis import certify, relaxations
+from drake_rho.analysis import certify, certify_time, relaxations
 from drake_rho.display import kinds as display
 from drake_rho.exports import export
 from drake_rho.planning.constraints import catalogue, tightening
@@ -30,6 +30,7 @@ CONSUMERS: dict[str, ModuleType] = {
     "tightening": tightening,
     "certificate": certify,
     "sensitivity": relaxations,
+    "time bound": certify_time,
     "attack": attack,
     "exports": export,
     "display": display,

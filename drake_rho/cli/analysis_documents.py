@@ -97,6 +97,44 @@ class CertifiedRow:
 
 
 @record
+class TimeBoundRow:
+    """Lower bound of the time that one vehicle takes alone."""
+
+    vehicle: str
+    """name of the vehicle"""
+    bound_s: float
+    """time that it takes at least"""
+
+
+@record
+class TimeCertified(Document):
+    """Document of certify with --time."""
+
+    scenario: str
+    """name of the scenario"""
+    duration_s: float
+    """final time of the plan"""
+    bound_s: float
+    """time that every plan takes at least"""
+    gap: float
+    """relative gap, (duration - bound) / duration"""
+    is_globally_optimal: bool
+    """true if the plan holds and its gap is at most a ten-thousandth"""
+    holds: bool
+    """true if the plan meets its constraints"""
+    premise: str
+    """for which plans the bound holds"""
+    left_out: list[str]
+    """what the bound does not count"""
+    relaxations: int
+    """number of convex programs that were solved"""
+    cut: bool
+    """true if the search ended before the gap was as small as wanted"""
+    vehicles: list[TimeBoundRow]
+    """bound of each vehicle alone"""
+
+
+@record
 class Certified(Document):
     """Document of certify."""
 

@@ -9,11 +9,14 @@ import numpy as np
 from drake_rho.analysis.certificate import Certificate
 from drake_rho.analysis.diagnosis import Diagnosis
 from drake_rho.analysis.sensitivity import TimeSensitivity
+from drake_rho.analysis.time_certificate import TimeCertificate
 from drake_rho.cli.analysis_documents import (
     Certified,
     CertifiedRow,
     DiagnosisPart,
     LimitRow,
+    TimeBoundRow,
+    TimeCertified,
     TimeDiagnosed,
 )
 from drake_rho.cli.document import read_off
@@ -118,6 +121,21 @@ def certified(certificate: Certificate) -> Certified:
         scenario=certificate.scenario.name,
         left_out=list(certificate.left_out),
         vehicles=[read_off(CertifiedRow, each) for each in certificate.vehicles],
+    )
+
+
+def time_certified(certificate: TimeCertificate) -> TimeCertified:
+    """Return the document of a certificate of a final time."""
+    return read_off(
+        TimeCertified,
+        certificate,
+        scenario=certificate.scenario.name,
+        duration_s=certificate.duration,
+        bound_s=certificate.bound,
+        left_out=list(certificate.left_out),
+        vehicles=[
+            TimeBoundRow(vehicle=each.vehicle, bound_s=each.bound) for each in certificate.vehicles
+        ],
     )
 
 

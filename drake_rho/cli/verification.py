@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from drake_rho.analysis.certify import certify as certificate_of
+from drake_rho.analysis.certify_time import certify_time
 from drake_rho.analysis.diagnose import diagnose as diagnosis_of
 from drake_rho.cli import described
 from drake_rho.cli.analysis_documents import Diagnosed
@@ -53,16 +54,26 @@ def certify(
             help="A file (.npz) saved by 'plan' or 'fly', or a plan exported as JSON.",
         ),
     ],
+    time: Annotated[
+        bool,
+        typer.Option("--time", help="Bound the final time of a plan instead of its cost."),
+    ] = False,
     solver: SolverOption = Solver.CLARABEL,
     time_limit: TimeLimitOption = None,
 ) -> int:
-    """Bound how far a plan or flight is from the global optimum.
+    """Bound how far a plan or flight is from the global optimum, in cost or in time.
 
     The exit status is 0 even if a gap remains.
     """
     flown = load_result(file)
     if flown.simulation is not None:
         raise ValueError(f"{file}: got a simulation, expected a plan or a flight")
+    if time:
+        if flown.flight is not None:
+            raise ValueError(f"{file}: got a flight, expected a plan, whose time is bounded")
+        with working("bounding the least time") as work, stopping_early():
+            found = certify_time(flown.plan, progress=work, time_limit=time_limit)
+        return answer(described.time_certified(found), str(found))
     with working("computing a lower bound") as work, stopping_early():
         certificate = certificate_of(
             flown.flight or flown.plan,

@@ -55,7 +55,12 @@ class FreeTimeProgram:
         cones: limits of norms.
         passing: the waypoints.
         velocities: velocities of the reference at their times [m/s], shape (W, 3).
+
+    Attributes:
+        slopes: growth of limits with y and with s, by quantity.
     """
+
+    slopes = _SLOPES
 
     def __init__(
         self,
@@ -103,7 +108,7 @@ class FreeTimeProgram:
         program.AddLinearCost(np.ones(1), 0.0, np.array([y]))
         u = self._x[: 3 * self._steps * len(self._effort.units)]
         weights = 2.0 * effort / len(u) * np.repeat(self._weights, 3 * self._steps)
-        for first in range(0, len(u), _BLOCK):
+        for first in range(0, len(u) if effort > 0.0 else 0, _BLOCK):
             own = slice(first, first + _BLOCK)
             linear = weights[own] * self._about[own]
             program.AddQuadraticCost(np.diag(weights[own]), linear, u[own], is_convex=True)
@@ -166,7 +171,7 @@ class FreeTimeProgram:
     def _by_time(self, rows: HalfSpaces) -> FloatArray:
         """Return by how much bounds rise with y and s, in units of the program, shape (R, 2)."""
         quantity = rows.constraint.quantity
-        slopes = _SLOPES[quantity]
+        slopes = self.slopes[quantity]
         by_time = np.outer(rows.bounds, slopes)
         if quantity == "velocity":  # a lower bound above zero is linearised in y instead
             by_time[rows.bounds > 0.0] = np.outer(rows.bounds[rows.bounds > 0.0], [0.5, 0.0])
@@ -218,7 +223,7 @@ class FreeTimeProgram:
         transform = bsr_array((cones.matrices, each[:-1], each))  # block-diagonal
         offsets = np.zeros((count, 4))
         offsets[:, 0] = cones.constants / unit
-        grown = np.outer(offsets.reshape(-1), _SLOPES[quantity])
+        grown = np.outer(offsets.reshape(-1), self.slopes[quantity])
         matrix = transform @ self._matrix[own]
         matrix = matrix + csc_array(hstack([csc_array((4 * count, len(self._x))), grown]))
         constant = offsets.reshape(-1) - grown.sum(axis=1) - transform @ self._needed[own]

@@ -1,0 +1,126 @@
+"""`certify_time`: lower bound of the final time of every plan, and the gap of a given plan to it.
+
+Every vehicle is bounded alone, by branch and bound (`drake_rho.analysis.time_bounds`), and the
+largest bound is that of all. What is left out only lowers it. Bounds are those of convex programs,
+which are solved to 1e-8, less a millionth.
+"""
+
+from __future__ import annotations
+
+from drake_rho.analysis.time_bounds import TimeBound
+from drake_rho.analysis.time_certificate import TimeCertificate, VehicleTimeBound
+from drake_rho.motion.plan import Plan
+from drake_rho.planning.call.progress import Progress, tell
+from drake_rho.planning.call.time_limit import with_time_limit
+from drake_rho.planning.errors import OutOfTimeError
+from drake_rho.scenario.arguments import checked
+from drake_rho.scenario.kinds import LIMITS
+from drake_rho.scenario.records import Scenario
+from drake_rho.system.numbers import percent
+from drake_rho.system.threads import single_threaded_blas
+from drake_rho.verification.verify import verify
+
+_MOST = 1000
+"""Largest number of relaxations beside the first of each vehicle."""
+
+TREATMENT = {
+    "dynamics": "exact in the relaxations, whose unknowns are accelerations",
+    "goals": "equalities of the relaxations",
+    **dict.fromkeys(LIMITS, "rows and cones of the relaxations, at the knots"),
+    "waypoints": "balls around them, in order and at any times",
+    "requirements": "left out (`left_out`)",
+    "obstacles": "cones beyond the surfaces, one of which is taken at every instant",
+    "moving obstacles": "as obstacles; a cone moves along, where the motion is straight",
+    "late obstacles": "as obstacles, where they are known at the start",
+    "active obstacles": "as obstacles, for final times for which an instant is in the interval",
+    "separation": "left out (`left_out`)",
+    "disturbance": "left out (`left_out`)",
+    "holding": "left out: it depends on goals alone",
+    "smoothing": "left out: limits and obstacles hold before motions are averaged too",
+}
+"""Contribution of every kind of requirement to the lower bound."""
+
+
+@checked
+@with_time_limit
+@single_threaded_blas()
+def certify_time(
+    plan: Plan,
+    *,
+    gap: float = 0.01,
+    progress: Progress | None = None,
+    time_limit: float | None = None,
+) -> TimeCertificate:
+    """Compute a lower bound of the final time of every plan, and the gap of this plan to it.
+
+    The bound is for plans on as many knots with a uniform step, whichever sides of the obstacles
+    they take. It is that of the slowest vehicle alone. Waypoints may be passed at any times, in the
+    order of this plan.
+
+    Args:
+        plan: any plan of a scenario, such as one of `plan_minimum_time`.
+        gap: relative gap, 0 or more, at which the search for a better bound ends.
+        progress: called with the bound so far.
+        time_limit: seconds, above 0, after which the best bound so far is returned (`cut`). Without
+            one, the search ends after a thousand programs.
+
+    Raises:
+        OutOfTimeError: time was up before there was a bound.
+        ValueError: the gap is negative.
+
+    Examples:
+        >>> limits = rho.Limits(max_acceleration=2.0)
+        >>> ends = rho.State([0, 0, 1]), rho.State([8, 0, 1])
+        >>> scout = rho.Vehicle("scout", *ends, radius=0.2)
+        >>> ball = rho.Sphere([4, 0.3, 1], 0.8)
+        >>> scenario = rho.Scenario("one", rho.Grid(0.2, 21), [scout], limits, obstacles=[ball])
+        >>> certificate = rho.certify_time(rho.plan_minimum_time(scenario))
+        >>> certificate.gap <= 0.01
+        True
+    """
+    if not gap >= 0.0:
+        raise ValueError(f"gap: got {gap!r}, expected a number of at least 0")
+    scenario = plan.scenario
+    duration = scenario.grid.duration
+    bounds = list[TimeBound]()
+    for number, vehicle in enumerate(scenario.vehicles):
+        tell(progress, f"bounding the least time of {vehicle.name}")
+        bounds.append(TimeBound(scenario.of_vehicles([number]), duration))
+    improving, cut = list(bounds), False
+    first = sum(each.relaxations for each in bounds)
+    try:
+        while improving and max(each.bound for each in bounds) < (1.0 - gap) * duration:
+            if sum(each.relaxations for each in bounds) - first >= _MOST and time_limit is None:
+                cut = True
+                break
+            slowest = max(improving, key=lambda each: each.bound)
+            if not slowest.improve():
+                improving.remove(slowest)
+            part = 1.0 - max(each.bound for each in bounds) / duration
+            tell(progress, f"bounding the least time: gap {percent(part)}")
+    except OutOfTimeError:
+        cut = True
+    return TimeCertificate(
+        scenario,
+        tuple(
+            VehicleTimeBound(vehicle.name, each.bound)
+            for vehicle, each in zip(scenario.vehicles, bounds, strict=True)
+        ),
+        verify(plan).ok,
+        _left_out(scenario, bounds),
+        sum(each.relaxations for each in bounds),
+        cut,
+    )
+
+
+def _left_out(scenario: Scenario, bounds: list[TimeBound]) -> tuple[str, ...]:
+    """Return what the bound of a scenario does not count."""
+    several = len(scenario.vehicles) > 1
+    present = {
+        "the separation": several and scenario.separation is not None,
+        "the requirements": len(scenario.requirements) > 0,
+        "the disturbance": scenario.disturbance is not None,
+        "the margin of the smoothing": scenario.smoothing is not None,
+    }
+    names = set[str]().union(*(each.left_out for each in bounds))
+    return (*(words for words, is_left_out in present.items() if is_left_out), *sorted(names))

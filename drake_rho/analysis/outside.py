@@ -1,0 +1,110 @@
+"""Outsides of convex sets as unions of polyhedra, for bounds that hold on every side of obstacles.
+
+A cone of directions from the centre of a convex set meets its surface in a triangle or beyond. For
+the gauge g of the set, g(p) >= 1 outside, and g is convex: if p = Σ λ_i q_i with λ >= 0 for the
+points q_i at which the three edges of the cone meet the surface, g(p) <= Σ λ_i. So every point
+outside in the cone has Σ λ_i >= 1: it is beyond the plane through these points. Eight cones cover
+all directions, and a cone is the union of its halves, whose planes are closer to the surface.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+
+import numpy as np
+
+from drake_rho.scenario.fields import FloatArray
+from drake_rho.scenario.maps.parts import Parts, Triangles
+from drake_rho.scenario.shapes.base import Solid
+
+_FARTHEST = 1e4
+"""Largest distance of a surface from the centre, in sizes of the set; an endless set ends there."""
+
+_HALVINGS = 60
+"""Number of halvings of a ray that find the surface."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Kept:
+    """Convex set that a vehicle keeps out of, with the distance that it keeps."""
+
+    distance: Callable[[FloatArray], FloatArray]
+    """signed distances [m], (...), of positions relative to the middle, (..., 3)"""
+    required: float
+    """distance that is kept [m]"""
+    middle: FloatArray
+    """point inside, relative to the centre of the obstacle [m], shape (3,)"""
+    scales: FloatArray
+    """extents, by which the eight cones are stretched [m], shape (3,)"""
+
+    @property
+    def has_middle(self) -> bool:
+        """Whether the middle is inside, without which there are no cones."""
+        return bool(self.distance(np.zeros(3)) < self.required)
+
+    @property
+    def cones(self) -> list[FloatArray]:
+        """Eight cones, each as the directions of its edges, of shape (3, 3)."""
+        signs = np.stack(np.meshgrid([1.0, -1.0], [1.0, -1.0], [1.0, -1.0]), axis=-1)
+        return [np.diag(each) for each in signs.reshape(-1, 3)]
+
+    def half_spaces(self, cone: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return half-spaces n · p >= b that contain the outside within a cone.
+
+        Args:
+            cone: directions of its edges, of shape (3, 3), in units of the scales.
+
+        Returns:
+            Unit vectors n, shape (4, 3), and b [m], (4,), relative to the middle.
+        """
+        edges = cone * self.scales
+        edges = edges / np.linalg.norm(edges, axis=1, keepdims=True)
+        across = np.cross(edges[[1, 2, 0]], edges[[2, 0, 1]])
+        across *= np.sign(np.linalg.det(edges))
+        across /= np.linalg.norm(across, axis=1, keepdims=True)
+        beyond = np.linalg.solve(edges, 1.0 / self._reach(edges))
+        length = float(np.linalg.norm(beyond))
+        return np.concatenate([across, beyond[None] / length]), np.array([0, 0, 0, 1.0 / length])
+
+    def _reach(self, directions: FloatArray) -> FloatArray:
+        """Return distances from the middle up to which rays are inside [m], shape (R,)."""
+        low = np.zeros(len(directions))
+        high = np.full(len(directions), _FARTHEST * float(self.scales.max()))
+        for _ in range(_HALVINGS):
+            half = (low + high) / 2.0
+            inside = self.distance(half[:, None] * directions) < self.required
+            low, high = np.where(inside, half, low), np.where(inside, high, half)
+        return low
+
+
+def halves_of(cone: FloatArray) -> list[FloatArray]:
+    """Return the halves of a cone, across its widest side."""
+    following = np.roll(cone, -1, axis=0)
+    first = int(np.argmin(np.vecdot(cone, following)))
+    middle = cone[first] + cone[(first + 1) % 3]
+    middle /= np.linalg.norm(middle)
+    halves = [cone.copy(), cone.copy()]
+    halves[0][first], halves[1][(first + 1) % 3] = middle, middle
+    return halves
+
+
+def kept_out_of(solid: Solid, part: int, required: float) -> Kept:
+    """Return the convex set that a vehicle keeps out of: a shape, or a part of a map.
+
+    Args:
+        solid: shape, or the cover of a map.
+        part: number of the part, 0 for a shape.
+        required: distance that is kept from it [m].
+    """
+    if not isinstance(solid, Parts):
+        extent = np.where(np.isfinite(solid.extent), solid.extent, solid.size)
+        return Kept(solid.local_distance, required, np.zeros(3), extent + required)
+    low, high = solid.tree.lower[part], solid.tree.upper[part]
+    middle = solid.corners[part].mean(axis=0) if isinstance(solid, Triangles) else (low + high) / 2
+
+    def distance(x: FloatArray) -> FloatArray:
+        at = solid.in_frame(x).reshape(-1, 3) + middle
+        return solid.distances_of(np.full(len(at), part), at).reshape(x.shape[:-1])
+
+    return Kept(distance, required, solid.in_world(middle), (high - low) / 2.0 + required)

@@ -1,0 +1,302 @@
+"""Lower bound of the least time of one vehicle, by branch and bound.
+
+Motions are split into sets, each with a convex relaxation whose least time bounds theirs
+(`planning/programs/time_relaxation.py`). A set is an interval of final times, in which a vehicle
+is in a cone beyond the surface of an obstacle at some instants (`analysis/outside.py`), and near
+each waypoint in the middle of an interval of parts of the final time. The set with the least bound
+is split where its relaxed motion is least like a motion of the scenario.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import heapq
+from collections.abc import Iterator
+from functools import cached_property
+from itertools import count
+
+import numpy as np
+
+from drake_rho.analysis.outside import Kept, halves_of, kept_out_of
+from drake_rho.planning.call.time_limit import check_time
+from drake_rho.planning.errors import SolverError
+from drake_rho.planning.problem import Problem
+from drake_rho.planning.programs.time_relaxation import (
+    PRECISION,
+    Place,
+    Relaxed,
+    TimeRelaxations,
+)
+from drake_rho.planning.scp.least_time import ROUGH
+from drake_rho.scenario.fields import BoolArray, FloatArray
+from drake_rho.scenario.maps.parts import Parts
+from drake_rho.scenario.obstacles import Obstacle
+from drake_rho.scenario.records import Scenario
+from drake_rho.scenario.smoothing import largest_accelerations
+from drake_rho.scenario.waypoints import in_order
+
+_LOOSE = 1e-3
+"""Looseness of a relaxation from which on its interval of final times is halved."""
+
+_SHORT = 1e-5
+"""Part of a final time to which intervals of final times, and of waypoints, are halved."""
+
+_DEEP = 1e-4
+"""Depth in an obstacle, as a part of the least of its size and its distance, that is ignored."""
+
+_SAMPLES = 33
+"""Number of instants of an interval at which a motion is compared with a waypoint."""
+
+_Key = tuple[int, int, int]
+"""Index of an obstacle, number of its part, and index of an instant."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Set:
+    """Set of motions of one vehicle."""
+
+    shortest: float
+    """least final time [s]"""
+    longest: float
+    """largest final time [s]"""
+    cones: dict[_Key, FloatArray]
+    """cones beyond obstacles, each as the directions of its edges"""
+    windows: FloatArray
+    """first and last part of the final time at which waypoints are passed, shape (W, 2)"""
+    relaxed: Relaxed | None = None
+    """solution of its relaxation, or of that of a larger set"""
+
+
+class TimeBound:
+    """Lower bound of the least time of one vehicle that becomes better step by step.
+
+    Args:
+        scenario: the scenario with one vehicle.
+        duration: largest final time [s].
+
+    Attributes:
+        relaxations: number of relaxations that were solved.
+        left_out: obstacles and waypoints that the bound does not count.
+    """
+
+    def __init__(self, scenario: Scenario, duration: float) -> None:
+        self.relaxations, self.left_out = 0, set[str]()
+        self._waypoints = [each for _, each in in_order(scenario.vehicles[0])]
+        vehicle = dataclasses.replace(scenario.vehicles[0], waypoints=())
+        grid = dataclasses.replace(scenario.grid, step=duration / (scenario.grid.knots - 1))
+        bare = scenario.derived(requirements=(), disturbance=None, smoothing=None)
+        self._scenario = bare.derived(hold_at_goal=None).ending_with(grid, [vehicle])
+        self._free = self._scenario.without_obstacles()
+        self._obstacles = self._scenario.avoided
+        steps = (grid.knots - 1) * (2 if scenario.between_knots else 1)
+        self._parts = np.arange(1, steps) / steps
+        self._kept = dict[tuple[int, int], Kept]()
+        self._half_spaces = dict[tuple[int, int, bytes], tuple[FloatArray, FloatArray]]()
+        self._programs = dict[float, TimeRelaxations]()
+        self._open = list[tuple[float, int, _Set]]()
+        self._numbers, self._final = count(), duration
+        windows = np.tile([0.0, 1.0], (len(self._waypoints), 1))
+        self._add(_Set(0.0, duration, {}, windows))
+
+    @property
+    def bound(self) -> float:
+        """Time that the vehicle takes at least, or the largest final time [s]."""
+        return (1.0 - PRECISION) * min(self._open[0][0] if self._open else np.inf, self._final)
+
+    def improve(self) -> bool:
+        """Split the set with the least bound; return whether the bound may rise any further."""
+        if not self._open or self._open[0][0] >= self._final:
+            return False
+        bound, number, one = self._open[0]
+        parts = list(self._split(one))
+        if not parts:  # nothing tells its relaxed motion from one of the scenario
+            self._final = bound
+            return False
+        heapq.heappop(self._open)
+        try:
+            for each in parts:
+                self._add(each)
+        except BaseException:
+            heapq.heappush(self._open, (bound, number, one))
+            raise
+        return True
+
+    def _add(self, one: _Set) -> None:
+        """Add a set of motions, unless its relaxation has none."""
+        check_time()
+        self.relaxations += 1
+        beyond = [self._beyond(one, key, cone) for key, cone in one.cones.items()]
+        near = [self._near(one, number) for number in range(len(self._waypoints))]
+        places = [*beyond, *(each for each in near if np.isfinite(each.radius))]
+        bound = one.shortest
+        try:
+            relaxed = self._relaxations(one.longest).least(one.shortest, places)
+        except SolverError:  # smaller sets may have programs that are easier to solve
+            if one.relaxed is None:
+                self._final = 0.0
+                return
+        else:
+            if relaxed is None:
+                return
+            one, bound = dataclasses.replace(one, relaxed=relaxed), max(bound, relaxed.duration)
+        heapq.heappush(self._open, (bound, next(self._numbers), one))
+
+    def _relaxations(self, longest: float) -> TimeRelaxations:
+        """Return the relaxations of motions that take at most a final time [s]."""
+        if longest not in self._programs:
+            grid = self._free.grid
+            grid = dataclasses.replace(grid, step=longest / (grid.knots - 1))
+            problem = Problem.of(self._free.ending_with(grid))
+            self._programs[longest] = TimeRelaxations(problem, ROUGH)
+        return self._programs[longest]
+
+    def _split(self, one: _Set) -> Iterator[_Set]:
+        """Yield parts of a set of motions; none if nothing is left to split."""
+        relaxed = one.relaxed
+        if relaxed is None:
+            return
+        depth, key = self._deepest(one, relaxed)
+        missed, waypoint = self._most_missed(one, relaxed)
+        one = dataclasses.replace(
+            one, shortest=max(one.shortest, (1.0 - PRECISION) * relaxed.duration)
+        )
+        in_time = relaxed.looseness > _LOOSE or (key is not None and key[2] < 0)
+        if in_time and one.longest - one.shortest > _SHORT * one.longest:
+            middle = (one.shortest + one.longest) / 2.0
+            yield dataclasses.replace(one, longest=middle)
+            yield dataclasses.replace(one, shortest=middle)
+        elif missed > depth:
+            yield from _with_halved_window(one, waypoint)
+        elif key is not None and key[2] >= 0:
+            cone, kept = one.cones.get(key), self._kept[key[:2]]
+            for each in kept.cones if cone is None else halves_of(cone):
+                yield dataclasses.replace(one, cones={**one.cones, key: each})
+
+    def _deepest(self, one: _Set, relaxed: Relaxed) -> tuple[float, _Key | None]:
+        """Return the largest depth of a relaxed motion in an obstacle [m], and where it is.
+
+        The index of the instant is -1 if the obstacle is there in a part of the interval only.
+        """
+        motion, deepest, key = relaxed.motion, 0.0, None
+        times = relaxed.duration * self._parts
+        at = motion.each_at("position", np.zeros(len(times), dtype=int), times)
+        for index, (number, obstacle) in enumerate(self._obstacles):
+            shape, required = obstacle.shape, self._required(obstacle)
+            x = at - obstacle.centers(times)
+            depths = required - shape.local_distance(x)
+            always, sometimes = self._present(one, obstacle)
+            depths[~(always | sometimes)] = 0.0
+            k = int(np.argmax(depths))
+            if depths[k] <= max(deepest, _DEEP * min(required or np.inf, shape.size)):
+                continue
+            part = int(shape.nearest(x[k])) if isinstance(shape, Parts) else 0
+            if (index, part) not in self._kept:
+                self._kept[index, part] = kept_out_of(shape, part, required)
+            if not self._kept[index, part].has_middle:
+                self.left_out.add(self._scenario.obstacle_name(number))
+                continue
+            deepest, key = float(depths[k]), (index, part, k if always[k] else -1)
+        return deepest, key
+
+    def _required(self, obstacle: Obstacle) -> float:
+        """Return the distance that the vehicle keeps from an obstacle [m]."""
+        return float(self._scenario.fleet.radii[0]) + obstacle.deviation
+
+    def _present(self, one: _Set, obstacle: Obstacle) -> tuple[BoolArray, BoolArray]:
+        """Return at which instants an obstacle is there, and moves straight, for all final times.
+
+        Returns:
+            Mask of these instants, and of those at which this holds for some final times.
+        """
+        first, last = self._parts * one.shortest, self._parts * one.longest
+        corners, active = obstacle.corners, (obstacle.is_active(first), obstacle.is_active(last))
+        before = np.searchsorted(corners, first, side="right")
+        straight = before == np.searchsorted(corners, last, side="left")
+        always = active[0] & active[1] & straight
+        return always, ~always & (active[0] | active[1] | ~straight)
+
+    def _beyond(self, one: _Set, key: _Key, cone: FloatArray) -> Place:
+        """Return the polyhedron that contains the outside of an obstacle in a cone."""
+        index, part, k = key
+        kept, known = self._kept[index, part], (index, part, cone.tobytes())
+        if known not in self._half_spaces:
+            self._half_spaces[known] = kept.half_spaces(cone)
+        times = self._parts[k] * np.array([one.shortest, one.longest])
+        first, last = self._obstacles[index][1].centers(times)
+        velocity = (last - first) / (times[1] - times[0]) if np.any(last != first) else np.zeros(3)
+        return Place(float(self._parts[k]), last + kept.middle, velocity, *self._half_spaces[known])
+
+    def _near(self, one: _Set, number: int) -> Place:
+        """Return the ball around a waypoint in which the vehicle is in the middle of its window."""
+        waypoint, (first, last) = self._waypoints[number], one.windows[number]
+        middle = (first + last) / 2.0
+        away = max(
+            self._farthest(one.longest, first, middle), self._farthest(one.longest, middle, last)
+        )
+        if not np.isfinite(away):
+            self.left_out.add(f"waypoint {number + 1}")
+        none = np.zeros((0, 3)), np.zeros(0)
+        return Place(middle, waypoint.position, np.zeros(3), *none, away + waypoint.within)
+
+    def _farthest(self, longest: float, first: float, last: float) -> float:
+        """Return how far the vehicle flies at most between two parts of a final time [m].
+
+        Its speed is at most that of a start, or of a goal, with the largest acceleration. Of this
+        concave bound the maximum is taken, at which both are equal.
+        """
+        start, goal, most, acceleration = self._speeds
+        if np.isfinite(acceleration):
+            ends = longest * np.array([first, last])
+            at = float(np.clip((longest + (goal - start) / acceleration) / 2.0, *ends))
+            reached = start + acceleration * at, goal + acceleration * (longest - at)
+            most = min(most, *reached)
+        return longest * (last - first) * most if last > first else 0.0
+
+    @cached_property
+    def _speeds(self) -> tuple[float, float, float, float]:
+        """Speeds at start and goal, the largest speed [m/s] and the largest acceleration [m/s²]."""
+        fleet, most = self._free.fleet, np.inf
+        start, goal = (
+            float(np.linalg.norm(each[0]))
+            for each in (fleet.start_velocities, fleet.goal_velocities)
+        )
+        if (box := fleet.bounds("velocity")) is not None:
+            most = float(np.linalg.norm(np.maximum(-box.lower[0], box.upper[0])))
+        if "max_speed" in fleet.norms:
+            most = min(most, float(fleet.norms["max_speed"].limits[0]))
+        return start, goal, max(most, start, goal), float(largest_accelerations(fleet)[0])
+
+    def _most_missed(self, one: _Set, relaxed: Relaxed) -> tuple[float, int]:
+        """Return the largest distance from a waypoint in its window [m], and its index."""
+        missed, which = 0.0, -1
+        for number, (waypoint, window) in enumerate(zip(self._waypoints, one.windows, strict=True)):
+            times = relaxed.duration * np.linspace(float(window[0]), float(window[1]), _SAMPLES)
+            at = relaxed.motion.each_at("position", np.zeros(_SAMPLES, dtype=int), times)
+            away = _distance_from_path(at - waypoint.position) - waypoint.within
+            radius = self._near(one, number).radius
+            is_wide = np.ptp(window) > _SHORT and np.isfinite(radius)
+            if is_wide and away > max(missed, _DEEP * radius):
+                missed, which = away, number
+        return missed, which
+
+
+def _with_halved_window(one: _Set, waypoint: int) -> Iterator[_Set]:
+    """Yield the halves of a set of motions that pass a waypoint earlier and later."""
+    first, last = one.windows[waypoint]
+    middle = (first + last) / 2.0
+    for half in ((first, middle), (middle, last)):
+        windows = one.windows.copy()
+        windows[waypoint] = half
+        windows[:, 0] = np.maximum.accumulate(windows[:, 0])
+        windows[:, 1] = np.minimum.accumulate(windows[::-1, 1])[::-1]
+        if np.all(windows[:, 0] <= windows[:, 1]):
+            yield dataclasses.replace(one, windows=windows)
+
+
+def _distance_from_path(corners: FloatArray) -> float:
+    """Return the distance of the origin from a path that is straight between corners (M, 3)."""
+    sides = np.diff(corners, axis=0)
+    squares = np.vecdot(sides, sides)
+    parts = -np.vecdot(corners[:-1], sides) / np.where(squares > 0.0, squares, 1.0)
+    nearest = corners[:-1] + np.clip(parts, 0.0, 1.0)[:, None] * sides
+    return float(np.linalg.norm(nearest, axis=1).min())

@@ -1,0 +1,261 @@
+"""Lower bounds of least times: no motion undercuts one, and they are as good as documented."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import cvxpy as cp
+import numpy as np
+import pytest
+
+import drake_rho as rho
+from drake_rho.analysis.outside import halves_of, kept_out_of
+from drake_rho.analysis.time_bounds import TimeBound
+from drake_rho.cli.analysis_documents import TimeCertified
+from drake_rho.motion.dynamics import Motion
+from drake_rho.planning.problem import Problem
+from drake_rho.planning.programs.time_relaxation import Place, TimeRelaxations
+from drake_rho.planning.scp.least_time import ROUGH
+from drake_rho.scenario.maps.parts import Triangles
+from tests.scenarios import box, single, slow
+from tests.shapes import KINDS, random_shape
+from tests.test_cli import run
+from tests.test_cli_json import read
+
+TRIANGLES = [[[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[2, 2, 2], [3, 2, 2], [2, 3, 3]]]
+SURFACE = Triangles(np.array(TRIANGLES, dtype=float))
+
+
+@pytest.mark.parametrize("kind", [*KINDS, "triangles"])
+def test_no_point_outside_of_a_set_is_cut_off(kind: str) -> None:
+    """Each is in one of the eight cones, and in one half of a cone, with its half-spaces."""
+    rng = np.random.default_rng(0)
+    drawn = SURFACE if kind == "triangles" else random_shape(rng, kind, np.zeros(3), 1.0)
+    kept = kept_out_of(drawn, 0, 0.25)
+    assert kept.has_middle
+    x = rng.normal(size=(8000, 3)) * 1.5 * np.minimum(kept.scales, 3.0)
+    x = x[kept.distance(x) >= 0.25]
+    cones = kept.cones
+    for depth in range(4):
+        inside = [_is_in(kept.half_spaces(cone), x) for cone in cones]
+        assert len(x) > 20
+        assert np.all(np.any(inside, axis=0)), depth
+        chosen = cones[int(np.argmax(np.sum(inside, axis=1)))]
+        x = x[_is_in(kept.half_spaces(chosen), x)]
+        cones = halves_of(chosen)
+
+
+def _is_in(half_spaces: tuple[np.ndarray, np.ndarray], x: np.ndarray) -> np.ndarray:
+    normals, bounds = half_spaces
+    return np.asarray(np.all(x @ normals.T >= bounds - 1e-9, axis=1))
+
+
+def test_small_cones_come_close_to_the_surface() -> None:
+    kept = kept_out_of(rho.Sphere([1, 0, 0], 0.7), 0, 0.3)
+    cone = kept.cones[3]
+    for _ in range(12):
+        cone = halves_of(cone)[0]
+    normals, bounds = kept.half_spaces(cone)
+    assert 0.99 < bounds[3] <= 1.0  # the radius is 0.7 + 0.3
+    np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0)
+
+
+LIMITS = {
+    "norms": rho.Limits(max_acceleration=3.0, max_speed=4.0),
+    "boxes": rho.Limits(acceleration=box(2.0), velocity=box(3.0), jerk=box(9.0)),
+    "thrust": rho.Limits(max_thrust=13.0, max_tilt=0.6, max_jerk=15.0),
+}
+
+
+@pytest.mark.parametrize("name", LIMITS)
+@pytest.mark.parametrize("seed", [0, *slow(1, 2)])
+def test_every_motion_is_one_of_its_relaxations(name: str, seed: int) -> None:
+    """Whatever the interval around its time, the cones and the balls that it is in."""
+    rng = np.random.default_rng(seed)
+    start = rho.State([0, 0, 2], 0.5 * rng.normal(size=3), 0.3 * rng.normal(size=3))
+    goal = rho.State([7, 1, 2.5], 0.5 * rng.normal(size=3))
+    scenario = single(start=start, goal=goal, limits=LIMITS[name], grid=rho.Grid(0.3, 21))
+    plan = rho.plan(scenario)
+    T = scenario.grid.duration
+    for longest in (T, 1.1 * T, 1.7 * T):
+        for shortest in (0.2 * T, 0.9 * T, T):
+            places = [_place(plan.motion(), T, longest, rng) for _ in range(4)]
+            grid = rho.Grid(longest / 20, 21)
+            programs = TimeRelaxations(Problem.of(scenario.ending_with(grid)), ROUGH)
+            relaxed = programs.least(shortest, places)
+            assert relaxed is not None
+            assert relaxed.duration <= T * (1.0 + 1e-6)
+
+
+def _place(motion: Motion, T: float, longest: float, rng: np.random.Generator) -> Place:
+    """Return a ball, or half-spaces of a moving obstacle, on whose surface a motion is."""
+    part, velocity = rng.uniform(0.1, 0.9), 0.3 * rng.normal(size=3)
+    at = motion.at("position", [part * T])[0, 0]
+    away = rng.normal(size=3)
+    if rng.uniform() < 0.3:
+        radius = float(np.linalg.norm(away))
+        return Place(part, at + away, np.zeros(3), np.zeros((0, 3)), np.zeros(0), radius)
+    kept = kept_out_of(rho.Sphere([0, 0, 0], 0.9 * float(np.linalg.norm(away))), 0, 0.0)
+    center = at - away + part * (longest - T) * velocity
+    cone = next(each for each in kept.cones if _is_in(kept.half_spaces(each), away[None])[0])
+    return Place(part, center, velocity, *kept.half_spaces(cone))
+
+
+def _has_motion(scenario: rho.Scenario, T: float) -> bool:
+    """Return whether CVXPY finds a motion in a given time, with accelerations as unknowns."""
+    vehicle, limits = scenario.vehicles[0], scenario.limits
+    n = scenario.grid.knots - 1
+    h, a = T / n, cp.Variable((n, 3))
+    v = [vehicle.start.velocity]
+    p = [vehicle.start.position]
+    for k in range(n):
+        p.append(p[-1] + h * v[-1] + h**2 / 2 * a[k])
+        v.append(v[-1] + h * a[k])
+    same = [p[-1] == vehicle.goal.position, v[-1] == vehicle.goal.velocity]
+    fast = [cp.norm(each) <= limits.max_speed for each in v[1:-1]]
+    hard = [cp.norm(a[k]) <= limits.max_acceleration for k in range(n)]
+    program = cp.Problem(cp.Minimize(0), [*same, *fast, *hard])
+    program.solve(solver=cp.CLARABEL)
+    return bool(program.status == cp.OPTIMAL)
+
+
+@pytest.mark.parametrize("seed", [0, *slow(1, 4, 5)])
+def test_from_a_moving_start_no_shorter_time_has_a_motion(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    start, goal = (
+        rho.State([0, 0, 1], rng.uniform(-1, 1, 3)),
+        rho.State([4, 1, 1], rng.uniform(-1, 1, 3)),
+    )
+    limits = rho.Limits(max_acceleration=3.0, max_speed=3.0)
+    scenario = single(start=start, goal=goal, limits=limits, grid=rho.Grid(0.3, 13))
+    certificate = rho.certify_time(rho.plan_minimum_time(scenario), gap=0.0)
+    assert certificate.is_globally_optimal
+    for part in (0.5, 0.8, 0.95, 0.999):
+        assert not _has_motion(scenario, part * certificate.bound)
+    assert _has_motion(scenario, (1.0 + 1e-4) * certificate.bound)
+
+
+def blocked(radius: float = 0.8, **changes: object) -> rho.Scenario:
+    """Return a vehicle with a ball in its way."""
+    vehicle = rho.Vehicle("scout", rho.State([0, 0, 1]), rho.State([5, 0, 1]), radius=0.2)
+    ball = rho.Sphere([2.5, 0.1, 1.0], radius)
+    scenario = rho.Scenario(
+        "ball", rho.Grid(0.25, 13), [vehicle], rho.Limits(max_acceleration=4.0), obstacles=[ball]
+    )
+    return dataclasses.replace(scenario, **changes)  # type: ignore[arg-type]
+
+
+def test_behind_an_obstacle_the_bound_is_that_of_going_around_it() -> None:
+    plan = rho.plan_minimum_time(blocked())
+    assert rho.verify(plan).ok
+    alone = plan.statistics.time_bound
+    certificate = rho.certify_time(plan)
+    assert alone is not None
+    assert 1.05 * alone < plan.scenario.grid.duration
+    assert 0.0 <= certificate.gap <= 0.01
+    assert certificate.holds
+    assert not certificate.cut
+
+
+@pytest.mark.parametrize("seed", slow(*range(6)))
+def test_no_plan_that_is_found_takes_less_time_than_the_bound(seed: int) -> None:
+    """Slow plans give bounds too, which those of the least time do not undercut."""
+    rng = np.random.default_rng(seed)
+    balls = [
+        rho.Obstacle(
+            rho.Sphere(rng.uniform([1.5, -1, 0], [6.5, 1, 2]), rng.uniform(0.5, 0.9)),
+            velocity=0.2 * (seed % 2) * rng.normal(size=3),
+        )
+        for _ in "ab"
+    ]
+    vehicle = rho.Vehicle("a", rho.State([0, 0, 1], [0, seed % 3 * 0.3, 0]), rho.State([8, 0, 1]))
+    scenario = rho.Scenario("field", rho.Grid(0.3, 21), [vehicle], LIMITS["norms"], obstacles=balls)
+    least = rho.plan_minimum_time(scenario).scenario.grid.duration
+    bound = rho.certify_time(rho.plan(scenario), gap=0.0, time_limit=10.0).bound
+    assert 0.9 * least <= bound <= least
+
+
+def test_a_box_of_a_map_is_gone_around_like_any_other() -> None:
+    block = rho.Box([2.0, -0.7, 0.2], [3.0, 0.9, 1.8])
+    cells = rho.Voxels.from_grid(
+        np.ones((5, 8, 8), dtype=bool), resolution=0.2, origin=[2.0, -0.7, 0.2]
+    )
+    bounds = []
+    for obstacle in (block, cells):
+        found = TimeBound(blocked(obstacles=[obstacle]), 4.0)
+        for _ in range(8):
+            found.improve()
+        bounds.append(found.bound)
+    assert bounds[1] == pytest.approx(bounds[0], rel=1e-3)
+    assert bounds[0] > 1.001 * 2.0 * np.sqrt(5.0 / 4.0)
+
+
+def test_an_obstacle_bounds_times_at_which_it_is_there() -> None:
+    """A plan of 5 s may wait for its end, and a faster one would have to go around it."""
+    ball = rho.Sphere([2.5, 0.1, 1.0], 0.8)
+    always, early, late = (
+        TimeBound(blocked(obstacles=[rho.Obstacle(ball, active=active)]), 5.0)
+        for active in (None, (-1.0, 4.0), (4.0, 9.0))
+    )
+    free = late.bound
+    assert not late.improve()
+    for _ in range(12):
+        always.improve()
+        early.improve()
+    assert always.bound > 1.01 * free
+    assert early.bound > 1.01 * free
+
+
+def test_one_gate_on_the_way_is_bounded_within_a_hundredth() -> None:
+    gate = rho.Waypoint(None, [3.0, 2.0, 1.0], 0.1)
+    limits = rho.Limits(max_acceleration=4.0, max_speed=3.0)
+    start, goal = rho.State([0, 0, 1]), rho.State([6, 0, 1])
+    scenario = single(
+        start=start, goal=goal, limits=limits, waypoints=[gate], grid=rho.Grid(0.2, 21)
+    )
+    certificate = rho.certify_time(rho.plan_minimum_time(scenario))
+    assert 0.0 <= certificate.gap <= 0.01
+    assert "with waypoints at any times" in str(certificate)
+
+
+def test_of_several_vehicles_the_slowest_counts() -> None:
+    scenario = blocked()
+    far = rho.Vehicle("far", rho.State([0, 3, 1]), rho.State([7, 3, 1]), radius=0.2)
+    scenario = dataclasses.replace(
+        scenario, vehicles=(*scenario.vehicles, far), separation=rho.Separation(0.5)
+    )
+    certificate = rho.certify_time(rho.plan_minimum_time(scenario))
+    assert certificate.bound == pytest.approx(2.0 * np.sqrt(7.0 / 4.0), rel=1e-5)
+    assert certificate.is_globally_optimal
+    assert certificate.left_out == ("the separation",)
+    assert [each.vehicle for each in certificate.vehicles] == ["scout", "far"]
+    assert "far" in certificate._repr_html_()
+
+
+def test_a_search_that_is_cut_short_keeps_its_bound() -> None:
+    plan = rho.plan(dataclasses.replace(blocked(), grid=rho.Grid(0.5, 13)))
+    said = list[str]()
+    certificate = rho.certify_time(plan, gap=0.0, time_limit=0.3, progress=said.append)
+    assert certificate.cut
+    assert certificate.bound > 2.0
+    assert "the search was cut short" in str(certificate)
+    assert said
+    with pytest.raises(ValueError, match="got -0\\.1, expected a number of at least 0"):
+        rho.certify_time(plan, gap=-0.1)
+
+
+def test_the_command_prints_the_certificate(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    plan = rho.plan_minimum_time(blocked(obstacles=[]))
+    rho.save(plan, "plan.npz")
+    certificate = rho.certify_time(plan)
+    status, out, _ = run(capsys, monkeypatch, "certify", "plan.npz", "--time")
+    assert (status, out) == (0, f"{certificate}\n")
+    _, out, _ = run(capsys, monkeypatch, "certify", "plan.npz", "--time", "--json")
+    found = read(out, TimeCertified)
+    assert found["bound_s"] == certificate.bound
+    assert found["is_globally_optimal"]
+    assert found["premise"] == "plans on 13 knots"
