@@ -130,7 +130,6 @@ def check_smoothing(
         raise ScenarioError("disturbance", disturbance, expected)
     _check_rest(vehicles)
     _check_accelerations(fleet, vehicles, margin)
-    _check_waypoints(vehicles, margin)
     _check_requirements(smoothing, grid, fleet, vehicles, requirements)
 
 
@@ -178,16 +177,6 @@ def _limit_of(vehicles: Sequence[Vehicle], vehicle: int, limit: str) -> str:
     if own is not None and getattr(own, limit) is not None:
         return f"vehicles[{vehicle}].limits.{limit}"
     return f"limits.{limit}"
-
-
-def _check_waypoints(vehicles: Sequence[Vehicle], margin: float) -> None:
-    """Check that waypoints have room for a margin."""
-    for vehicle, each in enumerate(vehicles):
-        for index, waypoint in enumerate(each.waypoints):
-            if waypoint.within == 0.0:
-                field = f"vehicles[{vehicle}].waypoints[{index}].within"
-                expected = f"above 0 m: smoothing may move positions by up to {margin:.4g} m"
-                raise ScenarioError(field, waypoint.within, expected)
 
 
 def _check_requirements(

@@ -1,7 +1,7 @@
 """Constraint tightening margins: for flights anywhere in an error tube, and for smooth motions.
 
 Averages of a plan are in every convex set in which the plan is, so that a smoothing needs a margin
-only where something is kept out of, or at single instants (`scenario/smoothing.py`).
+only where something is kept out of (`scenario/smoothing.py`).
 """
 
 from __future__ import annotations

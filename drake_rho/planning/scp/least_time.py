@@ -212,8 +212,7 @@ class LeastTime:
         problem, constraints = timed.problem, timed.linearised()
         low, high = (max(each, timed.least_factor) for each in change.final)
         change = change._replace(final=(low, high))
-        within = timed.passing.within - timed.waypoint_margins
-        passing = dataclasses.replace(timed.passing, within=within)
+        passing = timed.passing_tightened
         if np.any(passing.within < 0.0):  # the errors of a disturbance are larger
             return None
         weight = LITTLE_EFFORT if self._final_time else 1.0
@@ -227,7 +226,7 @@ class LeastTime:
             for each in timed.rows
             if (key := each.constraint.key) in known
         }
-        velocities = timed.motion.each_at("velocity", passing.vehicles, passing.times)
+        _, velocities = passing.states(timed.motion)
         for _ in range(_ROUNDS):
             check_time()
             found = programs.solve(list(rows.values()), passing, velocities, change, timed.resting)
@@ -243,7 +242,9 @@ class LeastTime:
             )
             if not more:
                 after = timed.after(found, near_rows(rows.values(), found, problem))
-                exact = change.waypoints == 0.0 and (self._steady or change.final[0] == 1.0)
+                same = change.final[0] == 1.0
+                exact = change.waypoints == 0.0 and (same or self._steady)
+                exact &= same or passing.averaged is None  # their width does not change with y
                 # solvers may take equations that contradict each other for met
                 return None if exact and after.missed > _MISSED else after
             for each in more:
