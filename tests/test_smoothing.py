@@ -12,6 +12,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.interpolate import BSpline
+from scipy.optimize import linprog
 
 import drake_rho as rho
 from drake_rho.display.common.drawable import drawn
@@ -444,6 +446,111 @@ def test_requirements_hold_for_averages(times: int) -> None:
     assert "requirement 1 (high)" in broken
 
 
+def jerks(plan: rho.Plan, times: np.ndarray) -> np.ndarray:
+    """Return jerks of averages as sums of B-splines, one for each change of the acceleration."""
+    scenario, smoothing = plan.scenario, plan.scenario.smoothing
+    assert smoothing is not None
+    n, w, rest = smoothing.times, smoothing.width, np.zeros_like(plan.accelerations[:, :1])
+    changes = np.diff(np.concatenate([rest, plan.accelerations, rest], axis=1), axis=1) / w
+    corners = np.arange(n + 1) - n / 2.0
+    spline = BSpline.basis_element(corners, extrapolate=False)
+    u = (times[:, None] - scenario.grid.start - scenario.grid.elapsed) / w
+    return np.asarray(np.einsum("tk,nkx->ntx", np.nan_to_num(spline(u)), changes))
+
+
+_JERKS = rho.Box([-2.0, -1.0, -1.2], [2.0, 1.5, 1.0])
+
+
+@pytest.mark.parametrize("limit", [{"max_jerk": 2.5}, {"jerk": _JERKS}], ids=str)
+@pytest.mark.parametrize("smoothing", SMOOTHINGS, ids=str)
+def test_jerks_of_averages_are_limited(smoothing: rho.Smoothing, limit: dict[str, Any]) -> None:
+    """The first and the last jerk too, from rest and to rest; one or two averages attain limits."""
+    own = {"max_speed": 4.0, "max_acceleration": 3.0} | limit
+    scenario = smooth(smoothing, limits=rho.Limits(**own))
+    plan = rho.plan(scenario)
+    report = rho.verify(plan)
+    assert report.ok
+    found = jerks(plan, np.union1d(dense(plan)[0], scenario.grid.times))[0]
+    if "max_jerk" in limit:
+        most = np.linalg.norm(found, axis=1).max()
+        assert most <= 2.5 + 1e-6
+        check = next(each for each in report.checks if each.kind == "max_jerk")
+        assert check.value == pytest.approx(most, abs=1e-3)
+    else:
+        assert (found >= _JERKS.lower - 1e-6).all()
+        assert (found <= _JERKS.upper + 1e-6).all()
+    without = rho.plan(smooth(smoothing, limits=rho.Limits(**(own | {next(iter(limit)): None}))))
+    lacking = rho.Plan.from_accelerations(scenario, without.accelerations)
+    broken = {check.kind for check in rho.verify(lacking).violations}
+    beyond = jerks(lacking, dense(lacking)[0])[0]
+    over = np.linalg.norm(beyond, axis=1).max() > 2.5
+    if "jerk" in limit:
+        over = bool(((beyond < _JERKS.lower) | (beyond > _JERKS.upper)).any())
+    assert broken == (set(limit) if over else set())
+    assert over or smoothing.width == 0.5
+    if smoothing.width == 0.2 and smoothing.times < 3:
+        attained = np.linalg.norm(found, axis=1).max() / 2.5
+        if "jerk" in limit:
+            attained = (found / np.where(found < 0.0, _JERKS.lower, _JERKS.upper)).max()
+        assert attained >= 0.999
+
+
+@pytest.mark.parametrize("smoothing", SMOOTHINGS, ids=str)
+def test_jerks_of_averages_are_kept_in_required_sets(smoothing: rho.Smoothing) -> None:
+    always = rho.KeepIn(rho.HalfSpace([1, 0, 0], 1.2), of="jerk")
+    calm = rho.KeepIn(rho.Sphere([0, 0, 0], 0.8), of="jerk", active=(2.1, 3.3))
+    plan = rho.plan(smooth(smoothing, requirements=(always, calm)))
+    assert rho.verify(plan).ok
+    times = dense(plan)[0]
+    found = jerks(plan, times)[0]
+    assert found[:, 0].max() <= 1.2 + 1e-6
+    during = found[(times >= 2.1) & (times <= 3.3)]
+    assert np.linalg.norm(during, axis=1).max() <= 0.8 + 1e-6
+    without = rho.plan(smooth(smoothing))
+    lacking = rho.Plan.from_accelerations(plan.scenario, without.accelerations)
+    broken = {check.constraint for check in rho.verify(lacking).violations}
+    assert ("requirement 1" in broken) == (jerks(lacking, times)[0][:, 0].max() > 1.2 + 1e-6)
+
+
+@pytest.mark.parametrize("times", [1, 2])
+def test_the_least_time_of_limited_jerks_is_known(times: int) -> None:
+    """From rest to rest along a line at a limit of the jerk of averages over a whole step.
+
+    The plan's acceleration then changes by at most w j in a step, from 0 and back to 0. So the
+    answer is that of a limit of jerk in steps, found here as a linear program for each time.
+    """
+    w, most = 0.1, 4.0
+    vehicle = rho.Vehicle("solo", rho.State([0, 0, 0]), rho.State([9.0, 0, 0]))
+    limits = rho.Limits(max_acceleration=50.0, jerk=box(most))
+    grid = rho.Grid(0.2, 21)
+    scenario = rho.Scenario("line", grid, [vehicle], limits, smoothing=rho.Smoothing(w, times))
+    plan = rho.plan_minimum_time(scenario)
+    assert rho.verify(plan).ok
+    h, k = plan.scenario.grid.step, np.arange(20)
+    moved = h**2 * (20 - k - 0.5)  # of a unit of each acceleration
+    changes = np.eye(21, 20) - np.eye(21, 20, -1)
+    found = linprog(
+        -moved,
+        np.concatenate([changes, -changes]),
+        np.full(42, w * most),
+        np.ones((1, 20)),
+        np.zeros(1),
+        bounds=(None, None),
+    )
+    assert h > 1.2 * w
+    assert -found.fun == pytest.approx(9.0, rel=1e-4)
+
+
+def test_required_accelerations_at_one_instant() -> None:
+    """Only the value at the instant counts, not that at the beginning of a piece before."""
+    calm = rho.KeepIn(rho.Sphere([0, 0, 0], 0.05), of="acceleration", active=(3.0, 3.0))
+    for smoothing in (None, *SMOOTHINGS[::2]):
+        plan = rho.plan(smooth(smoothing, requirements=(calm,)))
+        assert rho.verify(plan).ok
+        at = plan.at(3.0, "solo").accelerations[0]
+        assert np.linalg.norm(at) <= 0.05 + 1e-6
+
+
 def _vehicle(start: dict[str, Any], goal: dict[str, Any]) -> tuple[rho.Vehicle, ...]:
     ends = rho.State([0, 0, 0], **start), rho.State([10, 4, -2], **goal)
     return (rho.Vehicle("solo", *ends),)
@@ -459,10 +566,11 @@ REFUSED: dict[str, dict[str, Any]] = {
     "vehicles[0].start.acceleration": {"vehicles": _vehicle({"acceleration": [1, 0, 0]}, {})},
     "vehicles[0].goal.velocity": {"vehicles": _vehicle({}, {"velocity": [1, 0, 0]})},
     "limits.acceleration": {"limits": rho.Limits(acceleration=rho.Box([0.1, -9, -9], [9, 9, 9]))},
-    "limits.jerk": {"limits": rho.Limits(jerk=box(9.0), max_acceleration=2.0)},
-    "limits.max_jerk": {"limits": rho.Limits(max_jerk=9.0, max_acceleration=2.0)},
+    "limits.jerk": {"limits": rho.Limits(jerk=rho.Box([1, -9, -9], [9, 9, 9]))},
     "limits.max_acceleration": {"limits": rho.Limits(max_speed=4.0)},
-    "requirements[0].of": {"requirements": (rho.KeepIn(_BALL, of="jerk"),)},
+    "requirements[0].set of jerk": {
+        "requirements": (rho.KeepIn(rho.Sphere([3, 0, 0], 1.0), of="jerk", active=(3, 4)),)
+    },
     "requirements[0].relative_to": {"requirements": (rho.KeepIn(_BALL, relative_to=_TRACK),)},
     "requirements[0].set": {
         "requirements": (
@@ -476,7 +584,7 @@ REFUSED: dict[str, dict[str, Any]] = {
 def test_what_averages_do_not_keep_is_refused_by_its_field(field: str) -> None:
     with pytest.raises(rho.ScenarioError) as caught:
         smooth(**({"smoothing": rho.Smoothing(0.5, 2)} | REFUSED[field]))
-    assert caught.value.field == f"scenario.{field}"
+    assert caught.value.field == f"scenario.{field.split()[0]}"
 
 
 @pytest.mark.parametrize("values", [(0.0, 1), (-1.0, 1), (0.5, 0), (0.5, 4), (np.nan, 1)])

@@ -54,7 +54,10 @@ def check_boxes(trajectory: PiecewiseTrajectory, jerks: FloatArray) -> Iterator[
         if trajectory.higher is not None:
             found = _extremes_at_all_times(trajectory, trajectory.derivatives(2), box)
         yield _check_box(scenario, "acceleration", AT_KNOTS, box, found)
-    if (box := bounds("jerk")) is not None:
+    if (box := bounds("jerk")) is not None and trajectory.higher is not None:
+        found = _extremes_at_all_times(trajectory, trajectory.derivatives(3), box)
+        yield _check_box(scenario, "jerk", AT_KNOTS, box, found)
+    elif box is not None:
         # the first jerk is unlimited where the acceleration before the first knot is not given
         skipped = np.isnan(scenario.fleet.accelerations_before[:, 0])
         times = scenario.grid.times[:-1]

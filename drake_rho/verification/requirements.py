@@ -223,6 +223,16 @@ class _Check:
             other = count * self.partner + np.tile(np.arange(count), len(self.members))
             own = own.less(steps.select(other))
         offset, scenario = self.requirement.offset(np.zeros(1))[0], trajectory.scenario
+        if self._is_instant:
+            ends = np.stack([own.at(np.arange(len(own.p)), np.full((1, 1), u)) for u in (0.0, 1.0)])
+            values = ends.reshape(2, len(self.members), count, 3)
+            at = [self._active(each) for each in (trajectory.elapsed[:-1], trajectory.elapsed[1:])]
+            met = np.concatenate(
+                [each[:, chosen] for each, chosen in zip(values, at, strict=True)], 1
+            )
+            distances = np.asarray(self.requirement.set.signed_distance(met - offset))
+            nothing = np.zeros(met.shape[1])
+            return _worst_of(nothing + self.interval[0], distances, nothing)
         return highest_of_steps(
             own,
             trajectory.elapsed,
@@ -267,7 +277,7 @@ class _Check:
 
     def accelerations(self) -> Highest:
         """Return the worst accelerations or thrusts of the pieces of time."""
-        if self.trajectory.higher is not None and not self._is_instant:
+        if self.trajectory.higher is not None:
             return self._highest_of_smooth(self.trajectory.derivatives(2))
         begins, ends = self.trajectory.elapsed[:-1], self.trajectory.elapsed[1:]
         chosen = self._steps(begins, ends)
@@ -279,7 +289,9 @@ class _Check:
         return _worst_of(begins[chosen], distances, errors)
 
     def jerks(self, jerks: FloatArray) -> Highest:
-        """Return the worst jerks of the plan, which has no errors."""
+        """Return the worst jerks of the plan, which has no errors, or of the smooth motion."""
+        if self.trajectory.higher is not None:
+            return self._highest_of_smooth(self.trajectory.derivatives(3))
         grid = self.trajectory.scenario.grid
         begins = grid.elapsed[:-1]
         chosen = self._steps(begins, begins + grid.step)

@@ -57,7 +57,7 @@ def highest_of_steps(
 def greatest_of_smooth(
     trajectory: PiecewiseTrajectory, order: int, measure: Measure, precision: FloatArray
 ) -> Maximum:
-    """Return when a measure of each vehicle's velocity (1) or acceleration (2) is greatest."""
+    """Return when a measure of each vehicle's velocity (1), … or jerk (3) is greatest."""
     steps = trajectory.derivatives(order)
     found = highest_of_steps(steps, trajectory.times, measure, precision)
     return Maximum(found.times, found.values, found.errors)

@@ -87,7 +87,7 @@ class PiecewiseTrajectory:
         return Steps.of(self.durations[:, None], p, v, a, higher)
 
     def derivatives(self, order: int) -> Steps:
-        """Return velocities (1) or accelerations (2) of smooth motions in the pieces as curves."""
+        """Return velocities (1), accelerations (2) or jerks (3) of smooth motions as curves."""
         return self.steps.derivative(order, np.tile(self.durations, len(self.positions)))
 
     def only(self, vehicle: int) -> PiecewiseTrajectory:

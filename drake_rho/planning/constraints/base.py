@@ -84,6 +84,9 @@ class Constraint(abc.ABC):
     """time by which an instant may lie outside the active interval and still count as inside [s]"""
     averaged: Smoothing | None = None
     """moving averages of positions that rows bound, in place of positions; None for these"""
+    per_width: bool = False
+    """true if it bounds the jerk of averages: changes of acceleration over their width, which does
+    not change with the step"""
     pieces: int = 1
     """number of equal pieces of each step (`Motion.subdivided`), each with knots and a margin of
     its own"""

@@ -110,6 +110,11 @@ def _margins(scenario: Scenario, pieces: int) -> Margins:
     return _around(tube_of(scenario), grid.start, grid.knots, pieces, scenario.between_knots)
 
 
+def without_errors(grid: Grid) -> Margins:
+    """Return the margins of quantities that have no errors: zero."""
+    return _none(grid.step, grid.knots, grid.start)
+
+
 @lru_cache(maxsize=64)
 def _none(step: float, knots: int, start: float) -> Margins:
     quantities: tuple[Quantity, ...] = ("position", "velocity", "acceleration", "jerk")

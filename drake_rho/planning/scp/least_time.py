@@ -24,12 +24,11 @@ from drake_rho.planning.constraints.base import VIOLATED, Constraint, HalfSpaces
 from drake_rho.planning.errors import OutOfTimeError, SolverError
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs.backend import Backend
-from drake_rho.planning.programs.free_time import LITTLE_EFFORT, POWERS, FreeTimePrograms
+from drake_rho.planning.programs.free_time import LITTLE_EFFORT, POWERS, FreeTimePrograms, power_of
 from drake_rho.planning.programs.free_time_program import bound_rates
 from drake_rho.planning.programs.free_times import NO_CHANGE, Change, FreeTime
 from drake_rho.planning.scp.timed import Timed
 from drake_rho.scenario.errors import Description, ScenarioError
-from drake_rho.scenario.parts import Quantity
 
 _ROUNDS = 60
 """Largest number of programs around one motion, each with the rows that the last one violated."""
@@ -263,11 +262,11 @@ def violated_rows(
         found: solution of the program.
         problem: problem of the program.
     """
-    motions = {each: in_its_time(found, problem, each) for each in POWERS}
+    motions = {each: in_its_time(found, problem, each) for each in POWERS.values()}
     every = np.arange(len(problem))
     for between in (False, True):
         rows = [
-            each.violated_rows(motions[each.quantity], every, between=between)
+            each.violated_rows(motions[power_of(each)], every, between=between)
             for each in constraints
             if not between or each.searches > 0
         ]
@@ -296,21 +295,21 @@ def near_rows(rows: Iterable[HalfSpaces], found: FreeTime, problem: Problem) -> 
     near = list[HalfSpaces]()
     for each in rows:
         quantity = each.constraint.quantity
-        margins = each.margins(in_its_time(found, problem, quantity))
+        margins = each.margins(in_its_time(found, problem, power_of(each.constraint)))
         scale = problem.scenario.fleet.scale(quantity)[each.vehicles]
         near.append(each.select(margins < _NEAR * scale))
     return [each for each in near if len(each) > 0]
 
 
-def in_its_time(found: FreeTime, problem: Problem, quantity: Quantity) -> Motion:
+def in_its_time(found: FreeTime, problem: Problem, power: float) -> Motion:
     """Return a motion with the step of a program whose values of a quantity are those in its time.
 
     Args:
         found: solution of the program.
         problem: problem of the program.
-        quantity: quantity whose values are to be compared with limits.
+        power: power of y by which values that are to be compared with limits are divided.
     """
-    divisor = found.factor ** POWERS[quantity]
+    divisor = found.factor**power
     fleet, step = problem.scenario.fleet, problem.scenario.grid.step
     velocities = (1.0 + found.factor) / 2.0 * fleet.start_velocities  # as it is linearised
     p, v = roll_out(fleet.start_positions, velocities, found.accelerations, step)
