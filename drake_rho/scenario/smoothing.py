@@ -125,9 +125,9 @@ def check_smoothing(
     if not between_knots:
         expected = "True beside smoothing: averages are taken of every instant"
         raise ScenarioError("between_knots", between_knots, expected)
-    if disturbance is not None:
-        expected = "none beside smoothing: radii of errors change over the width of the averages"
-        raise ScenarioError("disturbance", disturbance, expected)
+    if disturbance is not None and disturbance.tracking is not None:
+        expected = "none beside smoothing, whose motions begin at rest"
+        raise ScenarioError("disturbance.tracking", disturbance.tracking, expected)
     _check_rest(vehicles)
     _check_accelerations(fleet, vehicles, margin)
     _check_requirements(smoothing, grid, fleet, vehicles, requirements)

@@ -88,7 +88,7 @@ def _inside_cone_of_smooth(
         found.append(greatest_of_smooth(trajectory.only(i), 2, outside, precision[i : i + 1]))
     times = np.concatenate([each.times for each in found])
     least = -np.concatenate([each.values for each in found])
-    return _cone_column(limit, times, least, np.zeros(len(least)))
+    return _cone_column(limit, times, least, np.concatenate([each.errors for each in found]))
 
 
 def _greatest_speed(trajectory: PiecewiseTrajectory) -> Maximum:
