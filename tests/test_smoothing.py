@@ -19,8 +19,10 @@ import drake_rho as rho
 from drake_rho.display.common.drawable import drawn
 from drake_rho.motion.dynamics import Motion, roll_out
 from drake_rho.motion.smooth import SmoothMotion
+from drake_rho.scenario.disturbance import Tracking
 from drake_rho.scenario.fleet import Fleet
 from drake_rho.scenario.smoothing import largest_accelerations
+from drake_rho.simulation.closed_loop import fly_plan
 from drake_rho.simulation.small_steps import in_small_steps
 from drake_rho.verification.holds import first_violation
 from tests.sampled import _center, _signed_distance
@@ -551,6 +553,94 @@ def test_required_accelerations_at_one_instant() -> None:
         assert np.linalg.norm(at) <= 0.05 + 1e-6
 
 
+WINDY = rho.Disturbance(0.2, feedback_every=0.125, position_error=0.005, delay=1)
+
+
+def _windy(smoothing: rho.Smoothing | None) -> rho.Scenario:
+    """Return a flight in wind with limits on everything, a waypoint and a requirement."""
+    waypoint = rho.Waypoint(3.3, [3.5, 4.0, 0.0], 0.3)
+    own = (dataclasses.replace(single().vehicles[0], waypoints=(waypoint,)),)
+    limits = rho.Limits(
+        rho.Box([-0.2, -0.2, -2.2], [10.2, 4.5, 0.2]),
+        velocity=box(3.0),
+        acceleration=box(2.2),
+        max_speed=2.6,
+        max_acceleration=2.6,
+        max_tilt=0.28,
+    )
+    slow = rho.KeepIn(rho.Sphere([0, 0, 0], 2.5), of="velocity", active=(3.0, 4.0))
+    parts: dict[str, Any] = {"vehicles": own, "limits": limits, "requirements": (slow,)}
+    return smooth(smoothing, disturbance=WINDY, **parts)
+
+
+@pytest.mark.parametrize("smoothing", SMOOTHINGS[::2], ids=str)
+def test_disturbed_averages_keep_every_constraint_in_the_whole_tube(
+    smoothing: rho.Smoothing,
+) -> None:
+    """Radii are those of the time, around averages of accelerations at other times."""
+    scenario = _windy(smoothing)
+    plan = rho.plan(scenario)
+    assert rho.verify(plan).ok
+    assert first_violation(plan) is None
+    tube, (times, samples) = rho.error_tube(scenario), dense(plan)
+    assert tube.grid.start == pytest.approx(-scenario.lead)
+    assert tube.position(-scenario.lead) == 0.0
+    p, v, a = samples.positions[0], samples.velocities[0], samples.accelerations[0]
+    off, late, strong = tube.position(times), tube.velocity(times), tube.acceleration(times)
+    assert (np.linalg.norm(p - SPHERE.center, axis=1) - off >= SPHERE.radius - 1e-5).all()
+    assert (np.linalg.norm(v, axis=1) + late <= 2.6 + 1e-5).all()
+    assert (np.linalg.norm(a, axis=1) + strong <= 2.6 + 1e-5).all()
+    assert (np.abs(a) + strong[:, None] <= 2.2 + 1e-5).all()
+    upright = a + [0.0, 0.0, 9.81]
+    inside = upright[:, 2] * np.sin(0.28) - np.hypot(*upright[:, :2].T) * np.cos(0.28)
+    assert (inside >= strong - 1e-5).all()
+    due = (times >= 3.0) & (times <= 4.0)
+    assert (np.linalg.norm(v, axis=1) + late <= 2.5 + 1e-5)[due].all()
+    at = plan.at(3.3, "solo").positions[0]
+    assert np.linalg.norm(at - [3.5, 4.0, 0.0]) + tube.position(3.3) <= 0.3 + 1e-6
+    # a plan for averages without wind has no room for it
+    calm = rho.plan(dataclasses.replace(scenario, disturbance=None))
+    lacking = rho.verify(rho.Plan.from_accelerations(scenario, calm.accelerations))
+    assert "waypoints" in {check.kind for check in lacking.violations}
+
+
+@pytest.mark.parametrize("smoothing", SMOOTHINGS[::2], ids=str)
+def test_the_worst_wind_reaches_the_radius_around_the_smooth_motion(
+    smoothing: rho.Smoothing,
+) -> None:
+    """Also before the first knot; the feedback is sampled as in flights without a smoothing."""
+    scenario = _windy(smoothing)
+    plan = rho.plan(scenario)
+    tube, lead = rho.error_tube(scenario), scenario.lead
+    most = smoothing.width**2 * 2.6 / 12_000.0
+    for time in (0.1 - lead / 2.0, 4.1, 8.0 + lead):
+        worst = rho.worst_case(scenario, [0.0, 1.0, 0.0], time)
+        flown = fly_plan(scenario, plan, wind=worst)
+        assert rho.verify(flown).ok
+        assert np.all(flown.errors()[:, 0] <= flown.radii() + 1e-9)
+        reached = np.linalg.norm(flown.at(time).positions - plan.at(time).positions)
+        assert reached == pytest.approx(float(tube.position(time)), abs=most + 1e-9)
+    found = rho.attack(scenario, plan)
+    assert found.clearance == pytest.approx(found.bound, abs=1e-6)
+
+
+@pytest.mark.slow
+def test_a_simulated_smooth_motion_has_a_file(tmp_path: Path) -> None:
+    flown = rho.simulate(rho.plan(_windy(SMOOTHINGS[0])), rng=np.random.default_rng(1))
+    rho.save(flown, tmp_path / "flown.npz")
+    again = rho.load(tmp_path / "flown.npz")
+    assert again.scenario == flown.scenario
+    assert again.scenario.disturbance is not None
+    assert again.scenario.disturbance.feedback_every == pytest.approx(0.125)
+    with pytest.raises(rho.ScenarioError, match="feedback_every"):
+        rho.Scenario(
+            "longer than a step",
+            rho.Grid(0.05, 9),
+            single().vehicles,
+            disturbance=rho.Disturbance(0.1, feedback_every=0.1),
+        )
+
+
 def _vehicle(start: dict[str, Any], goal: dict[str, Any]) -> tuple[rho.Vehicle, ...]:
     ends = rho.State([0, 0, 0], **start), rho.State([10, 4, -2], **goal)
     return (rho.Vehicle("solo", *ends),)
@@ -561,7 +651,9 @@ _BALL = rho.Sphere([0.0, 0.0, 0.0], 50.0)
 REFUSED: dict[str, dict[str, Any]] = {
     "smoothing.width": {"smoothing": rho.Smoothing(0.6)},
     "between_knots": {"between_knots": False},
-    "disturbance": {"disturbance": rho.Disturbance(0.1)},
+    "disturbance.tracking": {
+        "disturbance": rho.Disturbance(0.1, tracking=Tracking(0.0, (1.0, 1.0)))
+    },
     "vehicles[0].start.velocity": {"vehicles": _vehicle({"velocity": [1, 0, 0]}, {})},
     "vehicles[0].start.acceleration": {"vehicles": _vehicle({"acceleration": [1, 0, 0]}, {})},
     "vehicles[0].goal.velocity": {"vehicles": _vehicle({}, {"velocity": [1, 0, 0]})},

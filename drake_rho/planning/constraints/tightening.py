@@ -113,9 +113,7 @@ def largest_tolerable_wind(scenario: Scenario, margins: PlanMargins, calm: PlanM
         calm: the margins of the same scenario without wind.
     """
     part = 1.0
-    for windy, still in zip(
-        _slacks(scenario, margins), _slacks(scenario, calm), strict=True
-    ):
+    for windy, still in zip(_slacks(scenario, margins), _slacks(scenario, calm), strict=True):
         with np.errstate(invalid="ignore"):  # where errors are not bounded, in any wind
             more = windy.needed - still.needed
         left = windy.available + windy.tolerances - still.needed
