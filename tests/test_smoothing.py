@@ -591,7 +591,7 @@ def test_disturbed_averages_keep_every_constraint_in_the_whole_tube(
     assert (np.linalg.norm(v, axis=1) + late <= 2.6 + 1e-5).all()
     assert (np.linalg.norm(a, axis=1) + strong <= 2.6 + 1e-5).all()
     assert (np.abs(a) + strong[:, None] <= 2.2 + 1e-5).all()
-    upright = a + [0.0, 0.0, 9.81]
+    upright = a + np.array([0.0, 0.0, 9.81])
     inside = upright[:, 2] * np.sin(0.28) - np.hypot(*upright[:, :2].T) * np.cos(0.28)
     assert (inside >= strong - 1e-5).all()
     due = (times >= 3.0) & (times <= 4.0)

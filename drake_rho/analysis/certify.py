@@ -90,7 +90,7 @@ def certify(
 
     With a smoothing it is valid for plans that meet the constraints themselves, without margins, as
     those of this package's planners do. Only waypoints are passed by the averages, and within the
-    margin for these by the plans.
+    margin for these by the plans. A disturbance does not raise this bound.
 
     Args:
         flown: any plan or flight of a scenario; it need not be optimal or satisfy its constraints.
@@ -165,10 +165,10 @@ def certify(
 
 
 def _before_averages(scenario: Scenario) -> Scenario:
-    """Return a scenario for plans that are not averaged.
+    """Return a scenario for plans that are not averaged, and which every plan of this one meets.
 
-    Its waypoints are passed by every plan of the given one: averages pass them, which are no
-    further from the plan than the margin that limits bound.
+    Averages pass the waypoints, and are no further from a plan than the margin that limits bound.
+    Nothing is tightened for a disturbance, whose tube is around the averages.
     """
     if scenario.smoothing is None:
         return scenario
@@ -184,7 +184,7 @@ def _before_averages(scenario: Scenario) -> Scenario:
         )
         for vehicle, margin in zip(scenario.vehicles, margins.tolist(), strict=True)
     )
-    return scenario.derived(vehicles=vehicles, smoothing=None)
+    return scenario.derived(vehicles=vehicles, smoothing=None, disturbance=None)
 
 
 def _by_effort(name: str, cost: float, effort: float, *, disturbed: bool) -> VehicleCertificate:
