@@ -651,8 +651,8 @@ _BALL = rho.Sphere([0.0, 0.0, 0.0], 50.0)
 REFUSED: dict[str, dict[str, Any]] = {
     "smoothing.width": {"smoothing": rho.Smoothing(0.6)},
     "between_knots": {"between_knots": False},
-    "disturbance.tracking": {
-        "disturbance": rho.Disturbance(0.1, tracking=Tracking(0.0, (1.0, 1.0)))
+    "disturbance.tracking.since": {
+        "disturbance": rho.Disturbance(0.1, tracking=Tracking(-3.0, (1.0, 1.0)))
     },
     "vehicles[0].start.velocity": {"vehicles": _vehicle({"velocity": [1, 0, 0]}, {})},
     "vehicles[0].start.acceleration": {"vehicles": _vehicle({"acceleration": [1, 0, 0]}, {})},

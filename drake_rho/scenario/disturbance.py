@@ -87,17 +87,22 @@ class Disturbance:
         step = grid.step * self.steps_per_sample(grid.step)
         return step / self.samples_per_step(grid.step)
 
-    def check(self, grid: Grid) -> None:
+    def check(self, grid: Grid, lead: float = 0.0) -> None:
         """Check that the feedback fits the grid of its scenario.
+
+        Args:
+            grid: the grid.
+            lead: time by which the motion begins before the first knot [s].
 
         Raises:
             ScenarioError: its samples do not divide the step, or there are too many; or the first
                 knot of the tracked plan is no knot of the grid extended backwards in time.
         """
         if self.tracking is not None:
-            steps = (grid.start - self.tracking.since) / grid.step
+            start = grid.start - lead
+            steps = (start - self.tracking.since) / grid.step
             if round(steps) < 0 or abs(steps - round(steps)) > 1e-4:
-                expected = f"a whole number of steps of {grid.step:g} s before {grid.start:g} s"
+                expected = f"a whole number of steps of {grid.step:g} s before {start:g} s"
                 raise ScenarioError("disturbance.tracking.since", self.tracking.since, expected)
         if self.feedback_every is None:
             return

@@ -151,7 +151,7 @@ class Scenario(ShownInNotebooks):
         check_obstacles(self.obstacles, self.grid)
         check_maps(self.bodies, self.fleet)
         if self.disturbance is not None:
-            self.disturbance.check(self.grid)
+            self.disturbance.check(self.grid, self.lead)
         if not under_way:
             warn_of_scales(self.fleet, self.bodies)
         self.check_ends(under_way=under_way)

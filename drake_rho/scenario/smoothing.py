@@ -125,9 +125,12 @@ def check_smoothing(
     if not between_knots:
         expected = "True beside smoothing: averages are taken of every instant"
         raise ScenarioError("between_knots", between_knots, expected)
-    if disturbance is not None and disturbance.tracking is not None:
-        expected = "none beside smoothing, whose motions begin at rest"
-        raise ScenarioError("disturbance.tracking", disturbance.tracking, expected)
+    tracking = None if disturbance is None else disturbance.tracking
+    if tracking is not None and grid.start - smoothing.lead - tracking.since > grid.step / 2.0:
+        expected = (
+            f"{grid.start - smoothing.lead:g} s beside smoothing, whose motions begin at rest"
+        )
+        raise ScenarioError("disturbance.tracking.since", tracking.since, expected)
     _check_rest(vehicles)
     _check_accelerations(fleet, vehicles, margin)
     _check_requirements(smoothing, grid, fleet, vehicles, requirements)

@@ -286,7 +286,7 @@ def still_violated(rows: HalfSpaces, found: FreeTime, problem: Problem) -> HalfS
     later = bound_rates(rows) * (found.factor - 1.0)
     if not later.any():
         return rows
-    margins = rows.margins(in_its_time(found, problem, rows.constraint.quantity)) - later
+    margins = rows.margins(in_its_time(found, problem, power_of(rows.constraint))) - later
     return rows.select(margins < -VIOLATED * rows.tolerances)
 
 
