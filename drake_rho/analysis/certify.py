@@ -16,6 +16,7 @@ plan may have missed from what the margins cost.
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 
@@ -41,6 +42,8 @@ from drake_rho.planning.scp.subproblem import Subproblem
 from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.fields import IntArray
 from drake_rho.scenario.kinds import LIMITS
+from drake_rho.scenario.records import Scenario
+from drake_rho.scenario.smoothing import largest_accelerations
 from drake_rho.verification.verify import verify
 
 MOST_CERTIFIED_TOGETHER = 25
@@ -86,7 +89,8 @@ def certify(
     the bound is then maximised over them. The bound is valid for any multipliers.
 
     With a smoothing it is valid for plans that meet the constraints themselves, without margins, as
-    those of this package's planners do.
+    those of this package's planners do. Only waypoints are passed by the averages, and within the
+    margin for these by the plans. A disturbance does not raise this bound.
 
     Args:
         flown: any plan or flight of a scenario; it need not be optimal or satisfy its constraints.
@@ -108,7 +112,7 @@ def certify(
     """
     backend = Backend.of(solver)
     plan = flown.plan
-    scenario, vehicles = plan.scenario.derived(smoothing=None), len(plan.scenario.vehicles)
+    scenario, vehicles = _before_averages(plan.scenario), len(plan.scenario.vehicles)
     if vehicles > MOST_CERTIFIED_TOGETHER:  # without separation the bound is lower, but still valid
         scenario = scenario.without_separation()
     start = Plan.from_accelerations(scenario, plan.accelerations)
@@ -158,6 +162,29 @@ def certify(
     not_counted = tuple(name for name in names if name in left_out)
     cut = cut or seconds_left() <= 0.0
     return Certificate(plan.scenario, tuple(certificates), verify(flown).ok, not_counted, cut)
+
+
+def _before_averages(scenario: Scenario) -> Scenario:
+    """Return a scenario for plans that are not averaged, and which every plan of this one meets.
+
+    Averages pass the waypoints, and are no further from a plan than the margin that limits bound.
+    Nothing is tightened for a disturbance, whose tube is around the averages.
+    """
+    if scenario.smoothing is None:
+        return scenario
+    margins = scenario.smoothing.margins(largest_accelerations(scenario.fleet))
+    vehicles = tuple(
+        dataclasses.replace(
+            vehicle,
+            waypoints=tuple(
+                dataclasses.replace(each, within=each.within + margin)
+                for each in vehicle.waypoints
+                if margin < np.inf
+            ),
+        )
+        for vehicle, margin in zip(scenario.vehicles, margins.tolist(), strict=True)
+    )
+    return scenario.derived(vehicles=vehicles, smoothing=None, disturbance=None)
 
 
 def _by_effort(name: str, cost: float, effort: float, *, disturbed: bool) -> VehicleCertificate:

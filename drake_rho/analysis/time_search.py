@@ -52,6 +52,10 @@ _ROUGHLY = 3e-3
 _SLOWER = 0.0, 1e-8, 1e-7, 1e-6, 1e-5
 """Parts by which a final time is increased until the motion meets every limit despite rounding."""
 
+_ROUNDS = 3
+"""Number of programs that are solved to more digits. With a smoothing waypoints are exact in the
+time around which a program is written, and averages are as wide in any other."""
+
 _WORTHWHILE = 0.01
 """Part of the final time that has to be possible to gain for another search."""
 
@@ -275,8 +279,13 @@ class TimeSearch:
             slower = (best.lasting((1.0 + each) * best.duration) for each in _SLOWER)
             found = (least.at_same_times(each) for each in (best, *islice(slower, 1, None)))
             exact = next((each for each in found if each is not None), best)
+            plan = self._met(exact)
+            for _ in range(_ROUNDS if plan is None and self._scenario.smoothing else 0):
+                exact = least.at_same_times(exact) or exact
+                if (plan := self._met(exact)) is not None:
+                    break
             self._least.statistics += least.statistics
-            plan = self._met(exact) or self._plan(exact)
+            plan = plan or self._plan(exact)
             if not (verify(plan).ok or missing_slack_at_rest(plan.scenario)):
                 raise SolverError(
                     "the motion that the solvers found does not meet every constraint"

@@ -104,8 +104,13 @@ class RestTube:
 
 
 @lru_cache(maxsize=64)
-def rest_tube(tube: ErrorTube) -> RestTube:
-    """Return the continuation of a tube after its end."""
+def rest_tube(tube: ErrorTube, end: float | None = None) -> RestTube:
+    """Return the continuation of a tube after its end.
+
+    Args:
+        tube: the tube.
+        end: time from which vehicles rest, if that is before the end of the tube [s].
+    """
     gains = tube.gains[0] * tube.sample**2, tube.gains[1] * tube.sample
     delay, step = tube.disturbance.delay, tube.grid.step
     stable = is_stable(gains, delay)
@@ -117,7 +122,7 @@ def rest_tube(tube: ErrorTube) -> RestTube:
     samples = tube.samples + count + 1
     knots = 2 + math.ceil(samples / tube.disturbance.samples_per_step(step))
     longer = dataclasses.replace(tube, grid=unchecked(tube.grid, knots=knots))
-    return RestTube(longer, tube.grid.end, bounded)
+    return RestTube(longer, tube.grid.end if end is None else end, bounded)
 
 
 def _growth(gains: tuple[float, float], delay: int) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from functools import lru_cache
 
 import numpy as np
@@ -11,7 +12,7 @@ from drake_rho.motion.gains import Loop, best_gains, largest_wind, tolerable_win
 from drake_rho.motion.tube import ErrorTube
 from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.disturbance import Disturbance, Tracking
-from drake_rho.scenario.parts import Grid
+from drake_rho.scenario.parts import SAME_TIME, Grid
 from drake_rho.scenario.records import Scenario
 
 
@@ -27,6 +28,7 @@ def error_tube(
     Without a disturbance there is no feedback, and the tube contains only initial errors. If the
     disturbance describes how a plan is tracked (`Disturbance.tracking`), the gains are those given
     there, and so are the initial errors and the beginning of the tube unless `initial` is given.
+    With a smoothing the tube is around the smooth motion and begins with it, before the first knot.
 
     Args:
         scenario: the scenario.
@@ -48,9 +50,9 @@ def error_tube(
     disturbance = scenario.disturbance or Disturbance(0.0)
     if (tracked := disturbance.tracking) is not None and gains is None:
         if initial is None:
-            return _tracked(disturbance, tracked, scenario.grid)
+            return _tracked(disturbance, tracked, _flown(scenario))
         gains = tracked.gains
-    tube = ErrorTube(disturbance, scenario.grid, gains or (0.0, 0.0), initial or (0.0, 0.0))
+    tube = ErrorTube(disturbance, _flown(scenario), gains or (0.0, 0.0), initial or (0.0, 0.0))
     if gains is not None or scenario.disturbance is None:
         return tube
     alpha, beta = best_gains(_loop(scenario, tube))
@@ -63,6 +65,15 @@ def tube_of(scenario: Scenario) -> ErrorTube:
     Planners tighten their constraints by the radii of this tube.
     """
     return _cached(error_tube(scenario))
+
+
+def _flown(scenario: Scenario) -> Grid:
+    """Return the grid of a flight: longer than the plan's by what a smoothing adds, or more."""
+    grid, lead = scenario.grid, scenario.lead
+    if lead == 0.0:
+        return grid
+    more = math.ceil(2.0 * lead / grid.step * (1.0 - SAME_TIME))
+    return Grid(grid.step, grid.knots + more, grid.start - lead)
 
 
 def _tracked(disturbance: Disturbance, tracked: Tracking, grid: Grid) -> ErrorTube:
@@ -103,7 +114,7 @@ def largest_disturbance(
         tube = error_tube(scenario, None if initial == (0.0, 0.0) else initial)
         loop = _loop(scenario, tube)._replace(limit=np.inf)
         return tolerable_wind(loop, tube.responses, position / tube.sample**2)
-    tube = ErrorTube(scenario.disturbance, scenario.grid, initial=initial)
+    tube = ErrorTube(scenario.disturbance, _flown(scenario), initial=initial)
     return largest_wind(_loop(scenario, tube), position / tube.sample**2)
 
 

@@ -20,9 +20,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from drake_rho.motion.dynamics import Motion, step_at
+from drake_rho.motion.dynamics import Motion, response, step_at
 from drake_rho.scenario.fields import FloatArray, IntArray
-from drake_rho.scenario.parts import SAME_TIME
+from drake_rho.scenario.parts import SAME_TIME, Grid, Quantity
 from drake_rho.scenario.smoothing import Smoothing
 
 if TYPE_CHECKING:
@@ -31,6 +31,12 @@ if TYPE_CHECKING:
 _RESTING = 4
 """Steps of rest with which a plan is extended on both sides: averages reach three half steps, and
 the knots beside them are looked at too."""
+
+_KNOTS = -1, 0, 1, 2
+"""Knots that averages at a time may reach, relative to the one at which its step begins."""
+
+_AROUND = np.arange(-2, 3)
+"""Steps beside these knots, relative to the step that contains the time."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -82,6 +88,14 @@ class SmoothMotion:
             a + self._beside(0, elapsed, k),
         )
 
+    def each_at(self, vehicles: IntArray, times: FloatArray) -> FloatArray:
+        """Return the position of one vehicle at each time since the first knot [s], (M, 3)."""
+        added = corrections(self.smoothing, self.motion.step, times)
+        k = self._steps_of(times)[:, None] + _AROUND + _RESTING
+        near = self._extended.accelerations[vehicles[:, None], k]
+        own = self.motion.each_at("position", vehicles, times)
+        return np.asarray(own + np.einsum("mo,mox->mx", added, near))
+
     def polynomials(self) -> Polynomials:
         """Return the motions as polynomials of degree n + 2, which differ from piece to piece."""
         n, w, h = self.smoothing.times, self.smoothing.width, self.motion.step
@@ -123,22 +137,85 @@ class SmoothMotion:
         """
         a, h = self._extended.accelerations, self.motion.step
         added = np.zeros((len(a), len(elapsed), 3))
-        for knot in (-1, 0, 1, 2):  # relative to the one at which the step begins
+        for knot in _KNOTS:
             at = k + knot
             jumps = a[:, at + _RESTING] - a[:, at + _RESTING - 1]
-            s, passed = elapsed - h * at, knot <= 0
-            before = np.minimum(-s if passed else s, 0.0)
-            # averaged steps less the step itself, and their integrals: odd and even by turns
-            sign = -1.0 if passed and order % 2 == 0 else 1.0
-            added += (sign * self._power(order, before))[:, None] * jumps
+            weights = _of_knot(self.smoothing, order, elapsed - h * at, knot <= 0)
+            added += weights[:, None] * jumps
         return added
 
-    def _power(self, order: int, s: FloatArray) -> FloatArray:
-        """Return F_(n - order) at times s before a knot, none above 0 [s]."""
-        n, w = self.smoothing.times, self.smoothing.width
-        m, u = n - order, s / w + n / 2.0
-        terms = [
-            (-1.0) ** j * comb(n, j) * np.where(u > j, np.abs(u - j) ** m, 0.0)
-            for j in range(n + 1)
-        ]
-        return np.asarray(sum(terms) * w ** (m - n) / factorial(m))
+
+def corrections(smoothing: Smoothing, step: float, times: FloatArray) -> FloatArray:
+    """Return what averages add to positions, as weights of accelerations [s²], shape (M, 5).
+
+    They are those of the step that contains a time, of the two before and of the two after.
+
+    Args:
+        smoothing: the averages.
+        step: h [s].
+        times: since the first knot [s], shape (M,).
+    """
+    k = step_at(times, step)
+    weights = np.zeros((len(times), len(_AROUND)))
+    weights[:, 2] = smoothing.times * smoothing.width**2 / 24.0
+    for knot in _KNOTS:
+        of_jump = _of_knot(smoothing, -2, times - step * (k + knot), knot <= 0)
+        weights[:, 2 + knot] += of_jump
+        weights[:, 1 + knot] -= of_jump
+    return weights
+
+
+def response_of(
+    quantity: Quantity, averaged: Smoothing | None, grid: Grid, times: FloatArray
+) -> FloatArray:
+    """Return the response of a quantity, or of averaged positions, to unit accelerations, (M, K-1).
+
+    Args:
+        quantity: position, velocity, acceleration or jerk.
+        averaged: moving averages of the position; None for the quantity itself.
+        grid: the grid.
+        times: since the first knot [s], shape (M,).
+    """
+    responses = response(quantity, grid.step, grid.knots, times)
+    if averaged is not None:
+        steps, added = steps_around(averaged, grid, times)
+        rows = np.nonzero(steps >= 0)
+        responses[rows[0], steps[rows]] += added[rows]
+    return responses
+
+
+def steps_around(
+    smoothing: Smoothing, grid: Grid, times: FloatArray
+) -> tuple[IntArray, FloatArray]:
+    """Return steps near times, -1 for none, and weights of their accelerations, (M, 5) each.
+
+    The weights are what averages add to positions (`corrections`).
+    """
+    steps = step_at(times, grid.step)[:, None] + _AROUND
+    within = (steps >= 0) & (steps < grid.knots - 1)  # accelerations are zero elsewhere
+    return np.where(within, steps, -1), corrections(smoothing, grid.step, times)
+
+
+def _of_knot(smoothing: Smoothing, order: int, s: FloatArray, passed: bool) -> FloatArray:
+    """Return what the jump of the acceleration at a knot adds to a derivative of these, (M,).
+
+    Args:
+        smoothing: the averages.
+        order: of the derivative; negative for integrals, of which -2 are the positions.
+        s: times since the knot [s], shape (M,).
+        passed: whether the knot is passed at these times.
+    """
+    before = np.minimum(-s if passed else s, 0.0)
+    # averaged steps less the step itself, and their integrals: odd and even by turns
+    sign = -1.0 if passed and order % 2 == 0 else 1.0
+    return sign * _power(smoothing, order, before)
+
+
+def _power(smoothing: Smoothing, order: int, s: FloatArray) -> FloatArray:
+    """Return F_(n - order) at times s before a knot, none above 0 [s]."""
+    n, w = smoothing.times, smoothing.width
+    m, u = n - order, s / w + n / 2.0
+    terms = [
+        (-1.0) ** j * comb(n, j) * np.where(u > j, np.abs(u - j) ** m, 0.0) for j in range(n + 1)
+    ]
+    return np.asarray(sum(terms) * w ** (m - n) / factorial(m))

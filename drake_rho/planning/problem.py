@@ -223,7 +223,8 @@ class Problem:
         as a fallback.
         """
         scenario = self.scenario
-        if scenario.disturbance is None or self.pieces > 1 or scenario.under_way:
+        smooth = scenario.smoothing is not None
+        if scenario.disturbance is None or smooth or self.pieces > 1 or scenario.under_way:
             return None
         samples = scenario.disturbance.samples_per_step(scenario.grid.step)
         # a few samples: a whole number of pieces each

@@ -21,6 +21,11 @@ class Bounds:
     tolerances: FloatArray
     """distance outside that still counts as inside, in the quantity's unit, shape (N, 3)"""
 
+    def scaled(self, factor: float) -> Bounds:
+        """Return the boxes of all values times a factor, which may be negative."""
+        ends = factor * self.lower, factor * self.upper
+        return Bounds(np.minimum(*ends), np.maximum(*ends), abs(factor) * self.tolerances)
+
     def check(self, where: str, values: FloatArray) -> None:
         """Check that `values`, shape (N, 3), are inside the boxes; NaN is not checked.
 

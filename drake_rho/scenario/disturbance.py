@@ -57,7 +57,7 @@ class Disturbance:
     """E_v, the largest norm of the error of an estimated velocity [m/s]"""
     feedback_every: Positive | None = None
     """time from one sample of the feedback to the next, which divides the grid's step [s]; the step
-    itself if not given"""
+    itself if not given. In a scenario with `tracking` it may also be several steps"""
     delay: Annotated[int, Field(ge=0, le=50), NOT_BOOLEAN] = 0
     """number of samples from an estimate to the feedback computed from it"""
     share: Annotated[float, Field(gt=0.0, le=1.0, allow_inf_nan=False), NOT_BOOLEAN] = 0.5
@@ -70,29 +70,46 @@ class Disturbance:
         """Return the number of feedback samples in a step of the grid [s]."""
         return 1 if self.feedback_every is None else max(1, round(step / self.feedback_every))
 
+    def steps_per_sample(self, step: float) -> int:
+        """Return the number of steps of the grid [s] in a sample of the feedback: 1 or more.
+
+        Only a simulated smooth motion has more, whose steps are small.
+        """
+        return 1 if self.feedback_every is None else max(1, round(self.feedback_every / step))
+
     def samples(self, grid: Grid) -> int:
-        """Return the number of feedback samples in a flight."""
-        return (grid.knots - 1) * self.samples_per_step(grid.step)
+        """Return the number of feedback samples in a flight; the last one may be cut short."""
+        steps = math.ceil((grid.knots - 1) / self.steps_per_sample(grid.step))
+        return steps * self.samples_per_step(grid.step)
 
     def sample(self, grid: Grid) -> float:
         """Return the time from one feedback sample to the next on a grid [s]."""
-        return grid.step / self.samples_per_step(grid.step)
+        step = grid.step * self.steps_per_sample(grid.step)
+        return step / self.samples_per_step(grid.step)
 
-    def check(self, grid: Grid) -> None:
+    def check(self, grid: Grid, lead: float = 0.0) -> None:
         """Check that the feedback fits the grid of its scenario.
+
+        Args:
+            grid: the grid.
+            lead: time by which the motion begins before the first knot [s].
 
         Raises:
             ScenarioError: its samples do not divide the step, or there are too many; or the first
                 knot of the tracked plan is no knot of the grid extended backwards in time.
         """
         if self.tracking is not None:
-            steps = (grid.start - self.tracking.since) / grid.step
+            start = grid.start - lead
+            steps = (start - self.tracking.since) / grid.step
             if round(steps) < 0 or abs(steps - round(steps)) > 1e-4:
-                expected = f"a whole number of steps of {grid.step:g} s before {grid.start:g} s"
+                expected = f"a whole number of steps of {grid.step:g} s before {start:g} s"
                 raise ScenarioError("disturbance.tracking.since", self.tracking.since, expected)
         if self.feedback_every is None:
             return
         parts, most = grid.step / self.feedback_every, _most_per_step(grid)
+        whole = self.steps_per_sample(grid.step)
+        if self.tracking is not None and whole > 1 and abs(whole * parts - 1.0) <= SAME_TIME:
+            return
         if not 1 <= round(parts) <= most or abs(parts - round(parts)) > SAME_TIME * parts:
             expected = f"a time that divides the step, {grid.step:g} s, into 1 to {most} parts"
             raise ScenarioError("disturbance.feedback_every", self.feedback_every, expected)

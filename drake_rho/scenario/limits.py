@@ -50,7 +50,7 @@ class Limits:
     acceleration: Box | None = None
     """bounds on the acceleration (5) [m/s²]"""
     jerk: Box | None = None
-    """bounds on the jerk (7), j[k] = (a[k] - a[k-1]) / h [m/s³]"""
+    """bounds on the jerk (7), j[k] = (a[k] - a[k-1]) / h, or that of a smooth motion [m/s³]"""
     max_speed: Positive | None = None
     """largest norm of the velocity, in any direction [m/s]"""
     max_acceleration: Positive | None = None

@@ -151,7 +151,7 @@ class Scenario(ShownInNotebooks):
         check_obstacles(self.obstacles, self.grid)
         check_maps(self.bodies, self.fleet)
         if self.disturbance is not None:
-            self.disturbance.check(self.grid)
+            self.disturbance.check(self.grid, self.lead)
         if not under_way:
             warn_of_scales(self.fleet, self.bodies)
         self.check_ends(under_way=under_way)
@@ -176,10 +176,10 @@ class Scenario(ShownInNotebooks):
     def smoothing_margin(self) -> float:
         """Distance from the plan that its smooth motion may have by the limits [m]; 0 without one.
 
-        It is also 0 if nothing is to be kept clear of and no waypoint is to be passed.
+        It is also 0 if nothing is to be kept clear of.
         """
         clear_of = self.bodies or (self.separation is not None and len(self.vehicles) > 1)
-        if self.smoothing is None or not (clear_of or self.fleet.waypoints):
+        if self.smoothing is None or not clear_of:
             return 0.0
         return self.smoothing.margin(float(largest_accelerations(self.fleet).max()))
 

@@ -20,7 +20,7 @@ from drake_rho.scenario.fields import (
 )
 from drake_rho.scenario.fleet import Fleet
 from drake_rho.scenario.limits import GRAVITY
-from drake_rho.scenario.parts import Grid, Vehicle
+from drake_rho.scenario.parts import Grid, Quantity, Vehicle
 from drake_rho.scenario.requirements import KeepIn
 
 
@@ -125,12 +125,14 @@ def check_smoothing(
     if not between_knots:
         expected = "True beside smoothing: averages are taken of every instant"
         raise ScenarioError("between_knots", between_knots, expected)
-    if disturbance is not None:
-        expected = "none beside smoothing: radii of errors change over the width of the averages"
-        raise ScenarioError("disturbance", disturbance, expected)
+    tracking = None if disturbance is None else disturbance.tracking
+    if tracking is not None and grid.start - smoothing.lead - tracking.since > grid.step / 2.0:
+        expected = (
+            f"{grid.start - smoothing.lead:g} s beside smoothing, whose motions begin at rest"
+        )
+        raise ScenarioError("disturbance.tracking.since", tracking.since, expected)
     _check_rest(vehicles)
     _check_accelerations(fleet, vehicles, margin)
-    _check_waypoints(vehicles, margin)
     _check_requirements(smoothing, grid, fleet, vehicles, requirements)
 
 
@@ -151,18 +153,15 @@ def _check_rest(vehicles: Sequence[Vehicle]) -> None:
 
 def _check_accelerations(fleet: Fleet, vehicles: Sequence[Vehicle], margin: float) -> None:
     """Check limits of accelerations and jerks."""
-    if (box := fleet.bounds("acceleration")) is not None:
+    limits: tuple[Quantity, ...] = ("acceleration", "jerk")
+    for limit in limits:
+        if (box := fleet.bounds(limit)) is None:
+            continue
         outside = np.flatnonzero(np.any((box.lower > 0.0) | (box.upper < 0.0), axis=1))
         if len(outside) > 0:
-            field = _limit_of(vehicles, int(outside[0]), "acceleration")
+            field = _limit_of(vehicles, int(outside[0]), limit)
             expected = "a box that contains zero beside smoothing, whose motions begin at rest"
             raise ScenarioError(field, [box.lower[outside[0]], box.upper[outside[0]]], expected)
-    for limit, jerks in (("jerk", fleet.bounds("jerk")), ("max_jerk", fleet.norms.get("max_jerk"))):
-        if jerks is not None:
-            bounds = jerks.upper[:, 0] if limit == "jerk" else jerks.limits  # type: ignore[union-attr]
-            vehicle = int(np.argmax(np.isfinite(bounds)))
-            expected = "none beside smoothing: the jerk of an average is another than a plan's"
-            raise ScenarioError(_limit_of(vehicles, vehicle, limit), "a limit", expected)
     if np.isinf(margin):
         vehicle = int(np.argmax(largest_accelerations(fleet)))
         expected = (
@@ -180,16 +179,6 @@ def _limit_of(vehicles: Sequence[Vehicle], vehicle: int, limit: str) -> str:
     return f"limits.{limit}"
 
 
-def _check_waypoints(vehicles: Sequence[Vehicle], margin: float) -> None:
-    """Check that waypoints have room for a margin."""
-    for vehicle, each in enumerate(vehicles):
-        for index, waypoint in enumerate(each.waypoints):
-            if waypoint.within == 0.0:
-                field = f"vehicles[{vehicle}].waypoints[{index}].within"
-                expected = f"above 0 m: smoothing may move positions by up to {margin:.4g} m"
-                raise ScenarioError(field, waypoint.within, expected)
-
-
 def _check_requirements(
     smoothing: Smoothing,
     grid: Grid,
@@ -201,12 +190,11 @@ def _check_requirements(
     names, (count, lead) = [each.name for each in vehicles], (len(vehicles), smoothing.lead)
     for index, each in enumerate(requirements):
         where = f"requirements[{index}]"
-        if each.quantity == "jerk":
-            expected = "another quantity beside smoothing: the jerk of an average is not a plan's"
-            raise ScenarioError(f"{where}.of", each.of, expected)
         if each.track is not None:
             expected = "a vehicle or none beside smoothing: a track is not averaged"
             raise ScenarioError(f"{where}.relative_to", "a Track", expected)
+        if each.quantity == "jerk":  # of averages of accelerations that do not change
+            _check_at_rest(each, where, np.zeros((count, 3)), fleet, names)
         resting = each.longer(lead)
         for at, positions in (
             (grid.start, fleet.start_positions),

@@ -24,6 +24,7 @@ from drake_rho.scenario.fields import FloatArray, IntArray, read_only
 from drake_rho.scenario.kinds import LIMITS
 from drake_rho.scenario.records import Scenario
 from drake_rho.simulation.closed_loop import adopted, fly_plan
+from drake_rho.simulation.small_steps import in_small_steps
 from drake_rho.simulation.winds import WindOverTime
 from drake_rho.simulation.worst_case import WorstCase, worst_case
 from drake_rho.verification.boxes import check_position_box
@@ -48,7 +49,7 @@ TREATMENT = {
     "separation": "aimed at: both vehicles of the closest pair",
     "disturbance": "its bound is what is used up",
     "holding": "not aimed at: it is after the flight",
-    "smoothing": "not beside a disturbance, which attacks need",
+    "smoothing": "the averages are attacked, in small steps",
 }
 """Target of the attacking wind for every kind of requirement."""
 
@@ -155,7 +156,8 @@ def attack(scenario: Scenario, plan: Plan) -> Attack:
     if disturbance is None or disturbance.tracking is not None:
         expected = "one with the strength of the wind, in a scenario that is not under way"
         raise ValueError(f"scenario.disturbance: got {disturbance}, expected {expected}")
-    plan = adopted(scenario, plan)
+    plan = in_small_steps(adopted(scenario, plan))
+    scenario = plan.scenario
     tightest = _tightest_of_all(scenario, plan)
     if tightest is None:
         expected = "obstacles, a separation, position boxes or sets of positions"

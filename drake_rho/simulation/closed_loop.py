@@ -13,11 +13,13 @@ from drake_rho.planning.horizon.receding_horizon import RecedingHorizon
 from drake_rho.planning.horizon.windows import Planner
 from drake_rho.planning.planners.convex import plan_convex
 from drake_rho.planning.planners.plan import plan as best_plan
+from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.records import Scenario
 from drake_rho.simulation import winds
 from drake_rho.simulation.estimates import EstimationErrors
 from drake_rho.simulation.feedback import Feedback
+from drake_rho.simulation.small_steps import in_small_steps
 from drake_rho.simulation.timeline import Timeline
 from drake_rho.simulation.winds import Wind, checked_wind
 
@@ -94,7 +96,7 @@ def fly_plan(
     Raises:
         ValueError: the plan is for other vehicles or another grid, or the wind is invalid.
     """
-    return flown(Feedback(OnePlan(adopted(scenario, plan))), wind, rng)
+    return flown(Feedback(OnePlan(in_small_steps(adopted(scenario, plan)))), wind, rng)
 
 
 def adopted(scenario: Scenario, plan: Plan) -> Plan:
@@ -102,11 +104,12 @@ def adopted(scenario: Scenario, plan: Plan) -> Plan:
 
     Raises:
         ValueError: the scenario has another number of vehicles or another grid.
-        ScenarioError: one of the scenarios has a smoothing.
+        ScenarioError: the scenario has another smoothing.
     """
     own = plan.scenario
-    scenario.check_stepwise("simulation")
-    own.check_stepwise("simulation")
+    if own.smoothing != scenario.smoothing:
+        expected = f"that of the plan, {own.smoothing}"
+        raise ScenarioError("smoothing", scenario.smoothing, expected)
     if own.grid != scenario.grid or len(own.vehicles) != len(scenario.vehicles):
         expected = f"one for {len(scenario.vehicles)} vehicles on {scenario.grid}"
         raise ValueError(

@@ -19,6 +19,8 @@ class EstimationErrors:
     """errors of positions [m], shape (J, N, 3)"""
     velocities: FloatArray
     """errors of velocities [m/s], shape (J, N, 3)"""
+    held: int = 1
+    """number of steps of the simulated grid for which a sample lasts, if more than one"""
 
     @classmethod
     def of(
@@ -41,18 +43,22 @@ class EstimationErrors:
             raise ValueError(f"rng: got {rng!r}, expected {expected}")
         vehicles, disturbance, grid = len(scenario.vehicles), scenario.disturbance, scenario.grid
         samples = grid.knots - 1 if disturbance is None else disturbance.samples(grid)
+        held = 1 if disturbance is None else disturbance.steps_per_sample(grid.step)
         if hasattr(wind, "position_errors") and hasattr(wind, "velocity_errors"):
             given = (wind.position_errors, wind.velocity_errors)
-            return cls(*(_for_each(errors, (samples, vehicles, 3)) for errors in given))
+            shape = samples, vehicles, 3
+            positions, velocities = (_for_each(errors[:samples], shape) for errors in given)
+            return cls(positions, velocities, held)
         if rng is None or disturbance is None:
             none = read_only(np.zeros((samples, vehicles, 3)))
-            return cls(none, none)
+            return cls(none, none, held)
         sizes = disturbance.position_error, disturbance.velocity_error
-        return cls(*(size * _in_ball(rng, (samples, vehicles)) for size in sizes))
+        positions, velocities = (size * _in_ball(rng, (samples, vehicles)) for size in sizes)
+        return cls(positions, velocities, held)
 
     def added_to(self, sample: int, states: FloatArray) -> FloatArray:
         """Return the estimates of states (N, 6) at a sample, counted from 0."""
-        at = min(sample, len(self.positions) - 1)
+        at = min(sample // self.held, len(self.positions) - 1)
         return np.asarray(
             states + np.concatenate([self.positions[at], self.velocities[at]], axis=1)
         )

@@ -87,8 +87,9 @@ class Feedback:
         scenario = horizon.scenario
         disturbance = scenario.disturbance or Disturbance(0.0)
         self.scenario, self.horizon = scenario, horizon
-        self.sample = disturbance.sample(scenario.grid)
-        self.samples = disturbance.samples(scenario.grid)
+        self._held = disturbance.steps_per_sample(scenario.grid.step)
+        self.sample = disturbance.sample(scenario.grid) / self._held
+        self.samples = round(scenario.grid.duration / self.sample)
         self._times = scenario.grid.times
         self._delay = disturbance.delay
         self._per_step = disturbance.samples_per_step(scenario.grid.step)
@@ -118,10 +119,12 @@ class Feedback:
             window = self.horizon.step(states, float(self._times[knot]))
             since = self._tracked_since(window)
         p, v, a = self.nominal(window, j * self.sample)
-        error = np.where(seen, estimate - np.concatenate([p, v], axis=1), 0.0)
-        errors = (*memory.errors, error)[-(d + 1) :]
+        errors = memory.errors
+        if j % self._held == 0:  # else the feedback is held while the plan's acceleration changes
+            error = np.where(seen, estimate - np.concatenate([p, v], axis=1), 0.0)
+            errors = (*errors, error)[-(d + 1) :]
         command = a
-        if j - since >= d:  # the oldest error then refers to the tracked plan
+        if (j - since) // self._held >= d:  # the oldest error then refers to the tracked plan
             k_p, k_v = self._gains
             command = a - k_p * errors[0][:, :3] - k_v * errors[0][:, 3:]
         commands = (*memory.commands, command)[-max(d, 1) :]

@@ -49,7 +49,8 @@ def simulate(
     disturbance there is no feedback, and `verify` notes this.
 
     A plan with a smoothing is flown as averaged, in small steps of constant acceleration: the
-    simulation's scenario is that of these steps.
+    simulation's scenario is that of these steps. Its feedback begins with the smooth motion and is
+    held for as many of them as its sample lasts.
 
     Args:
         scenario: scenario to fly, or the plan or flight to track.
@@ -103,10 +104,8 @@ def simulate(
         )
     else:
         _check_no_windows(scenario, replan_every, free_final_time, planner, fallback)
-        plan = in_small_steps(scenario.plan)
-        if plan is not scenario.plan and disturbance is not None:
-            disturbance = disturbance.for_grid(plan.scenario.grid)
-        horizon = OnePlan(adopted(_disturbed(plan.scenario, disturbance), plan))
+        plan = adopted(_disturbed(scenario.plan.scenario, disturbance), scenario.plan)
+        horizon = OnePlan(in_small_steps(plan))
     return simulated(horizon, winds.none() if wind is None else wind, plant, rng)
 
 

@@ -8,8 +8,9 @@ import math
 import numpy as np
 
 from drake_rho.motion.plan import Plan
+from drake_rho.motion.scenario_tube import tube_of
 from drake_rho.scenario.fields import FloatArray
-from drake_rho.scenario.parts import Grid
+from drake_rho.scenario.parts import SAME_TIME, Grid
 
 _PARTS = 32
 """Least number of steps in the width of an average."""
@@ -21,16 +22,28 @@ def in_small_steps(plan: Plan) -> Plan:
     It begins when the smooth motion begins. Its velocities at knots are those of the smooth motion,
     and its last position is the goal; in between, positions differ by about δ² a / 12 where the
     acceleration is a and the small step δ.
+
+    With a disturbance a whole number of small steps is a sample of the feedback, so that the flight
+    may end with less than a small step at the goal. The feedback is that of the plan's error tube.
     """
     scenario, smoothing = plan.scenario, plan.scenario.smoothing
     if smoothing is None:
         return plan
-    lasting = scenario.grid.duration + 2.0 * scenario.lead
-    steps = math.ceil(lasting / smoothing.width * _PARTS)
-    grid = Grid(lasting / steps, steps + 1, scenario.grid.start - scenario.lead)
-    velocities = plan.sampled(grid.elapsed - scenario.lead).velocities
-    accelerations = np.diff(velocities, axis=1) / grid.step
-    stepwise = dataclasses.replace(scenario, grid=grid, smoothing=None)
+    lasting, disturbance = scenario.grid.duration + 2.0 * scenario.lead, scenario.disturbance
+    if disturbance is None:
+        steps = math.ceil(lasting / smoothing.width * _PARTS)
+        step = lasting / steps
+    else:
+        tube = tube_of(scenario)
+        step = tube.sample / math.ceil(tube.sample / smoothing.width * _PARTS)
+        steps = math.ceil(lasting / step * (1.0 - SAME_TIME))
+        disturbance = dataclasses.replace(
+            disturbance, feedback_every=tube.sample, tracking=tube.tracking
+        )
+    grid = Grid(step, steps + 1, scenario.grid.start - scenario.lead)
+    elapsed = np.minimum(grid.elapsed, lasting) - scenario.lead
+    accelerations = np.diff(plan.sampled(elapsed).velocities, axis=1) / grid.step
+    stepwise = dataclasses.replace(scenario, grid=grid, smoothing=None, disturbance=disturbance)
     first = Plan.from_accelerations(stepwise, accelerations, plan.statistics)
     return Plan.from_accelerations(stepwise, accelerations + _closing(first), plan.statistics)
 

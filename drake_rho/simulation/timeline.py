@@ -18,7 +18,10 @@ _PARTS = 10
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Timeline:
-    """Times of a simulation's steps. A sample lasts δ: without a disturbance, the grid's step."""
+    """Times of a simulation's steps. A sample lasts δ: without a disturbance, the grid's step.
+
+    Samples of the feedback that last several steps count as that many here.
+    """
 
     elapsed: FloatArray
     """times since the first knot [s], shape (M,); sample j is at exactly j times δ"""
@@ -37,7 +40,10 @@ class Timeline:
             longest: longest step [s].
         """
         grid, disturbance = scenario.grid, scenario.disturbance or Disturbance(0.0)
-        sample, count = disturbance.sample(grid), disturbance.samples(grid)
+        # the nominal acceleration changes inside of samples of several steps
+        whole = disturbance.steps_per_sample(grid.step)
+        sample = disturbance.sample(grid) / whole
+        count = (grid.knots - 1) * disturbance.samples_per_step(grid.step)
         parts = max(_PARTS, int(np.ceil(sample / longest * (1.0 - SAME_TIME))))
         begins = sample * np.arange(count + 1)
         regular = (begins[:-1, None] + sample / parts * np.arange(parts)).reshape(-1)

@@ -20,6 +20,7 @@ from drake_rho.verification.check import AT_ALL_TIMES, AT_KNOTS, PRECISION, Colu
 from drake_rho.verification.continuous_time import lowest_over_time
 from drake_rho.verification.steps import Steps
 from drake_rho.verification.trajectory import PiecewiseTrajectory
+from drake_rho.verification.tubes import ErrorRadii
 
 
 def check_position_box(trajectory: PiecewiseTrajectory) -> Iterator[Column]:
@@ -30,7 +31,7 @@ def check_position_box(trajectory: PiecewiseTrajectory) -> Iterator[Column]:
     values, errors = trajectory.positions[:, trajectory.knots], trajectory.errors(trajectory.knots)
     found = _extremes_at(trajectory.times[trajectory.knots], values, errors)
     yield _check_box(scenario, "position", AT_KNOTS, box, found)
-    always = _extremes_at_all_times(trajectory, trajectory.steps, box)
+    always = _extremes_at_all_times(trajectory, box)
     yield _check_box(scenario, "position", AT_ALL_TIMES, box, always)
 
 
@@ -52,9 +53,12 @@ def check_boxes(trajectory: PiecewiseTrajectory, jerks: FloatArray) -> Iterator[
         times, errors = trajectory.times[:-1], trajectory.feedback
         found = _extremes_at(times, trajectory.commands, errors)
         if trajectory.higher is not None:
-            found = _extremes_at_all_times(trajectory, trajectory.derivatives(2), box)
+            found = _extremes_at_all_times(trajectory, box, 2)
         yield _check_box(scenario, "acceleration", AT_KNOTS, box, found)
-    if (box := bounds("jerk")) is not None:
+    if (box := bounds("jerk")) is not None and trajectory.higher is not None:
+        found = _extremes_at_all_times(trajectory, box, 3)
+        yield _check_box(scenario, "jerk", AT_KNOTS, box, found)
+    elif box is not None:
         # the first jerk is unlimited where the acceleration before the first knot is not given
         skipped = np.isnan(scenario.fleet.accelerations_before[:, 0])
         times = scenario.grid.times[:-1]
@@ -98,7 +102,7 @@ def _extremes_at(
 def _extremes_of_velocity(trajectory: PiecewiseTrajectory, bounds: Bounds) -> _Extremes:
     """Return the extremes of the velocity: at the instants or, with errors, at any time."""
     if trajectory.higher is not None:
-        return _extremes_at_all_times(trajectory, trajectory.derivatives(1), bounds)
+        return _extremes_at_all_times(trajectory, bounds, 1)
     if trajectory.tubes is None:
         return _extremes_at(
             trajectory.times, trajectory.velocities, np.zeros(len(trajectory.times))
@@ -109,17 +113,18 @@ def _extremes_of_velocity(trajectory: PiecewiseTrajectory, bounds: Bounds) -> _E
 
 
 def _extremes_at_all_times(
-    trajectory: PiecewiseTrajectory, steps: Steps, bounds: Bounds
+    trajectory: PiecewiseTrajectory, bounds: Bounds, order: int = 0
 ) -> _Extremes:
-    """Return the extremes of positions or other curves over all times.
+    """Return the extremes of positions, or of a derivative of smooth motions, over all times.
 
     They are the least values of x, y, z and of -x, -y, -z, found like distances from a wall.
 
     Args:
         trajectory: the trajectory to verify.
-        steps: the curves in its pieces, vehicle by vehicle.
         bounds: the box whose tolerances the precision follows.
+        order: of the derivative.
     """
+    steps = trajectory.steps if order == 0 else trajectory.derivatives(order)
     signs = np.array([1.0, -1.0])[:, None, None]
     count, pieces = len(bounds.lower), len(trajectory.durations)
     shape = (count, 2, 3)
@@ -135,7 +140,10 @@ def _extremes_at_all_times(
         higher = np.stack([along_axes(each) for each in powers], axis=1)
     p, v, a = (along_axes(each) for each in (steps.p, steps.v, steps.a))
     precision = PRECISION * bounds.tolerances[:, None]
-    error_radii = trajectory.error_radii(np.tile(np.arange(pieces), int(np.prod(shape))))
+    which = np.tile(np.arange(pieces), int(np.prod(shape)))
+    error_radii = trajectory.error_radii(which)
+    if error_radii is not None and order > 0:
+        error_radii = ErrorRadii.constant(trajectory.errors_of(order)[which])
     walls = Steps(p, v, a, higher)
     least = lowest_over_time(walls, shape, lambda x: x[..., 0], precision, error_radii)
     times = trajectory.scenario.grid.start + trajectory.moments(least.steps, least.moments)

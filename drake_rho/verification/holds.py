@@ -94,7 +94,7 @@ class _PlanCheck:
         stepwise = PiecewiseTrajectory.of(scenario, motion, Tubes.of(plan))
         nothing = np.zeros(grid.knots - 1)
         radii = Maximum(nothing, nothing, nothing, np.zeros(grid.knots))
-        if scenario.disturbance is not None:
+        if scenario.disturbance is not None and scenario.smoothing is None:
             tube = tube_of(scenario)
             first = round((grid.start - tube.grid.start) / grid.step)
             radii = tube.over_steps(first, grid.knots - 1)

@@ -57,17 +57,18 @@ def check_norms(trajectory: PiecewiseTrajectory, jerks: FloatArray) -> Iterator[
 
 
 def _norms_of_smooth(trajectory: PiecewiseTrajectory) -> Iterator[Column]:
-    """Yield the checks of accelerations of smooth motions, at every instant."""
+    """Yield the checks of accelerations and jerks of smooth motions, at every instant."""
     for field, limit in trajectory.scenario.fleet.norms.items():
-        if limit.kind.quantity != "acceleration":
+        if limit.kind.quantity == "velocity":
             continue
         precision, vertical = PRECISION * limit.sets.tolerances, np.array([0.0, 0.0, GRAVITY])
         if field == "max_tilt":
             yield _inside_cone_of_smooth(trajectory, limit, precision)
             continue
         offset = vertical if field == "max_thrust" else np.zeros(3)
-        found = greatest_of_smooth(trajectory, 2, partial(_length_beyond, offset), precision)
-        yield _check_norm(limit, found, UNITS["acceleration"])
+        order = 3 if limit.kind.quantity == "jerk" else 2
+        found = greatest_of_smooth(trajectory, order, partial(_length_beyond, offset), precision)
+        yield _check_norm(limit, found, UNITS[limit.kind.quantity])
 
 
 def _length_beyond(offset: FloatArray, x: FloatArray) -> FloatArray:
@@ -87,7 +88,7 @@ def _inside_cone_of_smooth(
         found.append(greatest_of_smooth(trajectory.only(i), 2, outside, precision[i : i + 1]))
     times = np.concatenate([each.times for each in found])
     least = -np.concatenate([each.values for each in found])
-    return _cone_column(limit, times, least, np.zeros(len(least)))
+    return _cone_column(limit, times, least, np.concatenate([each.errors for each in found]))
 
 
 def _greatest_speed(trajectory: PiecewiseTrajectory) -> Maximum:

@@ -180,7 +180,8 @@ class _Check:
         if self._is_instant:
             return known
         if trajectory.higher is not None:
-            return self._highest_of_smooth(trajectory.steps)
+            errors = self._vehicles * trajectory.errors_over + self.requirement.deviation
+            return self._highest_of_smooth(trajectory.steps, errors)
         middles = (trajectory.elapsed[:-1] + trajectory.elapsed[1:]) / 2.0
         states = (trajectory.positions, trajectory.velocities, trajectory.accelerations)
         p, v, a = (self._relative(each) for each in states)
@@ -215,27 +216,44 @@ class _Check:
         shape = [np.broadcast_to(each, times.shape) for each in (begins, ends)]
         return self._vehicles * trajectory.tubes.position_in(at, *shape) + deviation
 
-    def _highest_of_smooth(self, steps: Steps) -> Highest:
-        """Return the worst instants of smooth curves (N J, 3), at all times in the interval."""
+    def _highest_of_smooth(self, steps: Steps, errors: FloatArray) -> Highest:
+        """Return the worst instants of smooth curves, at all times in the interval.
+
+        Args:
+            steps: the curves in the pieces of time, vehicle by vehicle.
+            errors: largest radii of errors in the pieces, shape (J,).
+        """
         trajectory, count = self.trajectory, len(self.trajectory.durations)
         own = steps.select((count * self.members[:, None] + np.arange(count)).ravel())
         if self.partner is not None:
             other = count * self.partner + np.tile(np.arange(count), len(self.members))
             own = own.less(steps.select(other))
         offset, scenario = self.requirement.offset(np.zeros(1))[0], trajectory.scenario
+        if self._is_instant:
+            ends = np.stack([own.at(np.arange(len(own.p)), np.full((1, 1), u)) for u in (0.0, 1.0)])
+            values = ends.reshape(2, len(self.members), count, 3)
+            at = [self._active(each) for each in (trajectory.elapsed[:-1], trajectory.elapsed[1:])]
+            met = np.concatenate(
+                [each[:, chosen] for each, chosen in zip(values, at, strict=True)], 1
+            )
+            distances = np.asarray(self.requirement.set.signed_distance(met - offset))
+            radii = np.concatenate([errors[chosen] for chosen in at])
+            return _worst_of(np.full(len(radii), self.interval[0]), distances, radii)
         return highest_of_steps(
             own,
             trajectory.elapsed,
             lambda x: np.asarray(self.requirement.set.signed_distance(x - offset)),
             PRECISION * self.requirement.tolerances(scenario.fleet, scenario.names),
             self._active((trajectory.elapsed[:-1] + trajectory.elapsed[1:]) / 2.0),
+            errors,
         )
 
     def velocities(self) -> Highest:
         """Return the worst velocities: at ends of pieces and, with errors, of samples."""
         trajectory = self.trajectory
         if trajectory.higher is not None and not self._is_instant:
-            return self._highest_of_smooth(trajectory.derivatives(1))
+            errors = self._vehicles * trajectory.errors_of(1)
+            return self._highest_of_smooth(trajectory.derivatives(1), errors)
         if trajectory.tubes is not None:
             tube = tube_of(trajectory.scenario)
             step = trajectory.scenario.grid.step
@@ -267,8 +285,9 @@ class _Check:
 
     def accelerations(self) -> Highest:
         """Return the worst accelerations or thrusts of the pieces of time."""
-        if self.trajectory.higher is not None and not self._is_instant:
-            return self._highest_of_smooth(self.trajectory.derivatives(2))
+        if self.trajectory.higher is not None:
+            errors = self._vehicles * self.trajectory.errors_of(2)
+            return self._highest_of_smooth(self.trajectory.derivatives(2), errors)
         begins, ends = self.trajectory.elapsed[:-1], self.trajectory.elapsed[1:]
         chosen = self._steps(begins, ends)
         values = self._relative(self.trajectory.commands[:, chosen])
@@ -279,7 +298,10 @@ class _Check:
         return _worst_of(begins[chosen], distances, errors)
 
     def jerks(self, jerks: FloatArray) -> Highest:
-        """Return the worst jerks of the plan, which has no errors."""
+        """Return the worst jerks of the plan, which has no errors, or of the smooth motion."""
+        if self.trajectory.higher is not None:
+            errors = self.trajectory.errors_of(3)
+            return self._highest_of_smooth(self.trajectory.derivatives(3), errors)
         grid = self.trajectory.scenario.grid
         begins = grid.elapsed[:-1]
         chosen = self._steps(begins, begins + grid.step)

@@ -64,10 +64,11 @@ class Rest:
         changes = any(not each.is_steady for each in scenario.bodies) or scenario.requirements
         if not scenario.held or (scenario.disturbance is None and not changes):
             return None
-        tube = None if scenario.disturbance is None else rest_tube(tube_of(scenario))
+        end = scenario.grid.end + scenario.lead
+        tube = None if scenario.disturbance is None else rest_tube(tube_of(scenario), end)
         if len(scenario.held) < len(scenario.vehicles):
             scenario = scenario.of_vehicles(scenario.held)
-        return cls(_without_what_is_over(scenario), scenario.grid.end + scenario.lead, tube)
+        return cls(_without_what_is_over(scenario), end, tube)
 
     @cached_property
     def horizon(self) -> float:

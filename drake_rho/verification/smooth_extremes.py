@@ -22,6 +22,7 @@ def highest_of_steps(
     measure: Measure,
     precision: FloatArray,
     pieces: BoolArray | None = None,
+    errors: FloatArray | None = None,
 ) -> Highest:
     """Return when a measure of each of M curves is greatest.
 
@@ -31,6 +32,7 @@ def highest_of_steps(
         measure: the measure.
         precision: amount by which a greater value may be missed, shape (M,).
         pieces: flags of the steps that count, shape (J,); all if not given.
+        errors: largest radii of errors in the steps, which add to the measure, shape (J,).
     """
     count, steps_each = len(precision), len(instants) - 1
     states = [each.reshape(count, steps_each, 3) for each in (steps.p, steps.v, steps.a)]
@@ -39,13 +41,14 @@ def highest_of_steps(
         more = steps.higher.reshape(count, steps_each, -1, 3)
         higher = (more, steps.acceleration_norms.reshape(count, steps_each))
     counted = np.arange(steps_each) if pieces is None else np.flatnonzero(pieces)
+    radii = np.zeros(steps_each) if errors is None else errors
     parts = np.arange(len(instants), dtype=np.float64)  # time in numbers of steps
     found = highest_over_time(
         (states[0], states[1], states[2]),
         parts,
         counted,
         lambda x, _: measure(x),
-        lambda _, times: np.zeros(times.shape),
+        lambda piece, times: np.broadcast_to(radii[piece], times.shape),
         np.zeros(steps_each),
         precision,
         Highest(np.zeros(count), np.full(count, -np.inf), np.zeros(count)),
@@ -57,7 +60,8 @@ def highest_of_steps(
 def greatest_of_smooth(
     trajectory: PiecewiseTrajectory, order: int, measure: Measure, precision: FloatArray
 ) -> Maximum:
-    """Return when a measure of each vehicle's velocity (1) or acceleration (2) is greatest."""
+    """Return when a measure of each vehicle's velocity (1), … or jerk (3) is greatest."""
     steps = trajectory.derivatives(order)
-    found = highest_of_steps(steps, trajectory.times, measure, precision)
+    errors = trajectory.errors_of(order)
+    found = highest_of_steps(steps, trajectory.times, measure, precision, errors=errors)
     return Maximum(found.times, found.values, found.errors)

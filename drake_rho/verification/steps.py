@@ -70,7 +70,7 @@ class Steps:
         """Return derivatives of smooth motions by time, as curves of u in the same steps.
 
         Args:
-            order: 1 for velocities, 2 for accelerations.
+            order: 1 for velocities, 2 for accelerations, 3 for jerks.
             durations: of the steps [s], shape (M,).
         """
         c = self._coefficients

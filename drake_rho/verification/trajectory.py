@@ -87,7 +87,7 @@ class PiecewiseTrajectory:
         return Steps.of(self.durations[:, None], p, v, a, higher)
 
     def derivatives(self, order: int) -> Steps:
-        """Return velocities (1) or accelerations (2) of smooth motions in the pieces as curves."""
+        """Return velocities (1), accelerations (2) or jerks (3) of smooth motions as curves."""
         return self.steps.derivative(order, np.tile(self.durations, len(self.positions)))
 
     def only(self, vehicle: int) -> PiecewiseTrajectory:
@@ -192,6 +192,20 @@ class PiecewiseTrajectory:
         if self.tubes is None:
             return np.zeros(len(self.durations))
         return self.tubes.curvatures(self.times[:-1], self.times[1:])
+
+    def errors_of(self, order: int) -> FloatArray:
+        """Return the largest error radius of a derivative in each piece, in its unit, (J,).
+
+        Args:
+            order: 0 for positions, 1 for velocities, 2 for accelerations, 3 for jerks, which have
+                no errors.
+        """
+        nothing = np.zeros(len(self.durations))
+        if self.tubes is None or order == 3:
+            return nothing
+        if order == 1:
+            return self.tubes.over("velocity", self.times[:-1], self.times[1:])
+        return self.feedback if order == 2 else self.errors_over
 
     def error_radii(self, pieces: IntArray, vehicles: float = 1.0) -> ErrorRadii | None:
         """Return the error radii of positions in pieces; None without tubes.

@@ -138,6 +138,13 @@ class ErrorRadii:
     """κ in each step: the radius plus κ u²/2 is convex in u [m per step²], shape (M,)"""
 
     @classmethod
+    def constant(cls, errors: FloatArray) -> Self:
+        """Return error radii that do not change in steps, from those of each step, (M,)."""
+        return cls(
+            lambda steps, u: np.broadcast_to(errors[steps, None], u.shape), np.zeros(len(errors))
+        )
+
+    @classmethod
     def of(cls, tubes: Tubes, begins: FloatArray, durations: FloatArray, times: float) -> Self:
         """Return the error radii in steps.
 

@@ -55,7 +55,8 @@ def verify(flown: Flown) -> Report:
 
     With a smoothing the smooth motion is verified, from before the first knot until after the last,
     which is computed anew from the accelerations (`drake_rho.verification.averages`). Limits on
-    velocities and accelerations are verified at every instant too.
+    velocities, accelerations and jerks are verified at every instant too, with the largest error
+    radius in each of its polynomials.
 
     Vehicles whose goals are at rest hold there after the end (`drake_rho.verification.rest`). Notes
     name those that cannot do so for ever and until when they can, unless the scenario says

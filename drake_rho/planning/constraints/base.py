@@ -15,11 +15,13 @@ from typing import Any, Self
 
 import numpy as np
 
-from drake_rho.motion.dynamics import Motion, response
+from drake_rho.motion.dynamics import Motion
+from drake_rho.motion.smooth import SmoothMotion, response_of
 from drake_rho.planning.constraints.stretches import worst_of_pieces
 from drake_rho.scenario.clock import clock_time
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.parts import Grid, Quantity
+from drake_rho.scenario.smoothing import Smoothing
 
 VIOLATED = 0.01
 """Fraction of the verifier's tolerance by which a motion has to violate a row for a planner to add
@@ -80,6 +82,11 @@ class Constraint(abc.ABC):
     """true if sides are numbers of a map's parts, of which a motion meets one after the other"""
     clock_rounding: float = 0.0
     """time by which an instant may lie outside the active interval and still count as inside [s]"""
+    averaged: Smoothing | None = None
+    """moving averages of positions that rows bound, in place of positions; None for these"""
+    per_width: bool = False
+    """true if it bounds the jerk of averages: changes of acceleration over their width, which does
+    not change with the step"""
     pieces: int = 1
     """number of equal pieces of each step (`Motion.subdivided`), each with knots and a margin of
     its own"""
@@ -186,7 +193,11 @@ class HalfSpaces:
             motion: the motion of all vehicles of the scenario.
         """
         quantity = self.constraint.quantity
-        values = motion.each_at(quantity, self.vehicles, self.times)
+        if self.constraint.averaged is None:
+            values = motion.each_at(quantity, self.vehicles, self.times)
+        else:
+            smooth = SmoothMotion(motion, self.constraint.averaged)
+            values = smooth.each_at(self.vehicles, self.times)
         if self.constraint.coupled:
             values = values - motion.each_at(quantity, self.partners, self.times)
         margins: FloatArray = np.vecdot(self.normals, values) - self.bounds
@@ -226,7 +237,8 @@ class HalfSpaces:
         By (10)-(11) they are equal along every axis: acceleration a[j] of step j adds
         responses[r, j] normals[r] · a[j] to row r.
         """
-        return response(self.constraint.quantity, grid.step, grid.knots, self.times)
+        averaged = self.constraint.averaged
+        return response_of(self.constraint.quantity, averaged, grid, self.times)
 
     def slacks(self) -> IntArray:
         """Return the number of each row's slack variable, counted from 0, shape (R,).

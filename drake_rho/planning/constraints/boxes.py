@@ -12,7 +12,8 @@ import numpy as np
 from drake_rho.motion.dynamics import Motion
 from drake_rho.motion.extremes import turning_points
 from drake_rho.planning.constraints.base import END_MARGIN, VIOLATED, Constraint, HalfSpaces
-from drake_rho.planning.constraints.margins import Margins, PlanMargins
+from drake_rho.planning.constraints.margins import Margins, PlanMargins, without_errors
+from drake_rho.planning.constraints.smooth_jerks import smooth_jerks
 from drake_rho.planning.constraints.stretches import with_neighbours
 from drake_rho.scenario.bounds import Bounds
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
@@ -58,7 +59,7 @@ class KeepInBox(Constraint):
         if not (low | high).any():
             return self.none
         violated = np.concatenate([low, high], axis=2)
-        if self.quantity == "jerk":  # the first acceleration may be free of a jerk limit
+        if self._first_may_be_free:
             violated[np.isnan(before[:, 0]), 0] = False
         violated = np.moveaxis(violated, 2, 1)
         if neighbours > 0:
@@ -67,6 +68,11 @@ class KeepInBox(Constraint):
             violated = selected.reshape(violated.shape) & self._required_knots(before)
         which, sides, knots = np.nonzero(violated)
         return self.rows(vehicles[which], sides, self.times[knots])
+
+    @property
+    def _first_may_be_free(self) -> bool:
+        """Whether the first value is a jerk to which no acceleration before may be given."""
+        return self.quantity == "jerk" and self.first == 0
 
     @cached_property
     def _extremes(self) -> tuple[FloatArray, FloatArray]:
@@ -83,7 +89,7 @@ class KeepInBox(Constraint):
     def _required_knots(self, before: FloatArray) -> BoolArray:
         """Return a mask of the constrained knots, shape (P, 1, T); a first jerk may be free."""
         required = np.ones((len(before), 1, len(self.times)), dtype=bool)
-        if self.quantity == "jerk":
+        if self._first_may_be_free:
             required[np.isnan(before[:, 0]), :, 0] = False
         return required
 
@@ -120,7 +126,7 @@ class KeepInBox(Constraint):
         sides, k = np.divmod(rest, knots)
         rows = self.rows(vehicles, sides, self.times[k])
         needed = np.isfinite(rows.bounds)
-        if self.quantity == "jerk":
+        if self._first_may_be_free:
             needed &= (k > 0) | ~np.isnan(motion.before[vehicles, 0])
         return rows.select(needed)
 
@@ -159,4 +165,24 @@ def boxes_of(scenario: Scenario, margins: PlanMargins) -> list[Constraint]:
                 searches=sys.maxsize * (scenario.between_knots and quantity == "position"),
             )
         )
+        if quantity == "jerk" and scenario.smoothing is not None:
+            boxes[-1:] = _of_smooth_jerks(scenario, bounds)
     return boxes
+
+
+def _of_smooth_jerks(scenario: Scenario, bounds: Bounds) -> list[Constraint]:
+    """Return the boxes of what jerks of averages follow from (`smooth_jerks`)."""
+    return [
+        KeepInBox(
+            kind="jerk",
+            key=each.key("jerk"),
+            name="jerk box",
+            quantity=each.quantity,
+            bounds=bounds.scaled(each.factor),
+            times=each.times,
+            first=each.first,
+            margins=without_errors(scenario.grid),
+            per_width=True,
+        )
+        for each in smooth_jerks(scenario)
+    ]

@@ -83,6 +83,6 @@ TREATMENT: dict[str, str] = {
     "separation": "half-spaces of pairs around a reference (`Problem.linearized`)",
     "disturbance": "all rows tightened by the radius of the error tube",
     "holding": "no rows: it depends on goals alone, which are checked before planning",
-    "smoothing": "rows of obstacles, pairs and waypoints with its margin; longer requirements",
+    "smoothing": "a margin of obstacles and pairs; rows of averages for waypoints and jerks",
 }
 """Planners' treatment of every kind of requirement."""

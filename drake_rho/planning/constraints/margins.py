@@ -1,7 +1,7 @@
 """Constraint tightening margins: for flights anywhere in an error tube, and for smooth motions.
 
 Averages of a plan are in every convex set in which the plan is, so that a smoothing needs a margin
-only where something is kept out of, or at single instants (`scenario/smoothing.py`).
+only where something is kept out of (`scenario/smoothing.py`).
 """
 
 from __future__ import annotations
@@ -93,13 +93,20 @@ def margins_of(
         accelerations: largest norms in each step and those that its averages reach [m/s²], shape
             (K-1,), for the margin of a smoothing; those that limits allow if not given.
     """
-    steps = _margins(scenario, 1)
     if scenario.smoothing is not None:
         margins = np.full(scenario.grid.knots - 1, scenario.smoothing_margin)
         if accelerations is not None:
             margins = np.minimum(margins, scenario.smoothing.margins(accelerations))
-        larger = _of_positions(steps, margins)
-        return PlanMargins(larger, larger, 1, convex=steps)
+        if scenario.disturbance is None:
+            none = without_errors(scenario.grid)
+            larger = _of_positions(none, margins)
+            return PlanMargins(larger, larger, 1, convex=none)
+        tube, grid = tube_of(scenario), scenario.grid
+        convex = _reached(tube, grid.step, grid.knots, grid.start, scenario.lead)
+        own = _reached(tube, grid.step, grid.knots, grid.start, 0.0).steps["position"]
+        larger = _of_positions(without_errors(grid), margins + own)
+        return PlanMargins(larger, larger, 1, convex=convex)
+    steps = _margins(scenario, 1)
     return PlanMargins(steps, steps if pieces == 1 else _margins(scenario, pieces), pieces)
 
 
@@ -108,6 +115,11 @@ def _margins(scenario: Scenario, pieces: int) -> Margins:
     if scenario.disturbance is None:
         return _none(grid.step, grid.knots, grid.start)
     return _around(tube_of(scenario), grid.start, grid.knots, pieces, scenario.between_knots)
+
+
+def without_errors(grid: Grid) -> Margins:
+    """Return the margins of quantities that have no errors: zero."""
+    return _none(grid.step, grid.knots, grid.start)
 
 
 @lru_cache(maxsize=64)
@@ -141,6 +153,34 @@ def _around(tube: ErrorTube, start: float, count: int, pieces: int, between_knot
     if not between_knots:  # positions are constrained at knots only
         knots["position"] = greatest.ends
     return Margins(grid, steps, knots, tube)
+
+
+@lru_cache(maxsize=64)
+def _reached(tube: ErrorTube, step: float, knots: int, start: float, lead: float) -> Margins:
+    """Return margins of a plan whose averages reach a time beyond it on both sides.
+
+    Averages at a time have values of the plan up to `lead` before and after, each of which has to
+    be in the set that is tightened by the radius at that time. So a step has the largest radius of
+    all times that are at most so far from it.
+
+    Args:
+        tube: tube around the smooth motion.
+        step: h [s].
+        knots: K.
+        start: time of the first knot [s].
+        lead: the time [s].
+    """
+    grid = Grid(step, knots, start)
+    begins, ends = grid.times[:-1] - lead, grid.times[1:] + lead
+    begins[0] = max(begins[0], tube.grid.start)
+    steps: dict[Quantity, FloatArray] = {
+        "position": tube.position_over(begins, ends),
+        "velocity": tube.velocity_over(begins, ends),
+        "acceleration": tube.acceleration_over(begins, ends),
+        "jerk": np.zeros(knots - 1),
+    }
+    inner: tuple[Quantity, ...] = ("position", "velocity")
+    return Margins(grid, steps, steps | {each: _greater(steps[each]) for each in inner}, tube)
 
 
 def _greater(steps: FloatArray) -> FloatArray:

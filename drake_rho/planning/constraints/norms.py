@@ -9,9 +9,11 @@ import numpy as np
 from drake_rho.motion.dynamics import Motion
 from drake_rho.planning.constraints.base import Constraint
 from drake_rho.planning.constraints.convex_sets import EvaluatedValues, KeepInSets
-from drake_rho.planning.constraints.margins import PlanMargins
+from drake_rho.planning.constraints.margins import PlanMargins, without_errors
+from drake_rho.planning.constraints.smooth_jerks import smooth_jerks
+from drake_rho.scenario.convex_sets import Balls
 from drake_rho.scenario.fields import FloatArray, IntArray
-from drake_rho.scenario.norms import NORMS
+from drake_rho.scenario.norms import NORMS, NormLimit
 from drake_rho.scenario.records import Scenario
 
 
@@ -66,4 +68,29 @@ def norms_of(scenario: Scenario, margins: PlanMargins) -> list[Constraint]:
                 pieces=pieces,
             )
         )
+        if limit.kind.quantity == "jerk" and scenario.smoothing is not None:
+            norms[-1:] = _of_smooth_jerks(scenario, limit)
     return norms
+
+
+def _of_smooth_jerks(scenario: Scenario, limit: NormLimit) -> list[Constraint]:
+    """Return the limits of what jerks of averages follow from (`smooth_jerks`)."""
+    sets = limit.sets
+    return [
+        KeepInNorm(
+            kind=limit.field,
+            key=each.key(limit.field),
+            name=limit.kind.name,
+            quantity=each.quantity,
+            sets=Balls(
+                each.factor * sets.origins,
+                abs(each.factor) * sets.tolerances,
+                abs(each.factor) * limit.limits,
+            ),
+            times=each.times,
+            first=each.first,
+            margins=without_errors(scenario.grid),
+            per_width=True,
+        )
+        for each in smooth_jerks(scenario)
+    ]

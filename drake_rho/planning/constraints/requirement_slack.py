@@ -31,9 +31,11 @@ def ends_in_requirements(
     states["velocity"] = fleet.start_velocities
     if end != 0:
         states = {"position": fleet.goal_positions, "velocity": fleet.goal_velocities}
+    if scenario.smoothing is not None:  # averages have rest before the start and after the goal
+        states["acceleration"] = np.zeros_like(fleet.goal_positions)
     now = grid.start if end == 0 else grid.end
     for number, each in enumerate(scenario.requirements, start=1):
-        interval = each.interval(grid)
+        interval = each.longer(scenario.lead).interval(grid)
         if each.quantity not in states or interval is None or now != np.clip(now, *interval):
             continue
         values, partner = states[each.quantity] - each.offset(np.array([now])), each.partner(names)

@@ -12,11 +12,12 @@ import numpy as np
 
 from drake_rho.motion.dynamics import Motion, step_at
 from drake_rho.planning.constraints.base import END_MARGIN, Constraint, HalfSpaces
-from drake_rho.planning.constraints.margins import Margins, PlanMargins
+from drake_rho.planning.constraints.margins import Margins, PlanMargins, without_errors
+from drake_rho.planning.constraints.smooth_jerks import Scaled, smooth_jerks
 from drake_rho.planning.constraints.stretches import with_neighbours
 from drake_rho.planning.constraints.worst_instants import worst_instants
 from drake_rho.scenario.convex_sets import AROUND_BALL
-from drake_rho.scenario.fields import FloatArray, IntArray
+from drake_rho.scenario.fields import FloatArray, IntArray, unchecked
 from drake_rho.scenario.parts import SAME_TIME, Grid
 from drake_rho.scenario.records import Scenario
 from drake_rho.scenario.requirements import KeepIn
@@ -118,6 +119,9 @@ class KeepInSet(Constraint):
         """
         (first, last), h, T = self._interval, self.grid.step, self.grid.duration
         knots = self.margins.grid.elapsed if self.every_instant else self.grid.elapsed
+        if self.per_width and self.quantity == "jerk":
+            inner, near = self.grid.elapsed[1:-1], SAME_TIME * h
+            return np.asarray(inner[(inner >= first - near) & (inner <= last + near)])
         if self.quantity in ("acceleration", "jerk"):
             begins, near = self.grid.elapsed[:-1], SAME_TIME * h
             return np.asarray(begins[(begins <= last + near) & (begins + h > first + near)])
@@ -258,23 +262,57 @@ def requirements_of(scenario: Scenario, margins: PlanMargins) -> list[Constraint
         members = each.members(names)
         tolerances[members] = each.tolerances(scenario.fleet, names)
         inner = each.quantity == "position" and scenario.between_knots
+        constraint = KeepInSet(
+            kind="requirements",
+            key=("requirement", number),
+            name=asked.called(number),
+            quantity=each.quantity,
+            active=interval,
+            clock_rounding=grid.rounding,
+            requirement=each,
+            members=members,
+            partner=each.partner(names),
+            coupled=each.leader is not None,
+            grid=local,
+            margins=own,
+            tolerances=tolerances,
+            every_instant=scenario.between_knots,
+            searches=sys.maxsize * inner,
+        )
+        if each.quantity == "jerk" and scenario.smoothing is not None:
+            found += _of_smooth_jerks(scenario, constraint)
+        else:
+            found.append(constraint)
+    return found
+
+
+def _of_smooth_jerks(scenario: Scenario, constraint: KeepInSet) -> list[Constraint]:
+    """Return a requirement of jerks as those of what jerks of averages follow from.
+
+    Args:
+        scenario: the scenario, with a smoothing.
+        constraint: requirement in the interval that averages reach.
+    """
+    found, asked, steps = list[Constraint](), constraint.requirement, constraint.grid.elapsed
+    first, last = asked.active or (-np.inf, np.inf)
+    near, half = SAME_TIME * constraint.grid.step, constraint.grid.step / 2.0
+    for each in smooth_jerks(scenario):
+        active = constraint.active
+        if each.part != "inner":
+            knot = steps[0] if each.part == "start" else steps[-1]
+            if not first - near <= knot <= last + near:
+                continue
+            active = (each.times[0] + half, each.times[0] + half)
         found.append(
-            KeepInSet(
-                kind="requirements",
-                key=("requirement", number),
-                name=asked.called(number),
+            dataclasses.replace(
+                constraint,
+                key=each.key(constraint.key),
                 quantity=each.quantity,
-                active=interval,
-                clock_rounding=grid.rounding,
-                requirement=each,
-                members=members,
-                partner=each.partner(names),
-                coupled=each.leader is not None,
-                grid=local,
-                margins=own,
-                tolerances=tolerances,
-                every_instant=scenario.between_knots,
-                searches=sys.maxsize * inner,
+                active=active,
+                requirement=unchecked(asked, set=Scaled(asked.set, each.factor)),
+                margins=without_errors(scenario.grid),
+                tolerances=abs(each.factor) * constraint.tolerances,
+                per_width=True,
             )
         )
     return found

@@ -49,7 +49,7 @@ def slacks_at_rest(scenario: Scenario, tube: ErrorTube | None) -> Iterator[Tight
     """
     if not scenario.hold_at_goal:
         return
-    rest = None if tube is None else rest_tube(tube)
+    rest = None if tube is None else rest_tube(tube, scenario.grid.end + scenario.lead)
     radii: dict[Quantity, FloatArray] = {
         quantity: np.array([0.0 if rest is None else rest.largest(quantity)])
         for quantity in ("position", "velocity", "acceleration")

@@ -67,7 +67,7 @@ def missing_slack(
         margins: the margins of plans.
         under_way: whether starts are measured states, which may deviate by a few tolerances.
     """
-    return _missing(scenario, _slacks(scenario, margins.inner), under_way=under_way)
+    return _missing(scenario, _slacks(scenario, margins), under_way=under_way)
 
 
 def missing_slack_at_rest(scenario: Scenario) -> dict[str, tuple[str, ...]]:
@@ -91,7 +91,7 @@ def _missing(
 
 def starts_beyond_limits(scenario: Scenario, margins: PlanMargins) -> bool:
     """Return whether a start lacks slack in the limits of its position or velocity."""
-    slacks = _state_slacks(scenario, margins.inner, 0)
+    slacks = _state_slacks(scenario, margins.convex or margins.inner, 0)
     return any(np.any(each.missing(_MEASURED_START) > 0.0) for each in slacks)
 
 
@@ -113,9 +113,7 @@ def largest_tolerable_wind(scenario: Scenario, margins: PlanMargins, calm: PlanM
         calm: the margins of the same scenario without wind.
     """
     part = 1.0
-    for windy, still in zip(
-        _slacks(scenario, margins.inner), _slacks(scenario, calm.inner), strict=True
-    ):
+    for windy, still in zip(_slacks(scenario, margins), _slacks(scenario, calm), strict=True):
         with np.errstate(invalid="ignore"):  # where errors are not bounded, in any wind
             more = windy.needed - still.needed
         left = windy.available + windy.tolerances - still.needed
@@ -124,20 +122,22 @@ def largest_tolerable_wind(scenario: Scenario, margins: PlanMargins, calm: PlanM
     return max(0.0, part) * tube_of(scenario).disturbance.acceleration
 
 
-def _slacks(scenario: Scenario, margins: Margins) -> Iterator[TighteningSlack]:
+def _slacks(scenario: Scenario, margins: PlanMargins) -> Iterator[TighteningSlack]:
     """Yield the slack of every constraint, in the middle of limits and at start and goal."""
-    yield from _limit_slacks(scenario, margins)
+    in_sets = margins.convex or margins.inner
+    yield from _limit_slacks(scenario, in_sets)
     for end in ENDS:
         yield from _end_slacks(scenario, margins, end)
-    yield from slacks_at_rest(scenario, margins.tube)
+    yield from slacks_at_rest(scenario, in_sets.tube)
 
 
-def _end_slacks(scenario: Scenario, margins: Margins, end: int) -> Iterator[TighteningSlack]:
+def _end_slacks(scenario: Scenario, margins: PlanMargins, end: int) -> Iterator[TighteningSlack]:
     """Yield the slack of every constraint at start or goal."""
-    yield from _state_slacks(scenario, margins, end)
-    yield from _obstacle_slacks(scenario, margins, end)
-    yield from _pair_slacks(scenario, margins, end)
-    yield from ends_in_requirements(scenario, margins, end)
+    in_sets = margins.convex or margins.inner
+    yield from _state_slacks(scenario, in_sets, end)
+    yield from _obstacle_slacks(scenario, margins.inner, end)
+    yield from _pair_slacks(scenario, margins.inner, end)
+    yield from ends_in_requirements(scenario, in_sets, end)
 
 
 def _limit_slacks(scenario: Scenario, margins: Margins) -> Iterator[TighteningSlack]:
@@ -171,6 +171,8 @@ def _state_slacks(scenario: Scenario, margins: Margins, end: int) -> Iterator[Ti
     states["velocity"] = fleet.start_velocities
     if end != 0:
         states = {"position": fleet.goal_positions, "velocity": fleet.goal_velocities}
+    if scenario.smoothing is not None:  # averages have rest before the start and after the goal
+        states["acceleration"] = np.zeros_like(fleet.goal_positions)
     for quantity, values in states.items():
         needed = margins.knots[quantity][[end]]
         if (bounds := fleet.bounds(quantity)) is not None:

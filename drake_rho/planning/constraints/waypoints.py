@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 
 from drake_rho.motion.dynamics import Motion
+from drake_rho.motion.smooth import SmoothMotion
 from drake_rho.planning.constraints.base import Constraint
 from drake_rho.planning.constraints.convex_sets import EvaluatedValues, KeepInSets
 from drake_rho.planning.constraints.margins import PlanMargins
@@ -19,7 +20,8 @@ class PassWaypoint(KeepInSets):
     """Constraint on the k-th waypoint of every vehicle with at least k waypoints.
 
     A waypoint to be passed exactly is a ball of radius zero and needs no special treatment: the
-    boundary of every half-space that a motion violates contains the waypoint.
+    boundary of every half-space that a motion violates contains the waypoint. With a smoothing the
+    ball is one of averaged positions, which are linear in the accelerations too.
     """
 
     times: FloatArray
@@ -33,6 +35,9 @@ class PassWaypoint(KeepInSets):
         """Return the positions at the waypoints' times."""
         who = vehicles[np.isfinite(self.times[vehicles])]
         times = self.times[who]
+        if self.averaged is not None:
+            smooth = SmoothMotion(motion, self.averaged)
+            return EvaluatedValues(who, times, smooth.each_at(who, times))
         return EvaluatedValues(who, times, motion.each_at("position", who, times))
 
 
@@ -47,7 +52,8 @@ def waypoints_of(scenario: Scenario, margins: PlanMargins) -> list[Constraint]:
             quantity="position",
             sets=waypoints.balls(scale),
             times=waypoints.times - scenario.grid.start,
-            margins=margins.steps,
+            averaged=scenario.smoothing,
+            margins=margins.steps if margins.convex is None else margins.convex,
         )
         for index, waypoints in enumerate(scenario.fleet.waypoints)
     ]

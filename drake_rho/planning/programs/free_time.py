@@ -18,7 +18,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from drake_rho.motion.dynamics import Motion, roll_out
-from drake_rho.planning.constraints.base import HalfSpaces
+from drake_rho.planning.constraints.base import Constraint, HalfSpaces
 from drake_rho.planning.constraints.boxes import KeepInBox
 from drake_rho.planning.constraints.convex_sets import KeepInSets
 from drake_rho.planning.minimum_effort import TerminalState
@@ -33,6 +33,15 @@ from drake_rho.scenario.parts import Quantity
 
 POWERS: dict[Quantity, float] = {"position": 0.0, "velocity": 0.5, "acceleration": 1.0, "jerk": 1.5}
 """Power of y by which values of a quantity are divided in the time of a program's solution."""
+
+
+def power_of(constraint: Constraint) -> float:
+    """Return the power of y by which values that a constraint bounds are divided.
+
+    A change of the acceleration over the width of an average is divided by y like the acceleration.
+    """
+    return POWERS["acceleration" if constraint.per_width else constraint.quantity]
+
 
 LITTLE_EFFORT = 1e-7
 """Weight of the effort with which y is next to the least: where vehicles have time to spare, it

@@ -19,7 +19,7 @@ from scipy.sparse import (
 )
 
 from drake_rho.motion.dynamics import Motion
-from drake_rho.planning.constraints.base import HalfSpaces
+from drake_rho.planning.constraints.base import Constraint, HalfSpaces
 from drake_rho.planning.minimum_effort import Changes, MinimumEffort
 from drake_rho.planning.programs.conic import Cones
 from drake_rho.planning.programs.free_times import Change, FreeTime, Passing
@@ -168,10 +168,14 @@ class FreeTimeProgram:
         own = self._unit * scale_of(quantity, self._effort.grid.step)
         return own / self._unit_of(quantity)
 
+    def slopes_of(self, constraint: Constraint) -> tuple[float, float]:
+        """Return the growth of a constraint's limit; that of changes over a width is constant."""
+        return self.slopes["acceleration" if constraint.per_width else constraint.quantity]
+
     def _by_time(self, rows: HalfSpaces) -> FloatArray:
         """Return by how much bounds rise with y and s, in units of the program, shape (R, 2)."""
         quantity = rows.constraint.quantity
-        slopes = self.slopes[quantity]
+        slopes = self.slopes_of(rows.constraint)
         by_time = np.outer(rows.bounds, slopes)
         if quantity == "velocity":  # a lower bound above zero is linearised in y instead
             by_time[rows.bounds > 0.0] = np.outer(rows.bounds[rows.bounds > 0.0], [0.5, 0.0])
@@ -223,7 +227,7 @@ class FreeTimeProgram:
         transform = bsr_array((cones.matrices, each[:-1], each))  # block-diagonal
         offsets = np.zeros((count, 4))
         offsets[:, 0] = cones.constants / unit
-        grown = np.outer(offsets.reshape(-1), self.slopes[quantity])
+        grown = np.outer(offsets.reshape(-1), self.slopes_of(cones.constraint))
         matrix = transform @ self._matrix[own]
         matrix = matrix + csc_array(hstack([csc_array((4 * count, len(self._x))), grown]))
         constant = offsets.reshape(-1) - grown.sum(axis=1) - transform @ self._needed[own]

@@ -7,9 +7,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from drake_rho.motion.dynamics import Motion
+from drake_rho.motion.smooth import SmoothMotion
 from drake_rho.planning.minimum_effort import MinimumEffort
 from drake_rho.planning.programs.rows import Rows
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
+from drake_rho.scenario.smoothing import Smoothing
 
 _SLOWEST = 1e6
 """Largest factor y of one program."""
@@ -44,6 +47,8 @@ class Passing:
     """mask of the waypoints whose times are given, and do not change with the step, shape (W,)"""
     least: float
     """least time between two waypoints of a vehicle, and from its start and goal [s]"""
+    averaged: Smoothing | None = None
+    """moving averages that pass the waypoints; None if motions themselves do"""
 
     def __len__(self) -> int:
         """Return the number of waypoints, W."""
@@ -62,6 +67,7 @@ class Passing:
             self.within[mask],
             self.given[mask],
             self.least,
+            self.averaged,
         )
 
     def lasting(self, duration: float, before: float) -> Passing:
@@ -86,10 +92,22 @@ class Passing:
         """Return rows with the positions less the waypoints, three for each, as their values."""
         who, times = np.repeat(self.vehicles, 3), np.repeat(self.times, 3)
         normals = np.tile(np.eye(3), (len(self), 1))
-        at = effort.motion.each_at("position", self.vehicles, self.times)
+        at, _ = self.states(effort.motion)
         needed = (self.positions - at).reshape(-1)
         none = np.zeros(len(who), dtype=int)
-        return Rows("position", np.inf, False, who, who, times, normals, needed, none)
+        parts = who, who, times, normals, needed, none, self.averaged
+        return Rows("position", np.inf, False, *parts)
+
+    def states(self, motion: Motion) -> tuple[FloatArray, FloatArray]:
+        """Return positions [m] and velocities [m/s] of a motion at the waypoints, (W, 3) each."""
+        if self.averaged is not None:
+            positions, velocities, _ = SmoothMotion(motion, self.averaged).at(self.times)
+            each = np.arange(len(self))
+            return positions[self.vehicles, each], velocities[self.vehicles, each]
+        return (
+            motion.each_at("position", self.vehicles, self.times),
+            motion.each_at("velocity", self.vehicles, self.times),
+        )
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

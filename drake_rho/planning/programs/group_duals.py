@@ -16,13 +16,15 @@ from typing import Any, get_args
 
 import numpy as np
 
-from drake_rho.motion.dynamics import Motion, response
+from drake_rho.motion.dynamics import Motion
+from drake_rho.motion.smooth import response_of
 from drake_rho.planning.constraints.base import HalfSpaces, some_of
 from drake_rho.planning.minimum_effort import Changes, MinimumEffort
 from drake_rho.planning.programs.backend import Backend
 from drake_rho.planning.programs.dual import multipliers_of
 from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.parts import Quantity
+from drake_rho.scenario.smoothing import Smoothing
 from drake_rho.system.threads import single_threaded_blas
 
 _RIDGE = 1e-9
@@ -39,6 +41,9 @@ does not depend on the number of workers, so that results are equal to the last 
 
 _QUANTITIES: tuple[Quantity, ...] = get_args(Quantity)
 
+_AVERAGED = len(_QUANTITIES)
+"""Number of averaged positions beside the quantities."""
+
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Duals:
@@ -48,6 +53,8 @@ class Duals:
     """changes of minimum-effort motions that rows refer to"""
     by_daqp: bool
     """whether DAQP is the chosen solver"""
+    averages: Smoothing | None
+    """moving averages whose positions rows bound, if any do"""
     groups: IntArray
     """number of each row's group, ascending, shape (R,)"""
     one: IntArray
@@ -55,7 +62,7 @@ class Duals:
     other: IntArray
     """index of the vehicle whose value is subtracted, or -1, shape (R,)"""
     quantities: IntArray
-    """bounded quantities, as indices in `_QUANTITIES`, shape (R,)"""
+    """bounded quantities, as indices in `_QUANTITIES` or `_AVERAGED`, shape (R,)"""
     times: FloatArray
     """times since the first knot [s], shape (R,)"""
     normals: FloatArray
@@ -73,12 +80,14 @@ class Duals:
 
     def select(self, rows: IntArray | slice) -> Duals:
         """Return some of the rows."""
-        return Duals(self.changes, self.by_daqp, *some_of(self._arrays(), rows))
+        own = some_of(self._arrays(), rows)
+        return Duals(self.changes, self.by_daqp, self.averages, *own)
 
     def union(self, more: Duals) -> Duals:
         """Return these rows followed by more."""
         pairs = zip(self._arrays(), more._arrays(), strict=True)
-        return Duals(self.changes, self.by_daqp, *map(np.concatenate, pairs))
+        averages = self.averages or more.averages
+        return Duals(self.changes, self.by_daqp, averages, *map(np.concatenate, pairs))
 
     def _arrays(self) -> tuple[Any, ...]:
         return (
@@ -143,7 +152,9 @@ class Duals:
         every = np.zeros((len(instants), grid.knots - 1))
         for number in np.unique(numbers).tolist():
             own = numbers == number
-            every[own] = response(_QUANTITIES[number], grid.step, grid.knots, times[own])
+            averaged = self.averages if number == _AVERAGED else None
+            quantity: Quantity = "position" if averaged else _QUANTITIES[number]
+            every[own] = response_of(quantity, averaged, grid, times[own])
         inside = self.changes.inside(every)
         before, lengths = (np.sqrt(np.vecdot(each, each)) for each in (every, inside))
         lengths[lengths <= _FIXED * before] = 0.0
@@ -197,6 +208,7 @@ class GroupDuals:
         self._rows = Duals(
             effort.changes,
             backend.is_dense,
+            None,
             *(nobody, nobody, nobody, nobody),
             *(nothing, np.zeros((0, 3)), nothing, nothing, nothing),
         )
@@ -209,14 +221,16 @@ class GroupDuals:
     def add(self, rows: HalfSpaces) -> None:
         """Add rows; two vehicles that a row couples are in the same group."""
         constraint = rows.constraint
+        quantity = _QUANTITIES.index(constraint.quantity)
         self._parts.append(rows)
         more = Duals(
             self._effort.changes,
             self._rows.by_daqp,
+            constraint.averaged,
             groups=self._groups[rows.vehicles],
             one=rows.vehicles,
             other=rows.partners if constraint.coupled else np.full(len(rows), -1),
-            quantities=np.full(len(rows), _QUANTITIES.index(constraint.quantity)),
+            quantities=np.full(len(rows), quantity if constraint.averaged is None else _AVERAGED),
             times=rows.times,
             normals=rows.normals,
             needed=-rows.margins(self._effort.motion),

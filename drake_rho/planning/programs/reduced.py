@@ -26,9 +26,9 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 from pydrake.solvers import MathematicalProgram
-from scipy.sparse import coo_array, csc_array
+from scipy.sparse import coo_array, csc_array, csr_array
 
-from drake_rho.motion.dynamics import response, sparse_response
+from drake_rho.motion.dynamics import sparse_response
 from drake_rho.planning.minimum_effort import Changes
 from drake_rho.planning.programs.dense import DenseProgram, Program, add_rows
 from drake_rho.planning.programs.rows import Rows, each_of, groups_of
@@ -179,7 +179,7 @@ def _responses(grid: Grid, rows: Sequence[Rows]) -> tuple[FloatArray, IntArray]:
         if len(part) > grid.knots:
             _, representative, own = np.unique(part.times, return_index=True, return_inverse=True)
             part = part.select(representative)
-        responses.append(response(part.quantity, grid.step, grid.knots, part.times))
+        responses.append(part.responses(grid))
         which.append(first + own)
         first += len(part)
     return np.concatenate(responses), np.concatenate(which)
@@ -193,6 +193,13 @@ def _reduced_group(changes: Changes, group: IntArray, rows: Sequence[Rows], dens
     stack = inside.reshape(1, len(needed), -1)
     slacks = slacks_of(rows)[None]
     return _in_span(group[None], stack, needed[None], penalties[None], slacks, changes.free, dense)
+
+
+def _sparse_responses(grid: Grid, rows: Rows) -> csr_array:
+    """Return the responses of rows as a sparse array, shape (R, K-1)."""
+    if rows.averaged is not None:
+        return csr_array(rows.responses(grid))
+    return sparse_response(rows.quantity, grid.step, grid.knots, rows.times)
 
 
 def slacks_of(rows: Sequence[Rows]) -> IntArray:
@@ -211,13 +218,13 @@ def rows_of(
     Returns:
         M, shape (R, 3 G (K-1)), b, shape (R,), and penalties of a violation by one, shape (R,).
     """
-    step, knots, unit = changes.grid.step, changes.grid.knots, changes.units[group].max()
+    knots, unit = changes.grid.knots, changes.units[group].max()
     place = np.zeros(len(changes.units), dtype=int)
     place[group] = np.arange(len(group))
     entries, where, needed, penalties = [np.zeros(0)], [np.zeros((2, 0), dtype=int)], [], []
     first = 0
     for part in rows:
-        responses = sparse_response(part.quantity, step, knots, part.times).tocoo()
+        responses = _sparse_responses(changes.grid, part).tocoo()
         terms = [(part.vehicles, 1.0)]
         if part.coupled:
             terms.append((part.partners, -1.0))

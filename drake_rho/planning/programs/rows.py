@@ -11,9 +11,11 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from drake_rho.motion.dynamics import Motion
+from drake_rho.motion.smooth import response_of
 from drake_rho.planning.constraints.base import HalfSpaces
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
-from drake_rho.scenario.parts import Quantity
+from drake_rho.scenario.parts import Grid, Quantity
+from drake_rho.scenario.smoothing import Smoothing
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -38,6 +40,8 @@ class Rows:
     """required changes, in the quantity's unit, shape (R,)"""
     slacks: IntArray
     """index of each row's slack, equal for rows that share one, shape (R,)"""
+    averaged: Smoothing | None = None
+    """moving averages of positions that rows bound; None for the quantity itself"""
 
     @classmethod
     def of(cls, part: HalfSpaces, motion: Motion) -> Self:
@@ -52,11 +56,16 @@ class Rows:
             part.normals,
             -part.margins(motion),
             part.slacks(),
+            part.constraint.averaged,
         )
 
     def __len__(self) -> int:
         """Return the number of rows, R."""
         return len(self.times)
+
+    def responses(self, grid: Grid) -> FloatArray:
+        """Return the responses of rows to unit accelerations along their normals, (R, K-1)."""
+        return response_of(self.quantity, self.averaged, grid, self.times)
 
     def select(self, rows: BoolArray | IntArray | slice) -> Rows:
         """Return some of the rows."""

@@ -17,7 +17,8 @@ import numpy as np
 from pydrake.solvers import MathematicalProgram
 from scipy.sparse import coo_array, csc_array, csc_matrix, diags_array, eye_array, hstack, kron
 
-from drake_rho.motion.dynamics import response, step_at
+from drake_rho.motion.dynamics import step_at
+from drake_rho.motion.smooth import steps_around
 from drake_rho.planning.minimum_effort import Changes
 from drake_rho.planning.programs.dense import add_cost
 from drake_rho.planning.programs.rows import Rows
@@ -90,9 +91,7 @@ class SparseRows:
             penalties.append(np.full(len(part), part.penalty * scale / unit))
             partners = part.partners if part.coupled else None
             several = self.changes.factors_of(part.vehicles, partners)
-            norms = np.linalg.norm(
-                response(part.quantity, grid.step, grid.knots, part.times), axis=1
-            )
+            norms = np.linalg.norm(part.responses(grid), axis=1)
             lengths.append(several * norms / scale)
             first += len(part)
         values, (rows, columns) = np.concatenate(entries), np.concatenate(places, axis=1)
@@ -124,7 +123,12 @@ class SparseRows:
         if rows.quantity == "velocity":
             return [(velocities, one), (u + k, s * one)]
         positions = np.where(k > 0, 2 * all_steps + u + k - 1, -1)
-        return [(positions, one), (velocities, s * one), (u + k, s**2 / 2 * one)]
+        terms = [(positions, one), (velocities, s * one), (u + k, s**2 / 2 * one)]
+        if rows.averaged is not None:
+            steps, added = steps_around(rows.averaged, self.changes.grid, rows.times)
+            near = np.where(steps >= 0, u[:, None] + steps, -1)
+            terms += [(near[:, i], added[:, i] / h**2 * one) for i in range(near.shape[1])]
+        return terms
 
 
 def scale_of(quantity: Quantity, step: float) -> float:

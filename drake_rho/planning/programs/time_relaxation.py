@@ -233,7 +233,7 @@ class _Relaxation(FreeTimeProgram):
     def _by_time(self, rows: HalfSpaces) -> FloatArray:
         """Return by how much bounds rise with y and s, in units of the program, shape (R, 2)."""
         quantity, rates = rows.constraint.quantity, self._rates
-        by_time = np.outer(rows.bounds, self.slopes[quantity])
+        by_time = np.outer(rows.bounds, self.slopes_of(rows.constraint))
         if rates is not None:
             rest = np.zeros_like(rates.before)
             with_s = dataclasses.replace(rates, before=rest)

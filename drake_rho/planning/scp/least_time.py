@@ -24,12 +24,11 @@ from drake_rho.planning.constraints.base import VIOLATED, Constraint, HalfSpaces
 from drake_rho.planning.errors import OutOfTimeError, SolverError
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs.backend import Backend
-from drake_rho.planning.programs.free_time import LITTLE_EFFORT, POWERS, FreeTimePrograms
+from drake_rho.planning.programs.free_time import LITTLE_EFFORT, POWERS, FreeTimePrograms, power_of
 from drake_rho.planning.programs.free_time_program import bound_rates
 from drake_rho.planning.programs.free_times import NO_CHANGE, Change, FreeTime
 from drake_rho.planning.scp.timed import Timed
 from drake_rho.scenario.errors import Description, ScenarioError
-from drake_rho.scenario.parts import Quantity
 
 _ROUNDS = 60
 """Largest number of programs around one motion, each with the rows that the last one violated."""
@@ -212,8 +211,7 @@ class LeastTime:
         problem, constraints = timed.problem, timed.linearised()
         low, high = (max(each, timed.least_factor) for each in change.final)
         change = change._replace(final=(low, high))
-        within = timed.passing.within - timed.waypoint_margins
-        passing = dataclasses.replace(timed.passing, within=within)
+        passing = timed.passing_tightened
         if np.any(passing.within < 0.0):  # the errors of a disturbance are larger
             return None
         weight = LITTLE_EFFORT if self._final_time else 1.0
@@ -227,7 +225,7 @@ class LeastTime:
             for each in timed.rows
             if (key := each.constraint.key) in known
         }
-        velocities = timed.motion.each_at("velocity", passing.vehicles, passing.times)
+        _, velocities = passing.states(timed.motion)
         for _ in range(_ROUNDS):
             check_time()
             found = programs.solve(list(rows.values()), passing, velocities, change, timed.resting)
@@ -243,7 +241,9 @@ class LeastTime:
             )
             if not more:
                 after = timed.after(found, near_rows(rows.values(), found, problem))
-                exact = change.waypoints == 0.0 and (self._steady or change.final[0] == 1.0)
+                same = change.final[0] == 1.0
+                exact = change.waypoints == 0.0 and (same or self._steady)
+                exact &= same or passing.averaged is None  # their width does not change with y
                 # solvers may take equations that contradict each other for met
                 return None if exact and after.missed > _MISSED else after
             for each in more:
@@ -262,11 +262,11 @@ def violated_rows(
         found: solution of the program.
         problem: problem of the program.
     """
-    motions = {each: in_its_time(found, problem, each) for each in POWERS}
+    motions = {each: in_its_time(found, problem, each) for each in POWERS.values()}
     every = np.arange(len(problem))
     for between in (False, True):
         rows = [
-            each.violated_rows(motions[each.quantity], every, between=between)
+            each.violated_rows(motions[power_of(each)], every, between=between)
             for each in constraints
             if not between or each.searches > 0
         ]
@@ -286,7 +286,7 @@ def still_violated(rows: HalfSpaces, found: FreeTime, problem: Problem) -> HalfS
     later = bound_rates(rows) * (found.factor - 1.0)
     if not later.any():
         return rows
-    margins = rows.margins(in_its_time(found, problem, rows.constraint.quantity)) - later
+    margins = rows.margins(in_its_time(found, problem, power_of(rows.constraint))) - later
     return rows.select(margins < -VIOLATED * rows.tolerances)
 
 
@@ -295,21 +295,21 @@ def near_rows(rows: Iterable[HalfSpaces], found: FreeTime, problem: Problem) -> 
     near = list[HalfSpaces]()
     for each in rows:
         quantity = each.constraint.quantity
-        margins = each.margins(in_its_time(found, problem, quantity))
+        margins = each.margins(in_its_time(found, problem, power_of(each.constraint)))
         scale = problem.scenario.fleet.scale(quantity)[each.vehicles]
         near.append(each.select(margins < _NEAR * scale))
     return [each for each in near if len(each) > 0]
 
 
-def in_its_time(found: FreeTime, problem: Problem, quantity: Quantity) -> Motion:
+def in_its_time(found: FreeTime, problem: Problem, power: float) -> Motion:
     """Return a motion with the step of a program whose values of a quantity are those in its time.
 
     Args:
         found: solution of the program.
         problem: problem of the program.
-        quantity: quantity whose values are to be compared with limits.
+        power: power of y by which values that are to be compared with limits are divided.
     """
-    divisor = found.factor ** POWERS[quantity]
+    divisor = found.factor**power
     fleet, step = problem.scenario.fleet, problem.scenario.grid.step
     velocities = (1.0 + found.factor) / 2.0 * fleet.start_velocities  # as it is linearised
     p, v = roll_out(fleet.start_positions, velocities, found.accelerations, step)

@@ -19,7 +19,6 @@ from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs.free_times import FreeTime, Passing
 from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.records import Grid, Scenario
-from drake_rho.scenario.smoothing import largest_accelerations
 
 _AFTER = 1e-3
 """Part of the least time between waypoints for which a flight goes on after a requirement's end: so
@@ -73,19 +72,23 @@ class Timed:
     @property
     def missed(self) -> float:
         """Largest distance from a waypoint beyond that allowed, as a part of a motion's length."""
-        passing, lengths = self.passing, self.scenario.fleet.lengths
-        at = self.motion.each_at("position", passing.vehicles, passing.times)
+        passing, lengths = self.passing_averaged, self.scenario.fleet.lengths
+        at, _ = passing.states(self.motion)
         beyond = np.linalg.norm(at - passing.positions, axis=1) - passing.within
         return float(np.max(beyond / lengths[passing.vehicles], initial=0.0))
 
     @property
-    def waypoint_margins(self) -> FloatArray:
-        """Margins at the waypoints, of a disturbance or a smoothing [m], shape (W,)."""
-        smoothing, fleet = self.scenario.smoothing, self.scenario.fleet
-        if smoothing is not None and len(self.passing) > 0:
-            most = smoothing.margin(float(largest_accelerations(fleet).max()))
-            return np.full(len(self.passing), most)
-        return self.problem.margins.steps.position_radius(self.passing.times)
+    def passing_averaged(self) -> Passing:
+        """Waypoints that the smooth motion passes, if there is a smoothing."""
+        return dataclasses.replace(self.passing, averaged=self.scenario.smoothing)
+
+    @property
+    def passing_tightened(self) -> Passing:
+        """The same with distances that are less by the margins for a disturbance."""
+        margins, passing = self.problem.margins, self.passing_averaged
+        own = margins.steps if margins.convex is None else margins.convex
+        radii = own.position_radius(passing.times)
+        return dataclasses.replace(passing, within=passing.within - radii)
 
     @property
     def cost(self) -> float:
