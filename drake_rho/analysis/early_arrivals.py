@@ -54,8 +54,8 @@ def _arriving(timed: Timed, number: int, knot: int) -> Timed:
     resting = timed.resting.copy()
     faster, resting[number] = resting[number] / knot, knot
     passing, positions = timed.passing, timed.motion.positions.copy()
-    own = (passing.vehicles == number) & ~passing.given
-    times = np.where(own, passing.times / faster, passing.times)
+    sooner = passing.lasting(timed.duration / faster, timed.duration)
+    times = np.where(passing.vehicles == number, sooner.times, passing.times)
     elapsed = timed.grid.elapsed
     earlier = np.minimum(elapsed * faster, elapsed[-1])
     positions[number] = timed.motion.of(slice(number, number + 1)).at("position", earlier)[0]

@@ -13,6 +13,7 @@ from drake_rho.motion.statistics import Statistics
 from drake_rho.planning.call.progress import Progress, tell
 from drake_rho.planning.errors import InfeasibleError, SolverError
 from drake_rho.planning.planners.first_plan import first_plan
+from drake_rho.planning.planners.related import is_steady
 from drake_rho.planning.planners.waypoint_times import GAP, passing_of
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs.backend import Backend
@@ -20,7 +21,7 @@ from drake_rho.planning.programs.free_times import Passing
 from drake_rho.planning.scp.least_time import CONVERGED, ROUGH, LeastTime
 from drake_rho.planning.scp.timed import Timed
 from drake_rho.scenario.errors import Description, ScenarioError
-from drake_rho.scenario.records import Grid, Scenario
+from drake_rho.scenario.records import Grid, Scenario, State
 from drake_rho.scenario.waypoints import AllWaypoints
 
 _COARSE, _REFINED = 6, 1e-3
@@ -100,7 +101,7 @@ class TimesAlone:
             accelerations = Problem.of(free).effort.motion.accelerations
             return Timed(free, free.grid.step, accelerations, passing)
         each = [self._one(free, passing, i) for i in range(len(free.vehicles))]
-        self.durations = np.array([one.duration for one in each])
+        self.durations = np.array([one.duration if one.converged else 0.0 for one in each])
         if not any(one.accelerations.any() for one in each):
             given = Description("goals at the starts, and no waypoints")
             raise ScenarioError("vehicles", given, "a motion, without which the least time is zero")
@@ -130,9 +131,14 @@ class TimesAlone:
             grid = dataclasses.replace(scenario.grid, step=longer * scenario.grid.step)
             factor = longer if not passing.given.any() else 1.0
             later = dataclasses.replace(passing.of(own), times=factor * passing.times[own])
-            found = self._from_guess(scenario.ending_with(grid), later)
+            found = None
+            with suppress(SolverError):
+                found = self._from_guess(scenario.ending_with(grid), later)
             if found is not None:
                 return found
+        if not is_steady(scenario):  # a start or a goal in motion
+            found = self._one(at_rest(scenario), passing.of(own), 0)
+            return dataclasses.replace(found, scenario=scenario, rows=(), converged=False)
         raise no_plan_alone(scenario, self._backend)
 
     def _from_guess(self, scenario: Scenario, passing: Passing) -> Timed | None:
@@ -166,6 +172,15 @@ class TimesAlone:
         found = least.around(timed) or timed
         self.statistics += least.statistics
         return found
+
+
+def at_rest(scenario: Scenario) -> Scenario:
+    """Return a scenario whose vehicles start and end at rest, whose least time is a guess."""
+    vehicles = tuple(
+        dataclasses.replace(each, start=State(each.start.position), goal=State(each.goal.position))
+        for each in scenario.vehicles
+    )
+    return dataclasses.replace(scenario, vehicles=vehicles)
 
 
 def coarsening(steps: int, legs: int) -> int:

@@ -299,10 +299,11 @@ class TimeSearch:
 
     def _met(self, best: Timed) -> Plan | None:
         """Return a motion as a plan, slower by a few roundings if necessary; None if it is none."""
-        for slower in _SLOWER if self._steady else _SLOWER[:1]:
-            plan = self._plan(best.lasting((1.0 + slower) * best.duration))
-            if Subproblem(Problem.of(plan.scenario)).holds(plan):
-                return plan
+        for motion in (best, best.to_rounding()) if len(best.passing) > 0 else (best,):
+            for slower in _SLOWER if self._steady else _SLOWER[:1]:
+                plan = self._plan(motion.lasting((1.0 + slower) * motion.duration))
+                if Subproblem(Problem.of(plan.scenario)).holds(plan):
+                    return plan
         return None
 
     def _plan(self, timed: Timed) -> Plan:

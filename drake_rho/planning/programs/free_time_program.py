@@ -128,16 +128,20 @@ class FreeTimeProgram:
         low = np.maximum(-reach, np.minimum(passing.least - passing.times, 0.0))
         high = np.minimum(reach, np.maximum(T - passing.least - passing.times, 0.0))
         program.AddBoundingBoxConstraint(low, high, self._changes)
-        free = ~passing.given
-        same = np.diff(passing.vehicles) == 0
-        later = 1 + np.flatnonzero(same & (free[1:] | free[:-1]))
-        if len(later) > 0:
-            both = np.eye(len(reach))[later] - np.eye(len(reach))[later - 1]
+        if change.curvature > 0.0:
+            curvatures = np.diag(change.curvature * passing.curvatures(T))
+            program.AddQuadraticCost(curvatures, np.zeros(len(low)), self._changes, is_convex=True)
+        if len(later := passing.ordered) > 0:
+            # a given time t is by t (y - 1) / 2 earlier with the step of the program
+            by_y = np.where(passing.given, passing.times, 0.0) / 2.0
+            both = np.eye(len(reach), 1 + len(reach), 1)
+            both[:, 0] = -by_y
+            both = both[later] - both[later - 1]
             gaps = passing.times[later] - passing.times[later - 1]
+            needed = np.minimum(passing.least - gaps, 0.0) + both[:, 0]
             above = np.full(len(later), np.inf)
-            program.AddLinearConstraint(
-                both, np.minimum(passing.least - gaps, 0.0), above, self._changes
-            )
+            variables = np.array([self._time[0], *self._changes])
+            program.AddLinearConstraint(both, needed, above, variables)
 
     def add_rests(self, resting: IntArray) -> None:
         """Add that vehicles do not accelerate from a knot on.
@@ -253,13 +257,15 @@ class FreeTimeProgram:
 
     def _add_lorentz(self, matrix: csc_array, constant: FloatArray, variables: np.ndarray) -> None:
         """Add that each four values of matrix @ variables + constant are in a cone."""
-        values = self.program.NewContinuousVariables(len(constant) // 4, 4)
-        equations = csc_matrix(hstack([matrix, -eye_array(values.size)], format="csc"))
-        every = np.concatenate([variables, values.reshape(-1)])
-        self.program.AddLinearEqualityConstraint(equations, -constant, every)
-        identity, zero = np.eye(4), np.zeros(4)
-        for value in values:
-            self.program.AddLorentzConeConstraint(identity, zero, value)
+        rows = matrix.tocsr()
+        number = np.repeat(np.arange(len(constant)), np.diff(rows.indptr))
+        for first in range(0, len(constant), 4):
+            own = slice(rows.indptr[first], rows.indptr[first + 4])
+            columns, places = np.unique(rows.indices[own], return_inverse=True)
+            entries = np.zeros((4, len(columns)))
+            entries[number[own] - first, places] = rows.data[own]
+            four = constant[first : first + 4]
+            self.program.AddLorentzConeConstraint(entries, four, variables[columns])
 
     def found(self, solution: Solution) -> FreeTime:
         """Return a solution of the program."""

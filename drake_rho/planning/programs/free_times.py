@@ -25,6 +25,8 @@ class Change(NamedTuple):
     """least and largest y"""
     waypoints: float = 0.0
     """largest change of the time of a free waypoint [s]"""
+    curvature: float = 0.0
+    """part of `Passing.curvatures` by which changes of waypoint times add to y"""
 
 
 NO_CHANGE = Change((1.0, 1.0))
@@ -87,6 +89,37 @@ class Passing:
             ends = [0.0, *known, before], [0.0, *known, duration]
             times[own] = np.interp(self.times[own], *ends)
         return dataclasses.replace(self, times=times, least=factor * self.least)
+
+    @property
+    def ordered(self) -> IntArray:
+        """Indices of waypoints that come after the one before, as one of both is free."""
+        same = self.vehicles[1:] == self.vehicles[:-1]
+        later: IntArray = 1 + np.flatnonzero(same & ~(self.given[1:] & self.given[:-1]))
+        return later
+
+    @property
+    def is_in_order(self) -> bool:
+        """Whether all waypoints come after the ones before."""
+        return bool(np.all(np.diff(self.times)[self.ordered - 1] > 0.0))
+
+    def curvatures(self, duration: float) -> FloatArray:
+        """Return estimates of the second derivatives of y by changes of the times [1/s²], (W,).
+
+        A leg of a motion with a largest speed that is flown in t - d instead of t takes
+        1 / (1 - d/t) of that speed, and with the speed kept the final time T grows by d + d²/t. So
+        for legs of t and t' before and after a waypoint, T grows by d² (1/t + 1/t'), and y by 2 / T
+        times as much. With a largest acceleration it is half as much again.
+
+        Args:
+            duration: T, the final time [s].
+        """
+        first = np.diff(self.vehicles, prepend=-1) != 0
+        last = np.diff(self.vehicles, append=-1) != 0
+        before = self.times - np.where(first, 0.0, np.roll(self.times, 1))
+        after = np.where(last, duration, np.roll(self.times, -1)) - self.times
+        legs = np.maximum([before, after], self.least)
+        values: FloatArray = 4.0 / duration * np.sum(1.0 / legs, axis=0)
+        return values
 
     def axes(self, effort: MinimumEffort) -> Rows:
         """Return rows with the positions less the waypoints, three for each, as their values."""

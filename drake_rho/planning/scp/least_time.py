@@ -2,7 +2,8 @@
 
 Each iteration solves a program with a free final time around the latest motion, in which the times
 of free waypoints change as well. A second program with the new times then finds a motion that meets
-every constraint. It is kept if it takes less time; a trust region bounds how far times may change.
+every constraint. It is kept if it takes less time; a trust region bounds how far times may change,
+and a second derivative, estimated for each waypoint and scaled by what motions show, how much.
 Where nothing but the motion depends on time, the second program may shorten the final time, too:
 around a motion that meets every constraint, its solution does so as well and takes no longer.
 """
@@ -36,7 +37,7 @@ _ROUNDS = 60
 _MISSED = 1e-4
 """Part of a motion's length by which no solution misses a waypoint at a time that stays."""
 
-_NEAR = 1e-3
+_NEAR = 0.1
 """Distance of a motion from a row, as a part of the quantity's scale, up to which it is kept."""
 
 _MOST = 200
@@ -52,6 +53,9 @@ _FIRST, _GROWTH, _SHRINKAGE = 0.1, 2.0, 0.1
 """First trust region, as a part of the final time by which times may change, and the largest and
 the least factor from one to the next."""
 
+_CURVATURES = 0.2, 5.0
+"""Least and largest part of the estimated curvatures."""
+
 
 class _Iteration(NamedTuple):
     """Result of one iteration."""
@@ -62,6 +66,8 @@ class _Iteration(NamedTuple):
     """relative fall of the final time that the linearisation predicted"""
     moved: float
     """largest change of a time, as a part of the final time"""
+    bent: float = 0.0
+    """relative rise of the final time by the estimated curvatures, which `predicted` allows for"""
 
 
 class LeastTime:
@@ -107,12 +113,12 @@ class LeastTime:
         if best is None:
             return None
         moves = not self._steady or len(best.passing) > 0
-        converged = False
+        converged, curvature = False, 1.0 if self._final_time else 0.0
         with self.or_cut():
             for _ in range(_MOST):
                 tell(self._progress, self._described(best))
-                after, predicted, moved = (
-                    self._with_moved_times(best, reach) if moves else self._again(best)
+                after, predicted, moved, bent = (
+                    self._with_moved_times(best, reach, curvature) if moves else self._again(best)
                 )
                 fall = -predicted if after is None else self._fall(best, after)
                 if after is not None and fall > 0.0:
@@ -122,7 +128,11 @@ class LeastTime:
                 if moves:
                     # the fall is about predicted · x - error · x² for x times the change
                     x = predicted / (2.0 * max(predicted - fall, predicted / 4.0))
-                    reach = moved * float(np.clip(x, _SHRINKAGE, _GROWTH))
+                    other = moved * float(np.clip(x, _SHRINKAGE, _GROWTH))
+                    reach = max(reach, other) if x >= 1.0 else other
+                    if bent > 0.0:
+                        measured = curvature * (1.0 + (predicted - fall) / bent)
+                        curvature = float(np.clip(measured, *_CURVATURES))
                     if converged := reach <= tolerance:
                         break
         return dataclasses.replace(best, converged=converged)
@@ -139,7 +149,7 @@ class LeastTime:
         """Return a motion around another with the same times; None also if solvers fail."""
         return self._tried(timed, self._same_times)
 
-    def linearised(self, timed: Timed, reach: float) -> Timed | None:
+    def linearised(self, timed: Timed, reach: float, curvature: float = 0.0) -> Timed | None:
         """Return the solution of one linearised program; None if there is none or solvers fail.
 
         It meets constraints to first order in the changes of times.
@@ -147,32 +157,39 @@ class LeastTime:
         Args:
             timed: motion to linearise around.
             reach: part of the final time by which times may change.
+            curvature: part of the estimated curvatures that changes of times have.
         """
         final = ((1.0 - reach) ** 2, (1.0 + reach) ** 2)
         if self._steady or not self._final_time:
             final = self._same_times.final
-        return self._tried(timed, Change(final, reach * timed.duration))
+        return self._tried(timed, Change(final, reach * timed.duration, curvature))
 
     def _again(self, best: Timed) -> _Iteration:
         """Return the motion in least time around the best one."""
         return _Iteration(self._tried(best, self._same_times), 0.0, 0.0)
 
-    def _with_moved_times(self, best: Timed, reach: float) -> _Iteration:
+    def _with_moved_times(self, best: Timed, reach: float, curvature: float) -> _Iteration:
         """Return a motion with other times of waypoints, and another final time.
 
         Args:
             best: motion that meets every constraint.
             reach: part of the final time by which times may change.
+            curvature: part of the estimated curvatures that changes of times have.
         """
-        guess = self.linearised(best, reach)
-        if guess is None:
+        guess = self.linearised(best, reach, curvature)
+        if guess is None or not guess.passing.is_in_order:
             return _Iteration(None, 1.0, reach)
         scale = guess.duration / best.duration
-        changes = np.abs(guess.passing.times / scale - best.passing.times)[~best.passing.given]
-        moved = max(changes.max(initial=0.0) / best.duration, 0.0 if self._steady else 1.0 - scale)
-        predicted = self._fall(best, guess)
+        changes = np.where(
+            best.passing.given, 0.0, guess.passing.times / scale - best.passing.times
+        )
+        moved = np.abs(changes).max(initial=0.0) / best.duration
+        moved = max(moved, 0.0 if self._steady else 1.0 - scale)
+        # the relative change of the final time is half of that of y
+        bent = curvature * float(best.passing.curvatures(best.duration) @ changes**2) / 4.0
+        predicted = self._fall(best, guess) - bent
         after = self._tried(guess, self._same_times) if predicted > CONVERGED else None
-        return _Iteration(after, predicted, moved)
+        return _Iteration(after, predicted, moved, bent)
 
     def _with_same_times(self, timed: Timed) -> Timed | None:
         """Return a motion around another that passes waypoints at the same parts of the time."""

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from drake_rho.motion.costs import cost_of
-from drake_rho.motion.dynamics import Motion
+from drake_rho.motion.dynamics import Motion, response
 from drake_rho.motion.plan import Plan
 from drake_rho.planning.constraints.base import Constraint, HalfSpaces
 from drake_rho.planning.constraints.boxes import KeepInBox
@@ -99,6 +99,27 @@ class Timed:
     def motion(self) -> Motion:
         """Motion of all vehicles."""
         return Motion.from_starts(self.scenario.fleet, self.accelerations, self.step)
+
+    def to_rounding(self) -> Timed:
+        """Return the motion with the least change that passes the waypoints despite rounding."""
+        passing, goals, knots = self.passing, self.problem.effort.goals, self.grid.knots
+        accelerations = self.accelerations.copy()
+        at = self.motion.each_at("position", passing.vehicles, passing.times)
+        away = at - passing.positions
+        far = np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-300)
+        within = np.maximum(passing.within - self.waypoint_margins, 0.0)[:, None]
+        missed = away * np.maximum(1.0 - within / far, 0.0)
+        for i in np.unique(passing.vehicles):
+            own = passing.vehicles == i
+            rows = response("position", self.step, knots, passing.times[own])
+            lengths = np.linalg.norm(rows, axis=1, keepdims=True)
+            both = np.concatenate([goals.rows, rows / lengths])
+            if self.resting is not None:
+                both[:, self.resting[i] :] = 0.0
+            off = goals.rows @ accelerations[i] - goals.values[i]
+            residual = np.concatenate([off, missed[own] / lengths])
+            accelerations[i] -= np.linalg.lstsq(both, residual)[0]
+        return dataclasses.replace(self, accelerations=accelerations)
 
     def lasting(self, duration: float) -> Timed:
         """Return the motion in another final time [s], with free waypoints at the same parts."""
