@@ -232,9 +232,10 @@ class Scenario(ShownInNotebooks):
 
     @property
     def spheres(self) -> tuple[Sphere, ...]:
-        """Obstacles as in (8) of the paper: spheres at rest, always known and active."""
+        """Obstacles as in (8) of the paper: certain spheres at rest, always known and active."""
         static = (each for each in self.bodies if each.is_steady and each.known_from <= 0.0)
-        return tuple(each.shape for each in static if isinstance(each.shape, Sphere))
+        certain = (each.shape for each in static if not each.is_uncertain)
+        return tuple(shape for shape in certain if isinstance(shape, Sphere))
 
     @cached_property
     def bodies_in_flight(self) -> tuple[Obstacle, ...]:
@@ -287,9 +288,7 @@ class Scenario(ShownInNotebooks):
             vehicles: the same vehicles, with waypoints that fit the grid.
         """
         obstacles = tuple(
-            dataclasses.replace(each, known_from=min(each.known_from, grid.end))
-            if isinstance(each, Obstacle)
-            else each
+            each.known_by(grid.end) if isinstance(each, Obstacle) else each
             for each in self.obstacles
         )
         vehicles = self.vehicles if vehicles is None else tuple(vehicles)
