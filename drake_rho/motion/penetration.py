@@ -138,7 +138,8 @@ def _near_parts(
 ) -> tuple[IntArray, IntArray, IntArray]:
     """Return the vehicle, the piece and the part of every piece that may come near a part.
 
-    The distances that count as near are those `within`, shape (N, K). A piece is within norm(a) w²/8 of the straight line between its ends.
+    The distances that count as near are those `within`, shape (N, K). A piece is within
+    norm(a) w²/8 of the straight line between its ends.
     """
     w = durations[:, None]
     ends = p + w * (v + w / 2 * a)

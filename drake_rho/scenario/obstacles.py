@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Annotated, Self
 
@@ -218,7 +217,7 @@ class Obstacle:
     def known_by(self, time: float) -> Self:
         """Return the obstacle, known from a time on the scenario's clock [s] at the latest."""
         seen_at = self._errors_from if self.velocity_error > 0.0 else self.seen_at
-        return dataclasses.replace(self, known_from=min(self.known_from, time), seen_at=seen_at)
+        return unchecked(self, known_from=min(self.known_from, time), seen_at=seen_at)
 
     def since(self, time: float) -> Self:
         """Return the obstacle on a clock that is 0 at `time` [s] of the present one.

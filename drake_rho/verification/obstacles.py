@@ -2,8 +2,9 @@
 
 A vehicle's clearance is the signed distance of its position from the shape at that time, less the
 error radius. From an obstacle whose place is uncertain, it is that from where it may be: less the
-uncertainty, which is linear in time between two instants. Relative to an obstacle, a vehicle's motion is quadratic in time between two instants;
-where the obstacle's track has a corner between them, the interval is cut there.
+uncertainty, which is linear in time between two instants. Relative to an obstacle, a vehicle's
+motion is quadratic in time between two instants; where the obstacle's track has a corner between
+them, the interval is cut there.
 """
 
 from __future__ import annotations

@@ -25,8 +25,8 @@ def can_be_slower(scenario: Scenario) -> bool:
     derivatives towards zero. Limits on norms never prevent it: they are convex sets that contain
     rest and hovering, and therefore all values between these and a value inside. Waypoints, and
     obstacles that move, grow or are active for a part of the flight prevent it, since their times
-    are fixed. So does a disturbance, since errors grow with the duration, and a requirement, unless it
-    is always active for positions at rest.
+    are fixed. So does a disturbance, since errors grow with the duration, and a requirement, unless
+    it is always active for positions at rest.
     """
     for each in scenario.requirements:
         if each.of != "position" or each.active is not None or each.track is not None:
