@@ -163,12 +163,12 @@ class Obstacle:
         """
         if self.velocity_error == 0.0:
             return np.full(times.shape, self.position_error)
-        since = np.maximum(times - self._errors_from, 0.0)
+        since = np.maximum(times - self.errors_from, 0.0)
         uncertainty: FloatArray = self.position_error + self.velocity_error * since
         return uncertainty
 
     @property
-    def _errors_from(self) -> float:
+    def errors_from(self) -> float:
         """Time to which the errors refer, on the scenario's clock [s]."""
         return self.known_from if self.seen_at is None else self.seen_at
 
@@ -205,7 +205,7 @@ class Obstacle:
         if self.track is not None:
             corners = self.track.times[: -1 if self.track.after == "goes_on" else None]
         if self.velocity_error > 0.0:
-            corners = np.union1d(corners, [self._errors_from])
+            corners = np.union1d(corners, [self.errors_from])
         return corners if self.active is None else np.union1d(corners, self.active)
 
     @property
@@ -216,7 +216,7 @@ class Obstacle:
 
     def known_by(self, time: float) -> Self:
         """Return the obstacle, known from a time on the scenario's clock [s] at the latest."""
-        seen_at = self._errors_from if self.velocity_error > 0.0 else self.seen_at
+        seen_at = self.errors_from if self.velocity_error > 0.0 else self.seen_at
         return unchecked(self, known_from=min(self.known_from, time), seen_at=seen_at)
 
     def since(self, time: float) -> Self:

@@ -47,9 +47,7 @@ def seen_again(
         ValueError: there is no obstacle of a name, or more than one, or a sighting is not two
             vectors.
     """
-    found = [
-        (_number(scenario, name), _state(name, state)) for name, state in sightings.items()
-    ]
+    found = [(_number(scenario, name), _state(name, state)) for name, state in sightings.items()]
     wrong = [_excludes(scenario.bodies[number - 1], state[0], time) for number, state in found]
     must = [each for each, excluded in zip(found, wrong, strict=True) if excluded]
     may = [each for each, excluded in zip(found, wrong, strict=True) if not excluded]
@@ -91,9 +89,7 @@ def _excludes(body: Obstacle, position: FloatArray, time: float) -> bool:
     return body.known_from > time or away > errors + _ROUNDING * body.shape.size
 
 
-def _with(
-    scenario: Scenario, sightings: Iterable[tuple[int, FloatArray]], time: float
-) -> Scenario:
+def _with(scenario: Scenario, sightings: Iterable[tuple[int, FloatArray]], time: float) -> Scenario:
     """Return a scenario with obstacles where they were seen, the same one without sightings."""
     bodies, grid = list(scenario.bodies), scenario.grid
     for number, (position, velocity) in sightings:
