@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Annotated, Self
 
 import numpy as np
@@ -122,7 +122,7 @@ class Obstacle:
             expected = "a first time and a later last one"
             raise ScenarioError("active", list(self.active), expected)
         if self.velocity_error > 0.0 and self.seen_at is None and self.known_from == 0.0:
-            expected = "seen_at or known_from beside it, the time from which on the error grows"
+            expected = "seen_at beside it, or known_from: the time from which on the error grows"
             raise ScenarioError("velocity_error", self.velocity_error, expected)
         try:
             self.shape.check_solid()
@@ -294,44 +294,3 @@ AnyObstacle = Annotated[
     BeforeValidator(_has_shape),
 ]
 """Shape at rest that is known from the start, or `Obstacle`."""
-
-
-def known_at_start(
-    obstacles: Sequence[Obstacle], in_flight: Sequence[Obstacle], grid: Grid
-) -> tuple[tuple[int, Obstacle], ...]:
-    """Return the obstacles that planners know at the first knot of a grid.
-
-    Args:
-        obstacles: all obstacles, on the scenario's clock.
-        in_flight: the same obstacles on a clock that is 0 at that knot.
-        grid: of the scenario or of the remainder of its flight.
-
-    Returns:
-        The known elements of `in_flight`, with their numbers from 1.
-    """
-    now = max(grid.start, 0.0) + grid.rounding
-    both = enumerate(zip(obstacles, in_flight, strict=True), start=1)
-    return tuple((number, body) for number, (each, body) in both if each.known_from <= now)
-
-
-def active_during(
-    known: Sequence[tuple[int, Obstacle]], grid: Grid
-) -> tuple[tuple[int, Obstacle], ...]:
-    """Return the known obstacles that are active at any time of a flight, with their numbers.
-
-    Those that are active at all times have no interval, so that plans are as if they had none. The
-    shape of a map is its cover, which is all that planners see of it.
-
-    Args:
-        known: obstacles and their numbers, on a clock that is 0 at the first knot.
-        grid: of the flight or of its remainder.
-    """
-    found = list[tuple[int, Obstacle]]()
-    for number, each in known:
-        body = each if each.shape.cover is each.shape else unchecked(each, shape=each.shape.cover)
-        first, last = body.active or (0.0, grid.duration)
-        if body.is_always_active(grid):
-            found.append((number, unchecked(body, active=None)))
-        elif first <= grid.duration + grid.rounding and last >= -grid.rounding:
-            found.append((number, body))
-    return tuple(found)

@@ -25,10 +25,11 @@ from drake_rho.scenario.disturbance import Disturbance, Tracking
 from drake_rho.scenario.errors import ScenarioError, one_of
 from drake_rho.scenario.fields import FloatArray, Name, read_only, record, unchecked
 from drake_rho.scenario.fleet import Fleet
+from drake_rho.scenario.known_obstacles import active_during, known_at_start
 from drake_rho.scenario.limits import Limits
 from drake_rho.scenario.maps.mesh import Mesh
 from drake_rho.scenario.maps.voxels import Voxels
-from drake_rho.scenario.obstacles import Obstacle, active_during, known_at_start
+from drake_rho.scenario.obstacles import Obstacle
 from drake_rho.scenario.parts import Grid, Quantity, Separation, State, Vehicle, Waypoint
 from drake_rho.scenario.requirements import KeepIn, parts_for
 from drake_rho.scenario.scales import warn_of_scales
