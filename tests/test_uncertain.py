@@ -96,7 +96,7 @@ def test_an_error_of_the_position_is_a_larger_obstacle() -> None:
     assert rho.plan(_past(BOX, position_error=0.3)).cost == pytest.approx(around.cost, rel=INDEX)
 
 
-@pytest.mark.parametrize("shape", [SPHERE, BOX])
+@pytest.mark.parametrize("shape", [SPHERE, *slow(BOX)])
 def test_larger_errors_cost_more(shape: Shape) -> None:
     costs = [
         rho.plan(_past(shape, position_error=p, velocity_error=v, seen_at=s)).cost
@@ -219,6 +219,7 @@ def test_the_least_time_grows_with_errors() -> None:
     assert times[1] >= times[0] * (1.0 - 1e-6)
 
 
+@pytest.mark.slow
 def test_paths_pass_before_a_gap_is_closed() -> None:
     """Two boxes grow towards each other; around them there is no way in time."""
     walls = [
@@ -253,6 +254,7 @@ def test_maps_may_be_off_too(growing: bool) -> None:
     assert np.min(distances - far) >= 0.2 - 1e-5
 
 
+@pytest.mark.slow
 def test_disturbed_flights_keep_clear_of_it_with_their_errors() -> None:
     calm = disturbed(0)
     obstacles = tuple(
@@ -317,3 +319,18 @@ def test_files_keep_errors(tmp_path: object) -> None:
 def test_what_is_no_error_is_told(fields: dict[str, Any], told: str) -> None:
     with pytest.raises(rho.ScenarioError, match=told):
         rho.Obstacle(SPHERE, **fields)
+
+
+@pytest.mark.slow
+def test_studies_vary_errors_by_name(tmp_path: object) -> None:
+    file = f"{tmp_path}/past.yaml"
+    rho.save_scenario(_past(position_error=0.1, velocity_error=0.01, seen_at=0.0), file)
+    vary = {
+        "obstacles[0].position_error": {"uniform": [0.1, 0.3]},
+        "obstacles[0].velocity_error": {"uniform": [0.0, 0.02]},
+    }
+    scenarios = [{"name": "past", "file": file, "vary": vary}]
+    methods = [{"name": "best", "planner": "plan"}]
+    study = rho.Study("errors", scenarios=scenarios, methods=methods, repetitions=2)
+    results = rho.campaign(study, f"{tmp_path}/runs.sqlite")
+    assert "100.0" in str(results)  # per cent of success

@@ -127,7 +127,7 @@ def test_halos_of_the_scene_hold_what_may_be_until_the_next(start: float) -> Non
 
 def test_maps_have_no_halo() -> None:
     wall = wall_with_gap()
-    wall = dataclasses.replace(wall, origin=wall.origin + [5.0, 0.0, 0.0])
+    wall = dataclasses.replace(wall, origin=wall.origin + 5.0 * np.eye(3)[0])
     body = rho.Obstacle(wall, position_error=0.1)
     plan = _plan(body)
     assert _halos(plan, body) == []

@@ -116,10 +116,10 @@ def record_obstacles(meshcat: Meshcat, scene: Scene, plan: Drawn, playback: Play
             known = playback.time_at(obstacle.known_from - start)
             show_between(meshcat, f"{path}/known", known, None)
             show_between(meshcat, f"{path}/unknown", 0.0, known)
-        halos = _halos(plan, obstacle)
-        ends = [playback.time_at(begin) for begin, _ in halos[1:]]
-        for k, ((begin, _), end) in enumerate(zip(halos, [*ends, None], strict=True), start=1):
-            show_between(meshcat, f"{path}/halo/{k}", playback.time_at(begin), end)
+        begins = [playback.time_at(begin) for begin, _ in _halos(plan, obstacle)]
+        for k, begin in enumerate(begins, start=1):
+            end = begins[k] if k < len(begins) else None
+            show_between(meshcat, f"{path}/halo/{k}", begin, end)
         if obstacle.active is not None:
             first, last = (time - start for time in obstacle.active)
             _show_while_active(meshcat, path, playback, first, last)
