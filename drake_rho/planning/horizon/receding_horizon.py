@@ -26,7 +26,7 @@ from drake_rho.planning.horizon.measured_states import (
     renewed_tracking,
 )
 from drake_rho.planning.horizon.newer_maps import SeenMaps, with_obstacles
-from drake_rho.planning.horizon.seen_again import seen_again
+from drake_rho.planning.horizon.seen_again import Seen, seen_again
 from drake_rho.planning.horizon.waypoints_ahead import free_ahead, free_of, timed_as
 from drake_rho.planning.horizon.windows import (
     Planner,
@@ -119,7 +119,7 @@ class RecedingHorizon:
         self.scenario, self.replan_every = scenario, int(replan_every)
         self.free_final_time, self._free = free_final_time, free_of(scenario)
         self.windows: list[Window] = []
-        self._maps, self._due = SeenMaps(scenario), scenario
+        self._maps, self._due = SeenMaps(scenario), scenario.obstacles
         self._planner, self._progress = (
             WindowPlanner(
                 with_options(options, planner),
@@ -156,7 +156,7 @@ class RecedingHorizon:
         time: float,
         *,
         map: Map | Mapping[str, Map] | None = None,  # the field's word
-        sightings: Mapping[str, npt.ArrayLike] | None = None,
+        sightings: Mapping[str, Seen] | None = None,
     ) -> Window:
         """Plan the next window.
 
@@ -177,7 +177,7 @@ class RecedingHorizon:
                 others removed. It follows the scenario's map at rest; if there are several, a
                 mapping from their names. Afterwards `scenario` has what was added as an obstacle
                 known from this time, and what was removed as one active until then.
-            sightings: position of the centre [m] and velocity [m/s], shape (2, 3), of obstacles
+            sightings: position of the centre [m] and velocity [m/s], (3,) each, of obstacles
                 that were seen again at this time, by their names. From now on each moves on from
                 there with this velocity, and its errors count anew. If there is no new plan and
                 `kept` is true, `scenario` keeps the former sightings, which the rest of the
@@ -197,11 +197,12 @@ class RecedingHorizon:
             self._knot(time)  # an impossible time changes nothing
         if map is not None:
             self.scenario = self._maps.seen(self.scenario, map, time)
-        self.scenario, self._due = seen_again(self.scenario, sightings or {}, time)
+        self.scenario, due = seen_again(self.scenario, sightings or {}, time)
+        self._due = due.obstacles
         with within_time(self._time_limit):
             self.windows.append(self._window(states, time))
-        if self.windows[-1].kept:
-            self.scenario = self._due
+        if self.windows[-1].kept and self.scenario.obstacles is not self._due:
+            self.scenario = with_obstacles(self.scenario, self._due)
         return self.windows[-1]
 
     @with_wall_time
@@ -296,11 +297,11 @@ class RecedingHorizon:
         """Return a window after the first."""
         last = self.windows[-1]
         tail = last.plan.tail(knot - last.first_knot)
-        if tail.scenario.obstacles is not self._due.obstacles:  # a newer map was seen
-            now_known = with_obstacles(tail.scenario, self._due.obstacles)
+        if tail.scenario.obstacles is not self._due:  # a newer map was seen
+            now_known = with_obstacles(tail.scenario, self._due)
             tail = unchecked(tail, scenario=now_known)
         left, unseen = tail.scenario, np.isnan(states).any(axis=1)
-        if self.scenario is not self._due:
+        if left.obstacles is not self.scenario.obstacles:  # an obstacle was seen again
             left = with_obstacles(left, self.scenario.obstacles)
         positions, velocities = _split(_completed(states, tail.states(0)))
         deviations = positions - tail.positions[:, 0], velocities - tail.velocities[:, 0]

@@ -25,18 +25,21 @@ from drake_rho.scenario.obstacles import Obstacle
 from drake_rho.scenario.records import Scenario
 from drake_rho.scenario.tracks import Track
 
+Seen = tuple[npt.ArrayLike, npt.ArrayLike]
+"""Position of the centre [m] and velocity [m/s] of an obstacle, shape (3,) each."""
+
 _ROUNDING = 1e-9
 """Distance from the former space up to which a sighting is within it, in sizes of the obstacle."""
 
 
 def seen_again(
-    scenario: Scenario, sightings: Mapping[str, npt.ArrayLike], time: float
+    scenario: Scenario, sightings: Mapping[str, Seen], time: float
 ) -> tuple[Scenario, Scenario]:
     """Return the scenario in which obstacles are where they were seen, and one of what must be.
 
     Args:
         scenario: of the whole flight, or of its rest.
-        sightings: position [m] and velocity [m/s] by the name of the obstacle, shape (2, 3) each.
+        sightings: position [m] and velocity [m/s] by the name of the obstacle.
         time: of the sightings on the scenario's clock [s].
 
     Returns:
@@ -66,7 +69,7 @@ def _number(scenario: Scenario, name: str) -> int:
     return next(k for k, body in enumerate(scenario.bodies, start=1) if body.name == name)
 
 
-def _state(name: str, state: npt.ArrayLike) -> FloatArray:
+def _state(name: str, state: Seen) -> FloatArray:
     """Return a position and a velocity, shape (2, 3)."""
     expected = f"a position and a velocity, two vectors of numbers up to {LARGEST:g}"
     try:
