@@ -334,3 +334,14 @@ def test_studies_vary_errors_by_name(tmp_path: object) -> None:
     study = rho.Study("errors", scenarios=scenarios, methods=methods, repetitions=2)
     results = rho.campaign(study, f"{tmp_path}/runs.sqlite")
     assert "100.0" in str(results)  # per cent of success
+
+
+def test_nobody_holds_for_ever_beside_what_grows() -> None:
+    """It reaches the goal when the distance that is left has been used up."""
+    beside = rho.Sphere([10.0, 6.0, -2.0], 0.5)  # 1.5 m from the goal
+    growing = _past(beside, velocity_error=0.05, seen_at=0.0)
+    assert "30 s" in str(rho.verify(rho.plan(growing)))
+    held = dataclasses.replace(_past(beside, position_error=0.2), hold_at_goal=True)
+    assert rho.verify(rho.plan(held)).ok
+    with pytest.raises(rho.InfeasibleError, match="hold"):
+        rho.plan(dataclasses.replace(growing, hold_at_goal=True))
