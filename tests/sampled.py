@@ -68,10 +68,39 @@ def flown(plan: rho.Plan, elapsed: np.ndarray) -> np.ndarray:
     return np.moveaxis(at + s * speed + s**2 / 2 * force, 1, 0)
 
 
+def _uncertainty(obstacle: rho.Obstacle, times: np.ndarray) -> np.ndarray:
+    """Return how far an obstacle may be from its centre at times [m], shape (M,)."""
+    since = obstacle.known_from if obstacle.seen_at is None else obstacle.seen_at
+    later = np.where(times > since, times - since, 0.0)
+    return np.asarray(obstacle.position_error + obstacle.velocity_error * later)
+
+
+def least_from_truths(plan: rho.Plan, rng: np.random.Generator, count: int = 1001) -> float:
+    """Return the least clearance from an obstacle that moves anywhere it may be [m].
+
+    It moves at random, with jumps, on the border of that space; and straight at each vehicle.
+    """
+    scenario, least = plan.scenario, np.inf
+    times = np.linspace(scenario.grid.start, scenario.grid.end, count)
+    x = flown(plan, times - scenario.grid.start)
+    radii = np.array([[each.radius] for each in scenario.vehicles])
+    for obstacle in scenario.bodies:
+        first, last = obstacle.active or (-np.inf, np.inf)
+        due = (times >= max(first, obstacle.known_from)) & (times <= last)
+        far, center = _uncertainty(obstacle, times)[:, None], _center(obstacle, times)
+        ways = [rng.standard_normal((count, 3)) for _ in range(20)]
+        for way in [*ways, *(x - center)]:
+            off = far * way / np.linalg.norm(way, axis=-1, keepdims=True)
+            clear = _signed_distance(x - center - off, obstacle.shape) - radii
+            least = min(least, float(np.min(clear[:, due], initial=np.inf)))
+    return least
+
+
 def least_clearances(plan: rho.Plan, count: int = 4001) -> np.ndarray:
     """Return the least clearance of any vehicle from each obstacle while active and known [m].
 
-    Infinite for an obstacle that is not active, or not known while it is active, in the flight.
+    From an uncertain obstacle, it is that from wherever it may be. Infinite for an obstacle that is
+    not active, or not known while it is active, in the flight.
     """
     scenario, found = plan.scenario, []
     start, radii = scenario.grid.start, [each.radius for each in scenario.vehicles]
@@ -83,5 +112,6 @@ def least_clearances(plan: rho.Plan, count: int = 4001) -> np.ndarray:
         times = np.linspace(first, last, count) if first <= last else np.zeros(0)
         x = flown(plan, np.clip(times - start, 0.0, scenario.grid.duration))
         distances = _signed_distance(x - _center(obstacle, times), obstacle.shape)
+        distances = distances - _uncertainty(obstacle, times)
         found.append(np.min(distances - np.array(radii)[:, None], initial=np.inf))
     return np.array(found)

@@ -42,6 +42,7 @@ _OBSTACLES = {
     "moving obstacles": rho.Obstacle(SPHERE, velocity=[0.0, 0.1, 0.0]),
     "late obstacles": rho.Obstacle(SPHERE, known_from=1.0),
     "active obstacles": rho.Obstacle(SPHERE, active=(2.0, 6.0)),
+    "uncertain obstacles": rho.Obstacle(SPHERE, velocity_error=0.05, seen_at=1.0),
 }
 _LOOSE = {"position": 50.0, "velocity": 9.0, "acceleration": 9.0, "jerk": 9.0}
 _LOOSE_NORMS = {"max_speed": 9.0, "max_thrust": 15.0, "max_tilt": 1.0}

@@ -81,7 +81,7 @@ def test_moves_are_reversible() -> None:
 
 
 def moving_things() -> list[tuple[Moving, object]]:
-    """Return an obstacle and a vehicle that move through the lattice in eight layers of 0.5 s."""
+    """Return what moves through the lattice, or grows in it, in eight layers of 0.5 s."""
     times = np.linspace(0.0, 4.0, 9)
     obstacle = rho.Obstacle(rho.Box([-2, -0.4, -0.4], [-1.2, 0.4, 0.4]), velocity=[0.8, 0.1, 0.2])
     way = np.stack([np.linspace(2, -2, 9), 0.3 * np.cos(times), 0.2 * times - 0.5], axis=-1)
@@ -96,13 +96,20 @@ def moving_things() -> list[tuple[Moving, object]]:
         distances: FloatArray = np.linalg.norm(away, axis=-1) - 0.5
         return distances
 
+    growing = rho.Obstacle(obstacle.shape, velocity_error=0.3, seen_at=1.2, position_error=0.1)
+
+    def from_growing(x: FloatArray, t: FloatArray) -> FloatArray:
+        far = 0.1 + 0.3 * np.maximum(t - 1.2, 0.0)[:, None, None]
+        return growing.shape.local_distance(x - growing.shape.center) - 0.1 - far
+
     return [
         (MovingObstacle(obstacle, 0.1, times), from_obstacle),
         (MovingVehicle(way, separation), from_vehicle),
+        (MovingObstacle(growing, 0.1, times), from_growing),
     ]
 
 
-@pytest.mark.parametrize("which", [0, 1])
+@pytest.mark.parametrize("which", [0, 1, 2])
 def test_blocked_moves_agree_with_dense_sampling(which: int) -> None:
     moving, distance = moving_things()[which]
     lattice, _ = world()

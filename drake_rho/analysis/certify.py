@@ -65,6 +65,7 @@ TREATMENT = {
     "moving obstacles": "as obstacles, where they are at the time",
     "late obstacles": "as obstacles, where they are known at the start",
     "active obstacles": "as obstacles, at instants of the interval",
+    "uncertain obstacles": "as obstacles, larger by what they may be off at the instant",
     "separation": "quadratics of the separation's ellipsoid; left out in large fleets",
     "disturbance": "a bound for the plan's margins, and one without them",
     "holding": "no part of the bound: it depends on goals alone",

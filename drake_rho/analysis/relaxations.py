@@ -230,6 +230,7 @@ TREATMENT: dict[str, str] = {
     "moving obstacles": "a smaller distance, for each vehicle",
     "late obstacles": "a smaller distance if it is known at the start",
     "active obstacles": "a smaller distance; its interval is kept",
+    "uncertain obstacles": "a smaller distance; its errors are kept",
     "separation": "1 % less",
     "disturbance": "1 % less wind; errors of the estimate are kept",
     "holding": "kept: it depends on goals alone",

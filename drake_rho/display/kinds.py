@@ -21,6 +21,7 @@ TREATMENT = {
     "moving obstacles": "shapes at the closest approach, and moving in the scene",
     "late obstacles": "a line where they become known, and faint in the scene before",
     "active obstacles": "shaded times, and in the scene while they are active",
+    "uncertain obstacles": "a halo, the space where they may be, and distances from it",
     "separation": "`separation_figure`, and shells in the scene",
     "disturbance": "`errors_figure`, and the tube's radius in the scene",
     "holding": "not drawn; `verify` tells it",

@@ -30,6 +30,7 @@ TREATMENT = {
     "moving obstacles": "as obstacles",
     "late obstacles": "as obstacles",
     "active obstacles": "as obstacles, in the interval of time",
+    "uncertain obstacles": "as obstacles, by the distance from where they may be",
     "separation": "what is left of the distance is compared with the deviation",
     "disturbance": "what is left is compared with the deviation beside the errors",
     "holding": "not in the files; verified before",

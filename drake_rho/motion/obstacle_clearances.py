@@ -48,7 +48,7 @@ class ClosestApproaches:
 
 
 def distances(plan: Moving, obstacle: Obstacle, times: FloatArray) -> FloatArray:
-    """Return the distances of all vehicles from the surface of an obstacle, negative inside.
+    """Return the distances of all vehicles from where an obstacle may be, negative inside.
 
     Args:
         plan: the vehicles' motion.

@@ -9,6 +9,10 @@ the distance alone, conservative advancement, stalls where a motion touches a sh
 
 The result is not sampled, but exact to a precision. A ball has a closed form
 (`drake_rho.motion.extremes`).
+
+A shape whose place is uncertain may be anywhere within a distance that grows linearly in a piece.
+The signed distance from where it may be is d less an affine function of s, so that all of this
+holds for it too.
 """
 
 from __future__ import annotations
@@ -55,6 +59,10 @@ class Pieces:
     """relative accelerations [m/s²], shape (M, 3)"""
     parts: IntArray
     """number of the part of a map that each is near, in whose frame it is; 0 for a shape, (M,)"""
+    errors: FloatArray
+    """how far the shape may be from its place when the piece begins [m], shape (M,)"""
+    growths: FloatArray
+    """speeds at which that distance grows [m/s], shape (M,)"""
 
     def at(self, s: FloatArray) -> FloatArray:
         """Return positions [m], shape (M, 3), at times s [s] since each piece's beginning, (M,)."""
@@ -86,19 +94,22 @@ def pieces_near(motion: Motion, obstacle: Obstacle, within: FloatArray) -> Piece
         k = np.minimum(step_at(times, h), count - 1)
         a = motion.accelerations[:, k]
     durations: FloatArray = np.diff(times, append=h * count)
+    errors, grown = obstacle.uncertainty(times), obstacle.uncertainty(times + durations)
     middles = times + durations / 2.0  # away from corners, which rounding could shift
     p, v = p - obstacle.centers(times), v - obstacle.velocities(middles)
     if (parts := _parts_of(obstacle.shape)) is not None:
         p, v, a = (parts.in_frame(each) for each in (p, v, a))
-        owners, k, numbers = _near_parts(parts, p, v, a, durations, within)
+        owners, k, numbers = _near_parts(parts, p, v, a, durations, within[:, None] + grown)
     else:
-        owners, k = np.nonzero(_near_box(obstacle.shape.extent, p, v, a, durations, within))
+        extent, reach = obstacle.shape.extent, within[:, None] + grown
+        owners, k = np.nonzero(_near_box(extent, p, v, a, durations, reach))
         numbers = np.zeros(len(k), dtype=np.int64)
     if obstacle.active is not None:
         active = obstacle.is_active(middles)[k]
         owners, k, numbers = owners[active], k[active], numbers[active]
     of = (p[owners, k], v[owners, k], a[owners, k])
-    return Pieces(owners, times[k], durations[k], *of, parts=numbers)
+    growths = (grown - errors) / durations
+    return Pieces(owners, times[k], durations[k], *of, numbers, errors[k], growths[k])
 
 
 def _near_box(
@@ -109,10 +120,10 @@ def _near_box(
     durations: FloatArray,
     within: FloatArray,
 ) -> BoolArray:
-    """Return which pieces (N, K) may come within a distance (N,) of a box around the origin."""
+    """Return which pieces (N, K) may come within distances (N, K) of a box around the origin."""
     w = durations[:, None]  # a coordinate that turns round moves at most as far as v/2 does in w
     moved = w * np.maximum(np.abs(v + w / 2 * a), np.abs(v) / 2)
-    reach = extent + within[:, None, None] + moved
+    reach = extent + within[..., None] + moved
     near: BoolArray = np.all(np.abs(p) < reach, axis=2)
     return near
 
@@ -127,12 +138,13 @@ def _near_parts(
 ) -> tuple[IntArray, IntArray, IntArray]:
     """Return the vehicle, the piece and the part of every piece that may come near a part.
 
-    A piece is within norm(a) w²/8 of the straight line between its ends.
+    The distances that count as near are those `within`, shape (N, K). A piece is within
+    norm(a) w²/8 of the straight line between its ends.
     """
     w = durations[:, None]
     ends = p + w * (v + w / 2 * a)
     beside = np.linalg.norm(a, axis=2) * durations**2 / 8.0
-    reach = beside + within[:, None]
+    reach = beside + within
     lower, upper = np.minimum(p, ends).reshape(-1, 3), np.maximum(p, ends).reshape(-1, 3)
     pieces, numbers = parts.tree.pairs(lower, upper, reach.reshape(-1))
     owners, k = np.divmod(pieces, len(durations))
@@ -148,6 +160,8 @@ def deepest(
     shape: Solid, pieces: Pieces, below: FloatArray, tolerances: FloatArray
 ) -> tuple[IntArray, FloatArray]:
     """Return the pieces that come below a signed distance from a shape, with their lowest instants.
+
+    Distances are those from where the shape may be.
 
     Args:
         shape: the shape; of a map, each piece is seen from its own part alone.
@@ -178,9 +192,11 @@ def _deepest(
 def _(
     shape: Sphere, pieces: Pieces, below: FloatArray, tolerances: FloatArray
 ) -> tuple[IntArray, FloatArray]:
-    """Return pieces, and times since their beginnings, in closed form."""
+    """Return pieces, and times since their beginnings, in closed form if nothing grows."""
+    if np.any(pieces.growths):
+        return _Search(shape, pieces, below, _PRECISION * tolerances).run()
     s = nearest_moments(pieces.p, pieces.v, pieces.a, pieces.durations)
-    inside = np.flatnonzero(shape.local_distance(pieces.at(s)) < below)
+    inside = np.flatnonzero(shape.local_distance(pieces.at(s)) - pieces.errors < below)
     return inside, s[inside]
 
 
@@ -234,7 +250,8 @@ class _Search:
             d, n = self._shape.local_measured(pieces.at(s))
         else:
             d, n = self._parts.measured(pieces.parts, pieces.at(s))
-        slope = np.einsum("pi,pi->p", n, pieces.v + s[:, None] * pieces.a)
+        d = d - (pieces.errors + s * pieces.growths)
+        slope = np.einsum("pi,pi->p", n, pieces.v + s[:, None] * pieces.a) - pieces.growths
         order = np.argsort(-d, kind="stable")  # the lowest instant of a piece is assigned last
         order = order[d[order] < self.lowest[which[order]]]
         self.lowest[which[order]], self.moments[which[order]] = d[order], s[order]

@@ -219,8 +219,10 @@ def check_outside(
             when = f" at {clock_time(float(times[i]))}" if not obstacle.is_steady else ""
             when += " (with smoothing, vehicles rest before their plan and after)" * (margin > 0.0)
             relative = positions[i] - obstacle.centers(times[i : i + 1])[0]
+            where_it_is = "where {} may be" if obstacle.is_uncertain else "{}"
             expected = (
-                f"a position {required} {obstacle.called(number)}, not {actual} it{when} "
+                f"a position {required} {where_it_is.format(obstacle.called(number))}, "
+                f"not {actual} it{when} "
                 f"({obstacle.shape.described_near(relative)})"
             )
             raise ScenarioError(f"vehicles[{i}].{where}", positions[i].tolist(), expected)

@@ -141,11 +141,14 @@ class Fleet:
         evasion, T = np.zeros(len(self._vehicles)), self._grid.duration
         for body in self._bodies:
             if not body.is_steady:
-                required = self.radii + body.deviation
-                met = self._closest_to(body) <= np.linalg.norm(body.shape.extent) + required
                 corners = body.corners[(body.corners > 0.0) & (body.corners < T)]
-                centers = body.centers(np.concatenate([[0.0], corners, [T]]))
+                instants = np.concatenate([[0.0], corners, [T]])
+                errors = body.uncertainty(instants)
+                required = self.radii + body.deviation + errors[-1]
+                met = self._closest_to(body) <= np.linalg.norm(body.shape.extent) + required
+                centers = body.centers(instants)
                 moved = float(np.linalg.norm(np.diff(centers, axis=0), axis=1).sum())
+                moved += float(errors[-1] - errors[0])
                 moved = moved if body.active is None else np.inf
                 most = np.minimum(body.shape.thickness + required, moved)
                 evasion[met] = np.maximum(evasion, most)[met]

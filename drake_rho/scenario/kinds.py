@@ -30,12 +30,13 @@ KINDS: tuple[str, ...] = (
     "moving obstacles",
     "late obstacles",
     "active obstacles",
+    "uncertain obstacles",
     "separation",
     "disturbance",
     "holding",
     "smoothing",
 )
-"""All kinds. Moving obstacles, those that are known late and those that are active for a time are
+"""All kinds. Moving obstacles, those that are known late, active for a time or uncertain are
 obstacles too."""
 
 
@@ -49,6 +50,7 @@ def kinds_of(scenario: Scenario) -> set[str]:
         "moving obstacles": any(each.moves for each in bodies),
         "late obstacles": any(each.known_from > 0.0 for each in bodies),
         "active obstacles": any(each.active is not None for each in bodies),
+        "uncertain obstacles": any(each.is_uncertain for each in bodies),
         "separation": scenario.separation is not None and len(scenario.vehicles) > 1,
         "disturbance": scenario.disturbance is not None,
         "holding": scenario.hold_at_goal is True,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Annotated, Self
 
 import numpy as np
@@ -14,6 +14,7 @@ from drake_rho.scenario.fields import (
     BoolArray,
     Finite,
     FloatArray,
+    Margin,
     Name,
     Vector,
     read_only,
@@ -32,7 +33,16 @@ if TYPE_CHECKING:
     from drake_rho.scenario.shapes.base import Solid
 
 _KINDS = {
-    "Obstacle": ("velocity", "track", "known_from", "name", "active"),
+    "Obstacle": (
+        "velocity",
+        "track",
+        "known_from",
+        "name",
+        "active",
+        "position_error",
+        "velocity_error",
+        "seen_at",
+    ),
     **KEYS,  # before poses, as references to maps have a rotation too
     "Mesh": ("triangles",),
     "Voxels": ("occupied",),
@@ -80,6 +90,13 @@ class Obstacle:
     active: tuple[Finite, Finite] | None = None
     """first and last time on the scenario's clock at which vehicles avoid it, both included [s], as
     for a temporary no-fly zone; always if not given"""
+    position_error: Margin = 0.0
+    """largest distance of its true position from the one given, at the time it was seen [m]:
+    vehicles keep clear of wherever it may be"""
+    velocity_error: Margin = 0.0
+    """speed at which this distance may grow from then on [m/s]"""
+    seen_at: Finite | None = None
+    """time on the scenario's clock to which the errors refer [s]; `known_from` if not given"""
 
     if TYPE_CHECKING:
 
@@ -91,6 +108,9 @@ class Obstacle:
             known_from: float = 0.0,
             name: str | None = None,
             active: tuple[float, float] | None = None,
+            position_error: float = 0.0,
+            velocity_error: float = 0.0,
+            seen_at: float | None = None,
         ) -> None: ...
 
     @model_validator(mode="after")
@@ -101,6 +121,9 @@ class Obstacle:
         if self.active is not None and not self.active[0] < self.active[1]:
             expected = "a first time and a later last one"
             raise ScenarioError("active", list(self.active), expected)
+        if self.velocity_error > 0.0 and self.seen_at is None and self.known_from == 0.0:
+            expected = "seen_at beside it, or known_from: the time from which on the error grows"
+            raise ScenarioError("velocity_error", self.velocity_error, expected)
         try:
             self.shape.check_solid()
         except ScenarioError as error:
@@ -119,9 +142,35 @@ class Obstacle:
         return self.velocity is not None and bool(np.any(self.velocity))
 
     @property
+    def changes(self) -> bool:
+        """True if it moves, or if the space in which it may be grows."""
+        return self.moves or self.velocity_error > 0.0
+
+    @property
     def is_steady(self) -> bool:
-        """Whether it stands still and is avoided at all times."""
-        return self.active is None and not self.moves
+        """Whether vehicles avoid the same space at all times."""
+        return self.active is None and not self.changes
+
+    @property
+    def is_uncertain(self) -> bool:
+        """Whether it may be elsewhere than at `centers`."""
+        return self.position_error > 0.0 or self.velocity_error > 0.0
+
+    def uncertainty(self, times: FloatArray) -> FloatArray:
+        """Return how far it may be from `centers` at times on the scenario's clock [m].
+
+        It is `position_error` until it was seen and grows by `velocity_error` from then on.
+        """
+        if self.velocity_error == 0.0:
+            return np.full(times.shape, self.position_error)
+        since = np.maximum(times - self.errors_from, 0.0)
+        uncertainty: FloatArray = self.position_error + self.velocity_error * since
+        return uncertainty
+
+    @property
+    def errors_from(self) -> float:
+        """Time to which the errors refer, on the scenario's clock [s]."""
+        return self.known_from if self.seen_at is None else self.seen_at
 
     def is_active(self, times: FloatArray, slack: float = 0.0) -> BoolArray:
         """Return whether it is avoided at times on the scenario's clock [s], of any shape.
@@ -148,13 +197,15 @@ class Obstacle:
 
     @property
     def corners(self) -> FloatArray:
-        """Times at which the velocity changes or the active interval begins or ends [s], (M,).
+        """Times at which velocity or growth changes, or the active interval begins or ends [s].
 
-        They are on the scenario's clock, in increasing order.
+        They are on the scenario's clock, in increasing order, shape (M,).
         """
         corners = np.zeros(0)
         if self.track is not None:
             corners = self.track.times[: -1 if self.track.after == "goes_on" else None]
+        if self.velocity_error > 0.0:
+            corners = np.union1d(corners, [self.errors_from])
         return corners if self.active is None else np.union1d(corners, self.active)
 
     @property
@@ -162,6 +213,11 @@ class Obstacle:
         """Centre of the bounding box at time 0 of the obstacle's clock [m], shape (3,)."""
         center: FloatArray = self.centers(np.zeros(1))[0]
         return center
+
+    def known_by(self, time: float) -> Self:
+        """Return the obstacle, known from a time on the scenario's clock [s] at the latest."""
+        seen_at = self.errors_from if self.velocity_error > 0.0 else self.seen_at
+        return unchecked(self, known_from=min(self.known_from, time), seen_at=seen_at)
 
     def since(self, time: float) -> Self:
         """Return the obstacle on a clock that is 0 at `time` [s] of the present one.
@@ -177,8 +233,14 @@ class Obstacle:
             centers = self.centers(time + np.array([0.0, 1.0]))
             track = Track([0.0, 1.0], centers, after="goes_on")
         active = self.active and (self.active[0] - time, self.active[1] - time)
-        known_from = self.known_from - time
-        return unchecked(self, velocity=None, track=track, known_from=known_from, active=active)
+        return unchecked(
+            self,
+            velocity=None,
+            track=track,
+            known_from=self.known_from - time,
+            active=active,
+            seen_at=None if self.seen_at is None else self.seen_at - time,
+        )
 
     def centers(self, times: FloatArray) -> FloatArray:
         """Return the centres of the bounding box at times on the scenario's clock [m], (M, 3)."""
@@ -192,7 +254,7 @@ class Obstacle:
         return still
 
     def distances(self, positions: FloatArray, times: FloatArray) -> FloatArray:
-        """Return signed distances from the surface [m], shape (..., M).
+        """Return signed distances from the surface of where it may be [m], shape (..., M).
 
         They are negative inside, and infinite at times at which the obstacle is not active.
 
@@ -201,6 +263,8 @@ class Obstacle:
             times: on the scenario's clock [s], shape (M,), or one for all positions.
         """
         distances = self.shape.local_distance(positions - self.centers(times))
+        if self.is_uncertain:
+            distances = distances - self.uncertainty(times)
         if self.active is None:
             return distances
         return np.where(self.is_active(times), distances, np.inf)
@@ -230,44 +294,3 @@ AnyObstacle = Annotated[
     BeforeValidator(_has_shape),
 ]
 """Shape at rest that is known from the start, or `Obstacle`."""
-
-
-def known_at_start(
-    obstacles: Sequence[Obstacle], in_flight: Sequence[Obstacle], grid: Grid
-) -> tuple[tuple[int, Obstacle], ...]:
-    """Return the obstacles that planners know at the first knot of a grid.
-
-    Args:
-        obstacles: all obstacles, on the scenario's clock.
-        in_flight: the same obstacles on a clock that is 0 at that knot.
-        grid: of the scenario or of the remainder of its flight.
-
-    Returns:
-        The known elements of `in_flight`, with their numbers from 1.
-    """
-    now = max(grid.start, 0.0) + grid.rounding
-    both = enumerate(zip(obstacles, in_flight, strict=True), start=1)
-    return tuple((number, body) for number, (each, body) in both if each.known_from <= now)
-
-
-def active_during(
-    known: Sequence[tuple[int, Obstacle]], grid: Grid
-) -> tuple[tuple[int, Obstacle], ...]:
-    """Return the known obstacles that are active at any time of a flight, with their numbers.
-
-    Those that are active at all times have no interval, so that plans are as if they had none. The
-    shape of a map is its cover, which is all that planners see of it.
-
-    Args:
-        known: obstacles and their numbers, on a clock that is 0 at the first knot.
-        grid: of the flight or of its remainder.
-    """
-    found = list[tuple[int, Obstacle]]()
-    for number, each in known:
-        body = each if each.shape.cover is each.shape else unchecked(each, shape=each.shape.cover)
-        first, last = body.active or (0.0, grid.duration)
-        if body.is_always_active(grid):
-            found.append((number, unchecked(body, active=None)))
-        elif first <= grid.duration + grid.rounding and last >= -grid.rounding:
-            found.append((number, body))
-    return tuple(found)

@@ -25,10 +25,11 @@ from drake_rho.scenario.disturbance import Disturbance, Tracking
 from drake_rho.scenario.errors import ScenarioError, one_of
 from drake_rho.scenario.fields import FloatArray, Name, read_only, record, unchecked
 from drake_rho.scenario.fleet import Fleet
+from drake_rho.scenario.known_obstacles import active_during, known_at_start
 from drake_rho.scenario.limits import Limits
 from drake_rho.scenario.maps.mesh import Mesh
 from drake_rho.scenario.maps.voxels import Voxels
-from drake_rho.scenario.obstacles import Obstacle, active_during, known_at_start
+from drake_rho.scenario.obstacles import Obstacle
 from drake_rho.scenario.parts import Grid, Quantity, Separation, State, Vehicle, Waypoint
 from drake_rho.scenario.requirements import KeepIn, parts_for
 from drake_rho.scenario.scales import warn_of_scales
@@ -232,9 +233,10 @@ class Scenario(ShownInNotebooks):
 
     @property
     def spheres(self) -> tuple[Sphere, ...]:
-        """Obstacles as in (8) of the paper: spheres at rest, always known and active."""
+        """Obstacles as in (8) of the paper: certain spheres at rest, always known and active."""
         static = (each for each in self.bodies if each.is_steady and each.known_from <= 0.0)
-        return tuple(each.shape for each in static if isinstance(each.shape, Sphere))
+        certain = (each.shape for each in static if not each.is_uncertain)
+        return tuple(shape for shape in certain if isinstance(shape, Sphere))
 
     @cached_property
     def bodies_in_flight(self) -> tuple[Obstacle, ...]:
@@ -287,9 +289,7 @@ class Scenario(ShownInNotebooks):
             vehicles: the same vehicles, with waypoints that fit the grid.
         """
         obstacles = tuple(
-            dataclasses.replace(each, known_from=min(each.known_from, grid.end))
-            if isinstance(each, Obstacle)
-            else each
+            each.known_by(grid.end) if isinstance(each, Obstacle) else each
             for each in self.obstacles
         )
         vehicles = self.vehicles if vehicles is None else tuple(vehicles)

@@ -46,6 +46,7 @@ TREATMENT = {
     "moving obstacles": "aimed at, where it is at the time",
     "late obstacles": "aimed at, known or not",
     "active obstacles": "aimed at, in the interval of time",
+    "uncertain obstacles": "aimed at, where it may be",
     "separation": "aimed at: both vehicles of the closest pair",
     "disturbance": "its bound is what is used up",
     "holding": "not aimed at: it is after the flight",

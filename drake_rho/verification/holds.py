@@ -211,7 +211,8 @@ class _PlanCheck:
         required = (fleet.radii + obstacle.deviation - tolerances)[:, None]
         if not scenario.between_knots:
             x = self.trajectory.positions - obstacle.centers(self.trajectory.elapsed)
-            apart = shape.local_distance(x) >= required + self.radii.ends
+            errors = self.radii.ends + obstacle.uncertainty(self.trajectory.elapsed)
+            apart = shape.local_distance(x) >= required + errors
             active = obstacle.is_active(self.trajectory.elapsed, scenario.grid.rounding)
             return bool(apart[:, active].all())
         seen, radii = relative_to(self.trajectory, obstacle), self.radii.position
@@ -224,7 +225,7 @@ class _PlanCheck:
         low = ~(seen.lowest_at_least(shape, least) >= least)
         owners, pieces = np.nonzero(low & seen.active_pieces)
         some, precision = seen.pieces.select(owners * len(radii) + pieces), PRECISION * tolerances
-        asked, distance = least[owners, pieces], shape.local_distance
+        asked, distance = (least + seen.grown)[owners, pieces], shape.local_distance
         if isinstance(shape, Map):
             met = encounters(shape, some, asked)
             some, distance = met.steps, met.distance

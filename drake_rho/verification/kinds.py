@@ -28,6 +28,7 @@ TREATMENT = {
     "moving obstacles": f"{_OF_OBSTACLES}, where it is at the time",
     "late obstacles": f"{_OF_OBSTACLES}, once it is known; before that in a row of its own",
     "active obstacles": f"{_OF_OBSTACLES}, in its interval of time",
+    "uncertain obstacles": f"{_OF_OBSTACLES}, as the distance from where it may be",
     "separation": "distance of every pair at the knots and at every instant",
     "disturbance": "every check with the radius of the errors",
     "holding": "every check at goals for ever, with the largest radii from the end on",
@@ -40,6 +41,7 @@ _WITHOUT_COLUMNS = {
     "moving obstacles",
     "late obstacles",
     "active obstacles",
+    "uncertain obstacles",
     "disturbance",
     "smoothing",
 }

@@ -7,6 +7,7 @@ import numpy as np
 from drake_rho.motion.simulation import Simulation
 from drake_rho.scenario.clock import clock_time
 from drake_rho.scenario.disturbance import Disturbance
+from drake_rho.scenario.obstacles import Obstacle
 from drake_rho.scenario.parts import Grid, Quantity
 from drake_rho.scenario.records import Scenario
 from drake_rho.verification.simulated import POINT_MASS
@@ -55,6 +56,25 @@ def notes_on_tracks(scenario: Scenario) -> tuple[str, ...]:
         and track.times[-1] < grid.end - grid.rounding
         and np.any(track.last_velocity)
     )
+
+
+def notes_on_uncertainty(scenario: Scenario) -> tuple[str, ...]:
+    """Return notes on obstacles from whose possible positions distances are measured."""
+    return tuple(
+        f"distances from {scenario.obstacle_name(number)} are from where it may be: "
+        f"{_uncertainty(body)}"
+        for number, body in enumerate(scenario.bodies, start=1)
+        if body.is_uncertain
+    )
+
+
+def _uncertainty(body: Obstacle) -> str:
+    """Return how far an obstacle may be from its place, as '0.2 m off, and 0.1 m/s from 3 s on'."""
+    off = [f"{body.position_error:g} m off"] if body.position_error > 0.0 else []
+    if body.velocity_error > 0.0:
+        since = clock_time(body.errors_from)
+        off.append(f"{body.velocity_error:g} m/s from {since} on")
+    return ", and ".join(off)
 
 
 def notes_on_simulation(simulation: Simulation, trajectory: PiecewiseTrajectory) -> tuple[str, ...]:

@@ -1,8 +1,10 @@
 """Obstacles (8) of every shape, at rest or moving, verified at the knots and at every instant.
 
 A vehicle's clearance is the signed distance of its position from the shape at that time, less the
-error radius. Relative to an obstacle, a vehicle's motion is quadratic in time between two instants;
-where the obstacle's track has a corner between them, the interval is cut there.
+error radius. From an obstacle whose place is uncertain, it is that from where it may be: less the
+uncertainty, which is linear in time between two instants. Relative to an obstacle, a vehicle's
+motion is quadratic in time between two instants; where the obstacle's track has a corner between
+them, the interval is cut there.
 """
 
 from __future__ import annotations
@@ -21,6 +23,7 @@ from drake_rho.verification.continuous_time import Least, least_over_time
 from drake_rho.verification.maps import encounters
 from drake_rho.verification.steps import Steps
 from drake_rho.verification.trajectory import PiecewiseTrajectory
+from drake_rho.verification.tubes import ErrorRadii
 
 
 def check_obstacles(trajectory: PiecewiseTrajectory) -> Iterator[Column]:
@@ -90,9 +93,11 @@ class RelativeMotion:
     """positions of the vehicles relative to the obstacle's centre [m], shape (N, J + 1, 3)"""
     pieces: Steps
     """relative motions in the pieces, vehicle by vehicle, J of each"""
+    uncertainty: FloatArray
+    """how far the obstacle may be from its centre at the instants [m], shape (J + 1,)"""
 
     def lowest_at_least(self, shape: Solid, enough: FloatArray) -> FloatArray:
-        """Return lower bounds of distances from the shape in the pieces [m], shape (N, J).
+        """Return lower bounds of distances from where the shape may be in pieces [m], (N, J).
 
         Args:
             shape: shape of the obstacle.
@@ -116,11 +121,17 @@ class RelativeMotion:
     def _between(self, distances: FloatArray) -> FloatArray:
         """Return lower bounds between the instants from distances at them [m], shape (N, J).
 
-        In a piece a distance changes no faster than at the greatest speed.
+        In a piece a distance changes no faster than at the greatest speed. The distances given are
+        from where the obstacle is taken to be, the bounds from where it may be.
         """
         lengths = self.pieces.speeds.reshape(len(distances), -1)
         lowest: FloatArray = (distances[:, :-1] + distances[:, 1:] - lengths) / 2.0
-        return lowest
+        return lowest - self.grown
+
+    @property
+    def grown(self) -> FloatArray:
+        """Largest uncertainty in each piece [m], shape (J,)."""
+        return self.uncertainty[1:]
 
     def closest(self, shape: Solid, since: float, *, known: bool) -> tuple[_Closest, _Closest]:
         """Return the least clearances from the shape: at the knots, and at all times.
@@ -142,7 +153,8 @@ class RelativeMotion:
         times, values, off = np.zeros(count), np.full(count, np.inf), np.zeros(count)
         if knots.any():
             x, errors = self.positions[:, knots], trajectory.errors(knots)
-            k, values = _least_at(shape, x, outside[:, knots] - errors, errors)
+            beyond = errors + self.uncertainty[knots]
+            k, values = _least_at(shape, x, outside[:, knots] - beyond, beyond)
             times, off = instants[knots][k], errors[k]
         at_knots = _Closest(times, values + off, off)
 
@@ -155,21 +167,25 @@ class RelativeMotion:
         near = self.pieces.select(owners * len(during) + piece)
         distance = shape.local_distance
         if isinstance(shape, Map):
-            met = encounters(shape, near, values[owners] + trajectory.errors_over[piece])
+            within = values[owners] + trajectory.errors_over[piece] + self.grown[piece]
+            met = encounters(shape, near, within)
             owners, piece, near, distance = (
                 owners[met.pieces],
                 piece[met.pieces],
                 met.steps,
                 met.distance,
             )
-        error_radii = trajectory.error_radii(piece)
+        error_radii = subtracted = trajectory.error_radii(piece)
+        if self.obstacle.is_uncertain:
+            ends = self.uncertainty[piece], self.grown[piece]
+            subtracted = ErrorRadii.with_linear(error_radii, *ends)
         least = least_over_time(
             near,
             owners[:, None],
             distance,
             PRECISION * trajectory.scenario.fleet.obstacle_tolerances(shape)[owners],
             Least.unknown(values),
-            error_radii,
+            subtracted,
         )
         found = np.flatnonzero(least.steps >= 0)
         always, off, at = np.array(times), np.array(off), least.steps[found]
@@ -198,7 +214,8 @@ def relative_to(
     pieces = (positions[:, :-1], velocities, width**2 * trajectory.accelerations)
     p, v, a = (each.reshape(-1, 3) for each in pieces)
     steps = Steps(p, v, a, trajectory.steps.higher)
-    return RelativeMotion(trajectory, obstacle, tolerance, positions, steps)
+    errors = obstacle.uncertainty(trajectory.elapsed)
+    return RelativeMotion(trajectory, obstacle, tolerance, positions, steps, errors)
 
 
 def _least_at(

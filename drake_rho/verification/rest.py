@@ -90,6 +90,11 @@ class Rest:
                 size = float(getattr(own.set, "size", 0.0))
                 moving.append((own.track, size if np.isfinite(size) else 0.0))
         far = horizon
+        for each in self.scenario.bodies_in_flight:  # what grows reaches every goal
+            if each.velocity_error > 0.0 and each.active is None:
+                at = each.centers(np.array([self._elapsed + horizon]))
+                away = float(np.linalg.norm(goals - at, axis=1).max())
+                far = max(far, horizon + _AWAY * away / each.velocity_error)
         for track, size in moving:
             speed = float(np.linalg.norm(track.last_velocity))
             if track.after == "goes_on" and speed > 0.0:

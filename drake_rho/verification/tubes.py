@@ -165,3 +165,19 @@ class ErrorRadii:
             return times * tubes.position_in(first + u * lasts, *ends)
 
         return cls(radii, times * curvatures[which.reshape(-1)])
+
+    @classmethod
+    def with_linear(cls, errors: Self | None, begins: FloatArray, ends: FloatArray) -> Self:
+        """Return error radii, if any, plus ones that change linearly in each step.
+
+        Args:
+            errors: the error radii, or None for zero.
+            begins: further radii at the beginning of each step [m], shape (M,).
+            ends: those at its end [m], shape (M,).
+        """
+
+        def radii(steps: IntArray, u: FloatArray) -> FloatArray:
+            linear = begins[steps, None] + u * (ends - begins)[steps, None]
+            return linear if errors is None else errors.radii(steps, u) + linear
+
+        return cls(radii, np.zeros(len(begins)) if errors is None else errors.curvatures)

@@ -15,7 +15,12 @@ from drake_rho.verification.boxes import check_boxes
 from drake_rho.verification.check import Check
 from drake_rho.verification.kinds import refuse_unchecked
 from drake_rho.verification.norms import check_norms
-from drake_rho.verification.notes import notes_on, notes_on_simulation, notes_on_tracks
+from drake_rho.verification.notes import (
+    notes_on,
+    notes_on_simulation,
+    notes_on_tracks,
+    notes_on_uncertainty,
+)
 from drake_rho.verification.obstacles import check_obstacles
 from drake_rho.verification.report import Report
 from drake_rho.verification.requirements import check_requirements
@@ -43,7 +48,8 @@ def verify(flown: Flown) -> Report:
     (`between_knots`), the checks at every instant are reported as well but do not count. A value
     that is NaN never holds.
 
-    A vehicle must keep its radius plus the deviation of the obstacle's track from an obstacle. An
+    A vehicle must keep its radius plus the deviation of the obstacle's track from an obstacle.
+    Distances from an obstacle whose place is uncertain are those from wherever it may be. An
     obstacle that becomes known later counts from then on; a check of its own, which does not count,
     reports how close vehicles were before. All times are on the scenario's clock.
 
@@ -120,7 +126,8 @@ def verify(flown: Flown) -> Report:
         dataclasses.replace(each, avoided=_is_avoided(each) and each.obstacle not in hit)
         for each in flown.sightings
     )
-    return Report(scenario, checks, summary, sightings, (*notes, *notes_on_tracks(scenario)))
+    notes = (*notes, *notes_on_tracks(scenario), *notes_on_uncertainty(scenario))
+    return Report(scenario, checks, summary, sightings, notes)
 
 
 def _is_avoided(sighting: Sighting) -> bool:

@@ -33,7 +33,7 @@ class Approach:
 class Clearances:
     """Clearance of each vehicle from its nearest obstacle over time.
 
-    A clearance is the distance from the obstacle's surface minus the vehicle's radius and minus
+    A clearance is the distance from where the obstacle may be minus the vehicle's radius and minus
     the largest deviation of the obstacle from its track. The nearest obstacle is the one with the
     least clearance.
     """

@@ -46,6 +46,8 @@ class Snapshot:
     faint: bool = False
     """true of a secondary snapshot, at the first or last position of a moving obstacle, and of an
     obstacle that is not active in the flight"""
+    halo: float = 0.0
+    """how far the obstacle may be from there [m]"""
     between: tuple[float, float] | None = None
     """lower and upper height of the slice of a map that is shown [m]; all of it if not given"""
 
@@ -64,8 +66,9 @@ class Snapshot:
     def bounds(self) -> tuple[FloatArray, FloatArray]:
         """Least and greatest coordinates [m]; inf and -inf along an axis without bounds."""
         ends = np.isfinite(self.shape.extent)
-        lower = np.where(ends, self.center - self.shape.extent, np.inf)
-        return lower, np.where(ends, self.center + self.shape.extent, -np.inf)
+        extent = self.shape.extent + self.halo
+        lower = np.where(ends, self.center - extent, np.inf)
+        return lower, np.where(ends, self.center + extent, -np.inf)
 
     def truncated(self, lower: FloatArray, upper: FloatArray) -> Snapshot:
         """Return the snapshot with an infinite shape cut off at these coordinates [m]."""
@@ -131,7 +134,8 @@ def active_in_words(active: tuple[float, float] | None) -> str:
 def snapshots(plan: Drawn, obstacles: Sequence[Obstacle]) -> list[Snapshot]:
     """Return the snapshots of obstacles in a still picture.
 
-    A static obstacle has one snapshot, a faint one if it is not active in the flight. A moving one
+    A static obstacle has one snapshot, a faint one if it is not active in the flight, with the
+    space in which it may be at the closest approach of a vehicle. A moving one
     is shown at the closest approach of a vehicle and, if few obstacles move, more faintly at its
     first and last positions, with the times as labels. A moving obstacle that is never near the
     rest of the scene while active is left out.
@@ -144,8 +148,11 @@ def snapshots(plan: Drawn, obstacles: Sequence[Obstacle]) -> list[Snapshot]:
         if not obstacle.moves:
             (center,) = obstacle.centers(np.array([plan.scenario.grid.start]))
             words = ", ".join(filter(None, (label, active_in_words(obstacle.active))))
-            faint = _is_never_active(plan, obstacle)
-            shown.append(Snapshot(obstacle.shape, center, number, words, faint=faint))
+            faint, halo = _is_never_active(plan, obstacle), obstacle.position_error
+            if obstacle.changes:
+                now = np.array([plan.scenario.grid.start + nearest(plan, obstacle).time])
+                halo = float(obstacle.uncertainty(now)[0])
+            shown.append(Snapshot(obstacle.shape, center, number, words, faint, halo))
             continue
         clock, near = _near_scene(plan, obstacle, obstacles)
         if not np.any(near):
@@ -153,15 +160,15 @@ def snapshots(plan: Drawn, obstacles: Sequence[Obstacle]) -> list[Snapshot]:
         times = np.array([plan.scenario.grid.start + nearest(plan, obstacle).time])
         if few:
             times = np.append(times, clock[near][[0, -1]])
-        centers = obstacle.centers(times)
+        centers, halos = obstacle.centers(times), obstacle.uncertainty(times).tolist()
         for index, (time, center) in enumerate(zip(times, centers, strict=True)):
             moved = np.linalg.norm(center - centers[0]) > _APART * _largest(obstacle)
             when = clock_time(round(time, 2)) if few else ""
             if index == 0:
                 words = ", ".join(filter(None, (label, when, active_in_words(obstacle.active))))
-                shown.append(Snapshot(obstacle.shape, center, number, words))
+                shown.append(Snapshot(obstacle.shape, center, number, words, halo=halos[0]))
             elif moved:
-                shown.append(Snapshot(obstacle.shape, center, number, when, faint=True))
+                shown.append(Snapshot(obstacle.shape, center, number, when, True, halos[index]))
     return shown
 
 
@@ -169,8 +176,8 @@ def approaches(plan: Drawn, obstacles: Sequence[Obstacle]) -> list[FloatArray]:
     """Return the line from vehicle to obstacle at the closest approach to each moving obstacle.
 
     Returns:
-        For each moving obstacle near the scene, the vehicle's position and the nearest point of
-        the obstacle [m], shape (2, 3); nothing if many obstacles move.
+        For each moving obstacle near the scene, the vehicle's position and the nearest point at
+        which the obstacle may be [m], shape (2, 3); nothing if many obstacles move.
     """
     moving = [obstacle for obstacle in obstacles if obstacle.moves]
     found = []
@@ -179,8 +186,10 @@ def approaches(plan: Drawn, obstacles: Sequence[Obstacle]) -> list[FloatArray]:
             continue
         at = nearest(plan, obstacle)
         position = plan.motion().at("position", at.time)[at.vehicle]
-        x = position - obstacle.centers(np.array([plan.scenario.grid.start + at.time]))
-        offset = obstacle.shape.local_distance(x)[:, None] * obstacle.shape.local_outward(x)
+        now = np.array([plan.scenario.grid.start + at.time])
+        x = position - obstacle.centers(now)
+        distances = obstacle.shape.local_distance(x) - obstacle.uncertainty(now)
+        offset = distances[:, None] * obstacle.shape.local_outward(x)
         found.append(np.concatenate([position, position - offset]))
     return found
 
@@ -216,6 +225,8 @@ def obstacle_notes(plan: Drawn, obstacles: Sequence[Obstacle]) -> list[str]:
         notes.append(
             "moving obstacles: at the closest approach (black line); faint: at the start and end"
         )
+    if any(each.is_uncertain and not isinstance(each.shape, Map) for each in obstacles):
+        notes.append("halos: where obstacles may be at that time, or at the closest approach")
     never = [
         str(number)
         for number, obstacle in enumerate(obstacles, start=1)

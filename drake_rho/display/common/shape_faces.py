@@ -37,14 +37,21 @@ class Surface:
 def surface(shape: Solid) -> Surface:
     """Approximate the surface of a bounded shape by flat faces with their corners on it.
 
-    A shape without a function of its own, which has to contain its centre, is drawn as smooth: its
-    corners are on rays from the centre, at distances found by bisection of `Solid.signed_distance`.
+    A shape without a function of its own, which has to contain its centre, is drawn as smooth.
     """
-    rays = shape.extent * unit_sphere()
+    return around(shape, 0.0)
+
+
+def around(shape: Solid, distance: float) -> Surface:
+    """Approximate the surface at a distance [m] from a bounded shape that contains its centre.
+
+    Corners are on rays from the centre, where bisection of `Solid.local_distance` finds them.
+    """
+    rays = (shape.extent + distance) * unit_sphere()
     inside, outside = np.zeros(rays.shape[:-1]), np.full(rays.shape[:-1], 2.0)
     for _ in range(_BISECTIONS):
         middle = 0.5 * (inside + outside)
-        within = shape.local_distance(middle[..., None] * rays) < 0.0
+        within = shape.local_distance(middle[..., None] * rays) < distance
         inside, outside = np.where(within, middle, inside), np.where(within, outside, middle)
     return Surface(list(inside[..., None] * rays), [])
 

@@ -2,8 +2,9 @@
 
 In the scene tree, /flight/obstacles/<number> is the obstacle's pose. Its children are `known`, the
 obstacle itself, `unknown`, a fainter copy shown until an obstacle with a later `known_from` becomes
-known, and `edges`, if a shape has edges. Maps are coloured by height; where one is not known yet,
-its bounding box is shown.
+known, and `edges`, if a shape has edges. Where an uncertain obstacle may be is `halo/<k>` in the
+k-th part of the time in which that grows, as large as at the end of it. Maps are coloured by
+height, and have no halo; where one is not known yet, its bounding box is shown.
 """
 
 from __future__ import annotations
@@ -15,11 +16,11 @@ from pydrake.math import RigidTransform
 
 from drake_rho.display.common.drawable import Drawn
 from drake_rho.display.common.obstacle_snapshots import obstacle_paths, truncated, truncated_centers
-from drake_rho.display.common.shape_faces import surface
+from drake_rho.display.common.shape_faces import around, surface
 from drake_rho.display.common.style import CONFLICT
 from drake_rho.display.meshcat.playback import Playback
 from drake_rho.display.meshcat.scene import ROOT, Scene
-from drake_rho.display.meshcat.shape_objects import put, put_map
+from drake_rho.display.meshcat.shape_objects import put, put_faces, put_map
 from drake_rho.display.meshcat.trails import segments, show_between
 from drake_rho.planning.errors import InfeasibleError
 from drake_rho.scenario.fields import BoolArray, FloatArray
@@ -27,12 +28,15 @@ from drake_rho.scenario.maps.map import Map
 from drake_rho.scenario.obstacles import Obstacle
 from drake_rho.scenario.shapes.base import Solid
 from drake_rho.scenario.shapes.polyhedra import Box
+from drake_rho.scenario.shapes.quadrics import Sphere
 
 _SOLID = Rgba(0.6, 0.63, 0.7, 0.5)
 _GHOST = Rgba(0.6, 0.63, 0.7, 0.12)
 _IN_CONFLICT = Rgba(*to_rgb(CONFLICT), 0.5)
 _EDGES = Rgba(0.5, 0.5, 0.55)
 _PATH = Rgba(0.6, 0.6, 0.65)
+_HALOS = 16
+"""Number of sizes of the halo of an obstacle while it grows."""
 
 
 def add_obstacles(
@@ -49,6 +53,8 @@ def add_obstacles(
         shape = truncated(obstacle.shape, scene.lower, scene.upper)
         colour = _IN_CONFLICT if number in marked else None
         _add_solid(meshcat, path, shape, colour, late=_known_late(plan, obstacle))
+        for k, (_, size) in enumerate(_halos(plan, obstacle), start=1):
+            _put_halo(meshcat, f"{path}/halo/{k}", shape, size)
         (place,) = _places(scene, obstacle, np.array([start]))
         meshcat.SetTransform(path, RigidTransform(place))
     for number, line in enumerate(obstacle_paths(plan, bodies), start=1):
@@ -75,6 +81,32 @@ def _add_solid(
         put(ghost, meshcat, f"{path}/unknown", _GHOST)
 
 
+def _halos(plan: Drawn, obstacle: Obstacle) -> list[tuple[float, float]]:
+    """Return the times since the first knot [s] from which halos are shown, and their sizes [m].
+
+    A halo is shown until the next one.
+    """
+    grid = plan.scenario.grid
+    if not obstacle.is_uncertain or isinstance(obstacle.shape, Map):
+        return []
+    first, last = np.clip(obstacle.active or (grid.start, grid.end), grid.start, grid.end)
+    if _known_late(plan, obstacle):
+        first = min(max(first, obstacle.known_from), grid.end)
+    times = np.linspace(first, last, _HALOS + 1) if obstacle.velocity_error > 0.0 else [first, last]
+    sizes = obstacle.uncertainty(np.asarray(times[1:]))
+    begins = np.asarray(times[:-1]) - grid.start
+    return [(t, size) for t, size in zip(begins.tolist(), sizes.tolist(), strict=True) if size > 0]
+
+
+def _put_halo(meshcat: Meshcat, path: str, shape: Solid, size: float) -> None:
+    """Add the surface at a distance [m] from a shape, which hides nothing."""
+    if isinstance(shape, Sphere):
+        put(Sphere(shape.center, shape.radius + size), meshcat, path, _GHOST)
+    else:
+        put_faces(around(shape, size).faces, meshcat, path, _GHOST)
+    meshcat.SetProperty(f"{path}/<object>", "material.depthWrite", False)
+
+
 def record_obstacles(meshcat: Meshcat, scene: Scene, plan: Drawn, playback: Playback) -> None:
     """Record the motion of obstacles, and the times from which they are known."""
     start = plan.scenario.grid.start
@@ -84,6 +116,10 @@ def record_obstacles(meshcat: Meshcat, scene: Scene, plan: Drawn, playback: Play
             known = playback.time_at(obstacle.known_from - start)
             show_between(meshcat, f"{path}/known", known, None)
             show_between(meshcat, f"{path}/unknown", 0.0, known)
+        begins = [playback.time_at(begin) for begin, _ in _halos(plan, obstacle)]
+        for k, begin in enumerate(begins, start=1):
+            end = begins[k] if k < len(begins) else None
+            show_between(meshcat, f"{path}/halo/{k}", begin, end)
         if obstacle.active is not None:
             first, last = (time - start for time in obstacle.active)
             _show_while_active(meshcat, path, playback, first, last)

@@ -54,7 +54,8 @@ def obstacle_panels(plan: Drawn, bodies: Sequence[Obstacle]) -> list[Callable[[A
     """Return what draws each panel of distances from obstacles."""
     if len(bodies) > MAX_PANELS:
         return [partial(draw_least_clearances, plan=plan, obstacles=bodies)]
-    spheres = [each.shape for each in bodies if isinstance(each.shape, Sphere)]
+    certain = [each.shape for each in bodies if not each.is_uncertain]
+    spheres = [shape for shape in certain if isinstance(shape, Sphere)]
     panels: list[Callable[[Axes], object]] = []
     for index, body in enumerate(bodies):
         name = None if body.name is None else as_text(brief(body.name))
@@ -71,7 +72,7 @@ def obstacle_panels(plan: Drawn, bodies: Sequence[Obstacle]) -> list[Callable[[A
 def draw_distances(
     ax: Axes, plan: Drawn, obstacle: Obstacle, *, title: str | None = None
 ) -> list[Line2D]:
-    """Draw each vehicle's distance from an obstacle's surface, with the required distances."""
+    """Draw each vehicle's distance from where an obstacle may be, with the required distances."""
     lines = _draw_distances(ax, plan, obstacle, lambda each, at: distances(each, obstacle, at))
     least = sorted(set(required_distances(plan.scenario, obstacle).tolist()))
     values = np.concatenate([np.asarray(line.get_ydata()) for line in lines])
@@ -81,7 +82,8 @@ def draw_distances(
     for most in least:
         words = "surface" if most == 0.0 else f"required distance: {most:g} m"
         draw_limit(ax, most, words, bottom)
-    ax.set(ylabel="distance from the obstacle [m]", ylim=(bottom, None))
+    where = "where it may be" if obstacle.is_uncertain else "the obstacle"
+    ax.set(ylabel=f"distance from {where} [m]", ylim=(bottom, None))
     finish(ax, plan, lines)
     _mark_least(ax, plan, obstacle, closest(plan, obstacle), title)
     return lines
@@ -192,8 +194,8 @@ def draw_least_clearances(ax: Axes, plan: Drawn, obstacles: Sequence[Obstacle]) 
 
     The minimum of each curve has a mark with the obstacle's number.
 
-    A clearance is the distance from an obstacle's surface minus the vehicle's radius and minus the
-    largest deviation of the obstacle from its track.
+    A clearance is the distance from where an obstacle may be minus the vehicle's radius and minus
+    the largest deviation of the obstacle from its track.
 
     Returns:
         The curves, and a ring at the overall minimum if there is one.
@@ -231,7 +233,9 @@ def draw_least_clearances(ax: Axes, plan: Drawn, obstacles: Sequence[Obstacle]) 
     bottom -= BELOW * (float(values.max(initial=0.0)) - bottom)
     least = max(float(required_distances(plan.scenario, obstacle).max()) for obstacle in obstacles)
     draw_limit(ax, 0.0, "vehicle radius from the surface" if least > 0.0 else "surface", bottom)
-    ax.set(ylabel="clearance from the nearest obstacle [m]", ylim=(bottom, None))
+    uncertain = any(obstacle.is_uncertain for obstacle in obstacles)
+    where = "where obstacles may be" if uncertain else "the nearest obstacle"
+    ax.set(ylabel=f"clearance from {where} [m]", ylim=(bottom, None))
     finish(ax, plan, curves)
     return lines
 

@@ -20,6 +20,7 @@ from drake_rho.display.common.drawable import Drawn, StraightLines, drawn, plann
 from drake_rho.display.common.hidden_by_maps import hidden
 from drake_rho.display.common.names import as_text, brief
 from drake_rho.display.common.obstacle_snapshots import Snapshot
+from drake_rho.display.common.shape_faces import around as surface_around
 from drake_rho.display.common.shape_faces import surface
 from drake_rho.display.common.style import (
     CONFLICT,
@@ -55,6 +56,8 @@ _TOP = 1000
 def draw_obstacles(ax: Axes3D, shown: Sequence[Snapshot]) -> list[Poly3DCollection]:
     """Draw obstacles as translucent bodies, in layers between which paths can be drawn.
 
+    Where one may be is a fainter body around it, except around maps.
+
     Infinite shapes are cut off at the limits of the axes.
     """
     lower, upper = np.array([ax.get_xlim(), ax.get_ylim(), ax.get_zlim()]).T
@@ -76,6 +79,10 @@ def draw_obstacles(ax: Axes3D, shown: Sequence[Snapshot]) -> list[Poly3DCollecti
         )
         ax.add_collection3d(body)
         bodies.append(body)
+        if each.halo > 0.0:
+            halo = [cut.center + face for face in surface_around(cut.shape, each.halo).faces]
+            style = {"alpha": 0.04 if each.faint else 0.1, "linewidth": 0, "zorder": layer}
+            ax.add_collection3d(Poly3DCollection(halo, facecolors=FORBIDDEN, **style))
         if skin.edges:
             edges = [cut.center + edge for edge in skin.edges]
             alpha = 0.3 if each.faint else 0.7

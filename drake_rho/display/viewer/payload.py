@@ -142,7 +142,9 @@ def _curves(stage: Stage, found: Readings, decimals: int) -> list[dict[str, obje
         curves.append(_curve("Least separation", how, found.pairs, vehicles, vehicles))
     if found.obstacles is not None:
         padded = bool(np.any(scenario.fleet.radii > 0.0))
-        how = "from obstacles, minus the vehicle's radius" if padded else "from obstacles"
+        uncertain = any(each.is_uncertain for each in scenario.bodies)
+        how = "from where obstacles may be" if uncertain else "from obstacles"
+        how += ", minus the vehicle's radius" if padded else ""
         curves.append(_curve("Least clearance", how, found.obstacles, vehicles, bodies))
     if found.requirements is not None:
         labels = [each.label for each in found.kept]
@@ -223,6 +225,8 @@ def _legend(stage: Stage) -> list[dict[str, str]]:
         entries.append(("map", f"map, paler the higher{_merged(scenario)}; Show can hide it"))
     if any(obstacle.known_from > max(scenario.grid.start, 0.0) for obstacle in scenario.bodies):
         entries.append(("unknown", "obstacle that is not known yet"))
+    if any(each.is_uncertain and not isinstance(each.shape, Map) for each in scenario.bodies):
+        entries.append(("unknown", "halo: where an obstacle may be"))
     if any(obstacle.active is not None for obstacle in scenario.bodies):
         entries.append(("obstacle", "obstacles with a time window are shown while active"))
     entries += _of_requirements(list(kept_positions(scenario)))

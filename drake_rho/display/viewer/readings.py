@@ -1,6 +1,6 @@
 """Numbers that the viewer shows over time: speeds, clearances, and least values of the fleet.
 
-A clearance is the distance minus its limit. For an obstacle it is the distance from the surface
+A clearance is the distance minus its limit. For an obstacle it is the distance from where it may be
 minus the vehicle's radius and the obstacle's largest deviation from its track. For another vehicle
 it is the distance, scaled for downwash, minus the separation. Without a separation, other vehicles
 are ignored. What is left of a requirement of positions is the distance from its set's boundary.

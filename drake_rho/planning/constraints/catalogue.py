@@ -80,6 +80,7 @@ TREATMENT: dict[str, str] = {
     "moving obstacles": "half-spaces at the obstacle's position at the time",
     "late obstacles": "half-spaces in the windows in which the obstacle is known",
     "active obstacles": "half-spaces within the active interval only",
+    "uncertain obstacles": "half-spaces at a distance that grows with time",
     "separation": "half-spaces of pairs around a reference (`Problem.linearized`)",
     "disturbance": "all rows tightened by the radius of the error tube",
     "holding": "no rows: it depends on goals alone, which are checked before planning",

@@ -105,6 +105,8 @@ def _measured(
         motion.velocities[one, k] - motion.velocities[other, k],
         motion.accelerations[one, k] - motion.accelerations[other, k],
         parts=np.zeros(len(k), dtype=np.int64),
+        errors=np.zeros(len(k)),
+        growths=np.zeros(len(k)),
     )
     below = 2.0 * margins.steps["position"][k] - VIOLATED * separation.tolerance
     tolerances = np.full(len(k), separation.tolerance)

@@ -118,15 +118,16 @@ class KeepOutOfShape(KeepOutOfObstacle):
         """Distances of the reference beyond the required ones at inner knots [m], (N, K-2)."""
         offsets = self.offsets(self.reference, self.inner_knots)
         distances = self.shape.local_distance(offsets).reshape(len(self.required), -1)
-        inside = self.margins.knots["position"][1:-1]
+        times = self.inner_knots.times[: distances.shape[1]]
+        inside = self.margins.knots["position"][1:-1] + self.obstacle.uncertainty(times)
         clearances: FloatArray = distances - self.required[:, None] - inside
-        clearances[:, ~self.holds_at(self.inner_knots.times[: clearances.shape[1]])] = np.inf
+        clearances[:, ~self.holds_at(times)] = np.inf
         return clearances
 
     def quadratics(self, rows: HalfSpaces) -> Quadratic | None:
         """Return bounds on scaled distances from the centre; None for other shapes."""
-        radii = self.required[rows.vehicles] + self.margins.at("position", rows.times)
-        inside = [self.shape.quadric_inside(radius) for radius in radii]
+        points = EvaluationPoints(rows.vehicles, rows.partners, rows.times)
+        inside = [self.shape.quadric_inside(radius) for radius in self.radius(points)]
         quadrics = [each for each in inside if each is not None]
         if len(quadrics) < len(inside):
             return None

@@ -27,14 +27,15 @@ class KeepOutOfObstacle(KeepOut):
     required: FloatArray
     """required distance of each vehicle from the shape without a disturbance [m], shape (N,)"""
     margins: Margins
-    """margins for the disturbance; r is the sum of required distance and margin"""
+    """margins for the disturbance; r is the sum of required distance, margin and uncertainty"""
     tolerances: FloatArray
     """largest penetration that counts as outside, for each vehicle [m], shape (N,)"""
 
     def radius(self, points: EvaluationPoints) -> FloatArray:
         """Return the required distances r [m], shape (R,)."""
         margins = self.margins.at("position", points.times)
-        radii: FloatArray = self.required[points.vehicles] + margins
+        errors = self.obstacle.uncertainty(points.times)
+        radii: FloatArray = self.required[points.vehicles] + margins + errors
         return radii
 
     @abc.abstractmethod
@@ -56,10 +57,11 @@ class KeepOutOfObstacle(KeepOut):
 
     def bounds_at(self, rows: HalfSpaces, times: FloatArray) -> FloatArray:
         """Return bounds with the obstacle where it is at other times."""
-        if not self.obstacle.moves:
+        if not self.obstacle.changes:
             return rows.bounds
         moved = self.obstacle.centers(times) - self.obstacle.centers(rows.times)
-        bounds: FloatArray = rows.bounds + np.vecdot(rows.normals, moved)
+        grown = self.obstacle.uncertainty(times) - self.obstacle.uncertainty(rows.times)
+        bounds: FloatArray = rows.bounds + np.vecdot(rows.normals, moved) + grown
         return bounds
 
     def renewed(self, rows: HalfSpaces) -> HalfSpaces:

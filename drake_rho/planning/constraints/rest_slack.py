@@ -97,35 +97,42 @@ def _obstacles(scenario: Scenario, radius: FloatArray) -> Iterator[TighteningSla
 def _least_distances(
     body: Obstacle, points: FloatArray, begin: float, precision: float
 ) -> FloatArray:
-    """Return the least distances of points (N, 3) from an obstacle from a time on [m], (N,).
+    """Return the least distances of points (N, 3) from where an obstacle may be later [m], (N,).
 
     Those from a map that moves may be too small by `precision` [m].
     """
     if body.is_steady:
-        return body.shape.local_distance(points - body.first_center)
+        return body.distances(points[:, None], np.zeros(1))[:, 0]
     least = np.full(len(points), np.inf)
     for first, last in _pieces(body, points, begin):
         ends = body.centers(np.array([first, last]))
         x, moved = points - ends[0], ends[0] - ends[1]
         if isinstance(body.shape, Shape):
-            found = _least_of_convex(body.shape, x, moved)
+            found = _least_of_convex(
+                body.shape, x, moved, body.uncertainty(np.array([first, last]))
+            )
         else:
             found = _least_of_map(body.shape, x, moved, precision)
+            found = found - body.uncertainty(np.array([last]))
         least = np.minimum(least, found)
     return least
 
 
-def _least_of_convex(shape: Shape, x: FloatArray, moved: FloatArray) -> FloatArray:
+def _least_of_convex(
+    shape: Shape, x: FloatArray, moved: FloatArray, errors: FloatArray
+) -> FloatArray:
     """Return the least distances from a convex shape on segments, by golden sections, (N,).
 
     Args:
         shape: shape of the obstacle.
         x: beginnings of the segments relative to its centre [m], shape (N, 3).
         moved: their ends less their beginnings [m], shape (3,).
+        errors: how far the obstacle may be off at the beginning and at the end [m], shape (2,).
     """
 
     def at(s: FloatArray) -> FloatArray:
-        return np.asarray(shape.local_distance(x + s[:, None] * moved))
+        off = errors[0] + s * (errors[1] - errors[0])
+        return np.asarray(shape.local_distance(x + s[:, None] * moved) - off)
 
     low, high = np.zeros(len(x)), np.ones(len(x))
     least = np.minimum(at(low), at(high))
@@ -180,11 +187,12 @@ def _pieces(body: Obstacle, points: FloatArray, begin: float) -> Iterator[tuple[
 
 
 def _until_far(moving: Obstacle, points: FloatArray, time: float, size: float) -> float:
-    """Return the time in which what moves on straight from a time on gets far from points [s]."""
+    """Return the time in which what moves on or grows from a time on gets far [s]."""
     at = moving.centers(np.array([time, time + 1.0]))
     speed = float(np.linalg.norm(at[1] - at[0]))
     away = float(np.linalg.norm(points - at[0], axis=1).max()) + size + moving.deviation
-    return 1.0 if speed == 0.0 else max(1.0, _FAR * away / speed)
+    speeds = [each for each in (speed, moving.velocity_error) if each > 0.0]
+    return max([1.0, *(_FAR * away / each for each in speeds)])
 
 
 def _pairs(scenario: Scenario, radius: FloatArray) -> Iterator[TighteningSlack]:

@@ -45,6 +45,7 @@ TREATMENT: dict[str, str] = {
     "moving obstacles": "as obstacles, at their positions at the first and the last knot",
     "late obstacles": "as obstacles, if they are known at the start",
     "active obstacles": "as obstacles, if they are active at the start or at the end",
+    "uncertain obstacles": "as obstacles, by the distance from where they may be at that time",
     "separation": "half the distance of starts and goals against the position's radius",
     "disturbance": "the radii",
     "holding": "all constraints at goals against the largest radii that there ever are",

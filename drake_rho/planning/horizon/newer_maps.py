@@ -20,13 +20,14 @@ from drake_rho.scenario.maps.cells import difference
 from drake_rho.scenario.maps.map import Map
 from drake_rho.scenario.maps.voxels import Voxels
 from drake_rho.scenario.obstacles import AnyObstacle, Obstacle
+from drake_rho.scenario.parts import Grid
 from drake_rho.scenario.records import Scenario
 from drake_rho.scenario.shapes.base import Solid
 
 _JUST_BEFORE = 1e-6
 """Time before the present until which cells count that are seen to be gone, in steps."""
 
-_LONGEST = 50
+LONGEST = 50
 """Characters of a map's name that the names of what it gains and loses begin with."""
 
 
@@ -59,7 +60,7 @@ class SeenMaps:
         for number, latest in self._numbered(scenario, newer):
             parts = self._parts.setdefault(number, [])
             name = (bodies[number - 1].name if number <= len(bodies) else None) or "map"
-            name, at, rest = name[:_LONGEST], clock_time(time), _Rest(latest)
+            name, at, rest = name[:LONGEST], clock_time(time), _Rest(latest)
             for each in list(parts):
                 body = bodies[each - 1]
                 stays, goes = rest.compared(body.shape)
@@ -84,11 +85,11 @@ class SeenMaps:
 
         It is no news, so it counts as known from the start.
         """
-        step, begin = scenario.grid.step, scenario.grid.start - scenario.grid.step
+        begin = scenario.grid.start - scenario.grid.step
         if body.known_from > 0.0:
             begin = body.known_from
-        active = (begin, time - _JUST_BEFORE * step)
-        return unchecked(body, shape=goes, known_from=0.0, active=active, name=name)
+        active, known = (begin, just_before(time, scenario.grid)), body.known_by(0.0)
+        return unchecked(known, shape=goes, active=active, name=name)
 
     def _numbered(
         self, scenario: Scenario, newer: Map | Mapping[str, Map]
@@ -107,10 +108,15 @@ class SeenMaps:
         return [(names[name], latest) for name, latest in newer.items()]
 
 
-def with_obstacles(scenario: Scenario, obstacles: tuple[AnyObstacle, ...]) -> Scenario:
-    """Return a scenario, or the rest of one, with other obstacles at rest.
+def just_before(time: float, grid: Grid) -> float:
+    """Return the last time that counts as before a time on the scenario's clock [s]."""
+    return time - max(_JUST_BEFORE * grid.step, 2.0 * grid.rounding)
 
-    Obstacles at rest do not change the scales of motions, so that the fleet stays the same.
+
+def with_obstacles(scenario: Scenario, obstacles: tuple[AnyObstacle, ...]) -> Scenario:
+    """Return a scenario, or the rest of one, with other obstacles.
+
+    The scales of motions, and so the tolerances, stay those of the flight.
     """
     return scenario.derived(obstacles=obstacles, fleet=scenario.fleet)
 

@@ -26,6 +26,7 @@ from drake_rho.planning.horizon.measured_states import (
     renewed_tracking,
 )
 from drake_rho.planning.horizon.newer_maps import SeenMaps, with_obstacles
+from drake_rho.planning.horizon.seen_again import Seen, seen_again
 from drake_rho.planning.horizon.waypoints_ahead import free_ahead, free_of, timed_as
 from drake_rho.planning.horizon.windows import (
     Planner,
@@ -82,7 +83,7 @@ class RecedingHorizon:
             continued.
 
     Attributes:
-        scenario: as given, with newer maps that were seen, and the times found for waypoints.
+        scenario: as given, with newer maps, sightings and the times found for waypoints.
         replan_every: as given.
         free_final_time: as given.
         windows: windows planned so far.
@@ -118,7 +119,7 @@ class RecedingHorizon:
         self.scenario, self.replan_every = scenario, int(replan_every)
         self.free_final_time, self._free = free_final_time, free_of(scenario)
         self.windows: list[Window] = []
-        self._maps = SeenMaps(scenario)
+        self._maps, self._due = SeenMaps(scenario), scenario.obstacles
         self._planner, self._progress = (
             WindowPlanner(
                 with_options(options, planner),
@@ -155,6 +156,7 @@ class RecedingHorizon:
         time: float,
         *,
         map: Map | Mapping[str, Map] | None = None,  # the field's word
+        sightings: Mapping[str, Seen] | None = None,
     ) -> Window:
         """Plan the next window.
 
@@ -175,6 +177,12 @@ class RecedingHorizon:
                 others removed. It follows the scenario's map at rest; if there are several, a
                 mapping from their names. Afterwards `scenario` has what was added as an obstacle
                 known from this time, and what was removed as one active until then.
+            sightings: position of the centre [m] and velocity [m/s], (3,) each, of obstacles
+                that were seen again at this time, by their names. From now on each moves on from
+                there with this velocity, and its errors count anew. If there is no new plan and
+                `kept` is true, `scenario` keeps the former sightings, which the rest of the
+                previous plan keeps clear of: they hold as well, unless the new ones contradict
+                their errors.
 
         Returns:
             The window. Its plan is flown until the next window.
@@ -185,11 +193,16 @@ class RecedingHorizon:
             ValueError: the states have another shape or are not numbers, or the time is not that
                 of a later knot.
         """
-        if map is not None:
+        if map is not None or sightings:
             self._knot(time)  # an impossible time changes nothing
+        if map is not None:
             self.scenario = self._maps.seen(self.scenario, map, time)
+        self.scenario, due = seen_again(self.scenario, sightings or {}, time)
+        self._due = due.obstacles
         with within_time(self._time_limit):
             self.windows.append(self._window(states, time))
+        if self.windows[-1].kept and self.scenario.obstacles is not self._due:
+            self.scenario = with_obstacles(self.scenario, self._due)
         return self.windows[-1]
 
     @with_wall_time
@@ -284,10 +297,12 @@ class RecedingHorizon:
         """Return a window after the first."""
         last = self.windows[-1]
         tail = last.plan.tail(knot - last.first_knot)
-        if tail.scenario.obstacles is not self.scenario.obstacles:  # a newer map was seen
-            now_known = with_obstacles(tail.scenario, self.scenario.obstacles)
+        if tail.scenario.obstacles is not self._due:  # a newer map was seen
+            now_known = with_obstacles(tail.scenario, self._due)
             tail = unchecked(tail, scenario=now_known)
         left, unseen = tail.scenario, np.isnan(states).any(axis=1)
+        if left.obstacles is not self.scenario.obstacles:  # an obstacle was seen again
+            left = with_obstacles(left, self.scenario.obstacles)
         positions, velocities = _split(_completed(states, tail.states(0)))
         deviations = positions - tail.positions[:, 0], velocities - tail.velocities[:, 0]
         tracking = renewed_tracking(self.scenario, left, left if unseen.any() else None)

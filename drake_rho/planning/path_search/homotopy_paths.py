@@ -142,17 +142,17 @@ class SpacePathSearch:
             if clearances[k] > reach:
                 continue
             ahead = path.positions[min(k + 1, len(x) - 1)] - path.positions[max(k - 1, 0)]
-            places = obstacle.first_center + self._around(obstacle.shape, side, ahead)
+            places = obstacle.first_center + self._around(obstacle, side, ahead)
             points += [int(self._lattice.nearest(place)) for place in places]
         numbers = np.unique(np.array(points, dtype=np.int64))
         known: IntArray = numbers[numbers < len(self._lattice.points)]
         return known
 
-    def _around(self, shape: Shape, side: FloatArray, ahead: FloatArray) -> FloatArray:
+    def _around(self, obstacle: Obstacle, side: FloatArray, ahead: FloatArray) -> FloatArray:
         """Return positions just beside an obstacle on its other sides, shape (S, 3).
 
         Args:
-            shape: of the obstacle.
+            obstacle: a convex one.
             side: unit vector from the obstacle towards the path, shape (3,).
             ahead: direction of the path there, of any length, shape (3,).
 
@@ -165,7 +165,9 @@ class SpacePathSearch:
         first = first / length if length > 1e-6 else across(ahead)
         second = np.cross(ahead, first)
         sides = np.cos(_TURNS)[:, None] * first + np.sin(_TURNS)[:, None] * second
-        far = shape.local_support(sides)
+        shape = obstacle.shape
+        assert isinstance(shape, Shape)  # noqa: S101  # callers leave out maps
+        far = shape.local_support(sides) + obstacle.position_error
         sides, far = sides[np.isfinite(far)], far[np.isfinite(far)]
         far = far + self._radius + float(self._lattice.raster.spacing.max())
         places: FloatArray = far[:, None] * sides

@@ -2,7 +2,8 @@
 
 Time is divided into layers, in each of which a vehicle makes one move. Within a layer, obstacles
 and other vehicles are taken to move along straight lines. The deviation of an obstacle's motion
-from its line is added to the distance required from it.
+from its line is added to the distance required from it. Where its place is uncertain, the distance
+grows linearly within a layer.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ _FINE_PARTS = np.linspace(0.0, 1.0, 9)
 
 
 class MovingObstacle:
-    """An obstacle that moves, or is active for a time, in the layers of a time-expanded graph.
+    """An obstacle that moves, grows or is active for a time, in the layers of a graph over time.
 
     Args:
         body: the obstacle, on a clock that is 0 at the first knot.
@@ -36,7 +37,7 @@ class MovingObstacle:
 
     Attributes:
         begins: first layer in which the obstacle is active.
-        layers: those in which it is active; if it is at rest, only the first two.
+        layers: those in which it is active; if nothing changes, only the first two.
         alike: those in which it blocks the same moves as in the last of `layers`.
     """
 
@@ -49,18 +50,21 @@ class MovingObstacle:
         self._active: BoolArray = (times[1:] > first) & (times[:-1] < last)
         self.begins = int(np.argmax(self._active))
         active = np.flatnonzero(self._active)
-        different = len(active) if body.moves else 2
+        different = len(active) if body.changes else 2
         self.layers, self.alike = active[:different], active[different:]
         middles = body.centers((times[:-1] + times[1:]) / 2.0)
         deviations = np.linalg.norm(middles - (self.centers[:-1] + self.centers[1:]) / 2.0, axis=1)
         self.margins: FloatArray = required_distance(body, radius) + deviations
-        self.reach: FloatArray = body.shape.extent + self.margins.max()
+        errors = body.uncertainty(times) - body.position_error
+        self._before, self._growth = errors[:-1], np.diff(errors)
+        self.reach: FloatArray = body.shape.extent + (self.margins + errors[1:]).max()
         self._shape, self._outermost = body.shape, float(np.linalg.norm(body.shape.extent))
 
     def clearance(self, layers: IntArray, positions: FloatArray) -> FloatArray:
         """Return the clearance of positions, (Q, 3), at the beginning of layers, (Q,)."""
         x = positions - self.centers[layers]
-        clearance: FloatArray = self._shape.local_distance(x) - self.margins[layers]
+        required = self.margins[layers] + self._before[layers]
+        clearance: FloatArray = self._shape.local_distance(x) - required
         return clearance
 
     def lengths(self, steps: FloatArray) -> FloatArray:
@@ -68,19 +72,19 @@ class MovingObstacle:
         lengths: FloatArray = np.linalg.norm(
             steps[:, None] - np.diff(self.centers, axis=0), axis=-1
         )
-        return lengths
+        return lengths + self._growth
 
     def collide(self, layers: IntArray, start: FloatArray, end: FloatArray) -> BoolArray:
         """Return which moves in given layers, (Q,), between positions, (Q, 3), collide: (Q,)."""
-        x0, margins = start - self.centers[layers], self.margins[layers]
-        step = end - self.centers[layers + 1] - x0
-        lengths = np.sqrt(np.einsum("qi,qi->q", step, step))
-        reached = _least_squared_distances(x0, step) < (self._outermost + margins) ** 2
+        x0, margins = start - self.centers[layers], self.margins[layers] + self._before[layers]
+        step, growth = end - self.centers[layers + 1] - x0, self._growth[layers]
+        lengths = np.sqrt(np.einsum("qi,qi->q", step, step)) + growth
+        reached = _least_squared_distances(x0, step) < (self._outermost + margins + growth) ** 2
         near = np.flatnonzero(reached & self._active[layers])
         collides = np.zeros(len(layers), dtype=bool)
         for parts in (_PARTS, _FINE_PARTS):
             x = x0[near] + parts[:, None, None] * step[near]
-            d = self._shape.local_distance(x) - margins[near]
+            d = self._shape.local_distance(x) - margins[near] - parts[:, None] * growth[near]
             collides[near] = lower_bound(self._shape, d, lengths[near]) < 0.0
             near = near[collides[near] & (d.min(axis=0) >= 0.0)]  # a point inside decides the check
         return collides

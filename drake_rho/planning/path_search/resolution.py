@@ -214,6 +214,7 @@ def region(scenario: Scenario) -> Region:
         active = body.is_active(elapsed, slack=scenario.grid.step)
         centers, extent = body.centers(elapsed[active]), body.shape.extent
         extent = np.where(np.isfinite(extent), extent, 0.0)
+        extent = extent + body.uncertainty(elapsed[active])[:, None]
         lows.append((centers - extent).min(axis=0))
         highs.append((centers + extent).max(axis=0))
     around = 2.0 * float(fleet.radii.max()) + _scale(scenario) + np.zeros(3)

@@ -19,11 +19,13 @@ SAMPLES = 17
 def required_distance(body: Obstacle, radius: float) -> float:
     """Return the distance required between a vehicle's centre and an obstacle, less tolerance [m].
 
+    The growth of the space in which the obstacle may be is not included.
+
     Args:
         body: the obstacle.
         radius: of the vehicle [m].
     """
-    return radius + body.deviation - body.shape.tolerance
+    return radius + body.deviation + body.position_error - body.shape.tolerance
 
 
 def convex_lower_bound(values: FloatArray, length: FloatArray) -> FloatArray:

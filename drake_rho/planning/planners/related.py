@@ -23,16 +23,16 @@ def can_be_slower(scenario: Scenario) -> bool:
     This holds from rest to rest if every box of velocity, acceleration and jerk contains zero: a
     larger step stretches the motion in time, which leaves its path unchanged and shrinks its
     derivatives towards zero. Limits on norms never prevent it: they are convex sets that contain
-    rest and hovering, and therefore all values between these and a value inside. Waypoints, moving
-    obstacles and those that are active for a part of the flight prevent it, since their times are
-    fixed. So does a disturbance, since errors grow with the duration, and a requirement, unless it
-    is always active for positions at rest.
+    rest and hovering, and therefore all values between these and a value inside. Waypoints, and
+    obstacles that move, grow or are active for a part of the flight prevent it, since their times
+    are fixed. So does a disturbance, since errors grow with the duration, and a requirement, unless
+    it is always active for positions at rest.
     """
     for each in scenario.requirements:
         if each.of != "position" or each.active is not None or each.track is not None:
             return False
     bodies, grid = scenario.bodies_in_flight, scenario.grid
-    steady = all(not body.moves and body.is_always_active(grid) for body in bodies)
+    steady = all(not body.changes and body.is_always_active(grid) for body in bodies)
     if scenario.disturbance is not None or not steady:
         return False
     for vehicle in scenario.vehicles:
@@ -49,7 +49,7 @@ def can_be_slower(scenario: Scenario) -> bool:
 
 def changes_with_time(scenario: Scenario) -> bool:
     """Return whether what is required of positions changes with time."""
-    steady = (not each.moves and each.active is None for each in scenario.bodies)
+    steady = (each.is_steady for each in scenario.bodies)
     whenever = (each.active is None and each.track is None for each in scenario.requirements)
     return not all(steady) or not all(whenever)
 

@@ -1,0 +1,50 @@
+"""Obstacles that planners know at the first knot, and those of them that a flight avoids."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from drake_rho.scenario.fields import unchecked
+from drake_rho.scenario.obstacles import Obstacle
+from drake_rho.scenario.parts import Grid
+
+
+def known_at_start(
+    obstacles: Sequence[Obstacle], in_flight: Sequence[Obstacle], grid: Grid
+) -> tuple[tuple[int, Obstacle], ...]:
+    """Return the obstacles that planners know at the first knot of a grid.
+
+    Args:
+        obstacles: all obstacles, on the scenario's clock.
+        in_flight: the same obstacles on a clock that is 0 at that knot.
+        grid: of the scenario or of the remainder of its flight.
+
+    Returns:
+        The known elements of `in_flight`, with their numbers from 1.
+    """
+    now = max(grid.start, 0.0) + grid.rounding
+    both = enumerate(zip(obstacles, in_flight, strict=True), start=1)
+    return tuple((number, body) for number, (each, body) in both if each.known_from <= now)
+
+
+def active_during(
+    known: Sequence[tuple[int, Obstacle]], grid: Grid
+) -> tuple[tuple[int, Obstacle], ...]:
+    """Return the known obstacles that are active at any time of a flight, with their numbers.
+
+    Those that are active at all times have no interval, so that plans are as if they had none. The
+    shape of a map is its cover, which is all that planners see of it.
+
+    Args:
+        known: obstacles and their numbers, on a clock that is 0 at the first knot.
+        grid: of the flight or of its remainder.
+    """
+    found = list[tuple[int, Obstacle]]()
+    for number, each in known:
+        body = each if each.shape.cover is each.shape else unchecked(each, shape=each.shape.cover)
+        first, last = body.active or (0.0, grid.duration)
+        if body.is_always_active(grid):
+            found.append((number, unchecked(body, active=None)))
+        elif first <= grid.duration + grid.rounding and last >= -grid.rounding:
+            found.append((number, body))
+    return tuple(found)
