@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from drake_rho.motion.sampled_loop import Responses, is_stable
+from drake_rho.motion.sampled_loop import Measurements, Responses, is_stable
 from drake_rho.scenario.fields import FloatArray
 
 _PARTS = np.linspace(0.0, 1.0, 9)
@@ -43,8 +43,8 @@ _SEARCHES, _EVALUATIONS = 3, 40
 class Loop(NamedTuple):
     """Feedback loop for which gains are optimised."""
 
-    delay: int
-    """delay d, in samples"""
+    measurements: Measurements
+    """measurements of which the feedback is computed"""
     samples: int
     """number of samples in the flight"""
     sizes: tuple[float, float, float, float, float]
@@ -52,6 +52,10 @@ class Loop(NamedTuple):
     [m/s²]"""
     limit: float
     """largest norm of the feedback [m/s²]; infinite for no limit"""
+
+    def responses(self, gains: tuple[float, float]) -> Responses:
+        """Return the responses of errors with given gains."""
+        return Responses.of(gains, self.measurements, self.samples)
 
 
 @lru_cache(maxsize=256)
@@ -71,9 +75,9 @@ def best_gains(loop: Loop) -> tuple[float, float]:
         weak = np.log(sizes.sum() + feedback)
         return float(np.log(radii.max() + _TIE * radii[-1, -1]) + _TIE * weak)
 
-    if not Responses.of((0.0, 0.0), loop.delay, loop.samples).radii("position", [1.0], sizes).any():
+    if not loop.responses((0.0, 0.0)).radii("position", [1.0], sizes).any():
         return 0.0, 0.0  # there is no error
-    return _search(cost, loop.delay, loop.samples)[0]
+    return _search(cost, loop)[0]
 
 
 @lru_cache(maxsize=256)
@@ -100,10 +104,10 @@ def largest_wind(loop: Loop, radius: float) -> float:
 
     def is_tolerable(wind: float) -> bool:
         gains = best_gains(loop._replace(sizes=(wind, *loop.sizes[1:])))
-        return wind <= tolerable_wind(loop, Responses.of(gains, loop.delay, loop.samples), radius)
+        return wind <= tolerable_wind(loop, loop.responses(gains), radius)
 
     # `best_gains` results from another search, and its gains may tolerate slightly less wind
-    wind = float(np.exp(-_search(cost, loop.delay, loop.samples)[1]))
+    wind = float(np.exp(-_search(cost, loop)[1]))
     part = next((part for part in _WIND_PARTS if is_tolerable(part * wind)), 0.0)
     if part == 1.0:
         return wind
@@ -139,7 +143,7 @@ def tolerable_wind(loop: Loop, responses: Responses, radius: float) -> float:
 
 
 def _search(
-    cost: Callable[[Responses], float], delay: int, samples: int
+    cost: Callable[[Responses], float], loop: Loop
 ) -> tuple[tuple[float, float], float]:
     """Return the gains of least cost, and that cost; no feedback unless others cost less.
 
@@ -151,11 +155,11 @@ def _search(
 
     def cost_at(logarithms: FloatArray) -> float:
         gains = _gains(logarithms)
-        if not is_stable(gains, delay):
+        if not is_stable(gains, loop.measurements.queued):
             return np.inf
-        return cost(Responses.of(gains, delay, samples))
+        return cost(loop.responses(gains))
 
-    slowest = 0.3 / samples  # feedback that has almost no effect within the flight
+    slowest = 0.3 / loop.samples  # feedback that has almost no effect within the flight
     bandwidths = np.linspace(np.log(slowest), np.log(_FASTEST), _BANDWIDTHS)
     starts = [np.array(each) for each in product(bandwidths, np.log(_DAMPINGS))]
     best, least = min(((x, cost_at(x)) for x in starts), key=lambda each: each[1])
@@ -165,7 +169,7 @@ def _search(
         options = {"initial_simplex": corners, "maxfev": _EVALUATIONS, "xatol": 1e-4, "fatol": 1e-5}
         found = minimize(cost_at, best, method="Nelder-Mead", options=options)
         best, least = found.x, float(found.fun)
-    without = cost(Responses.of((0.0, 0.0), delay, samples))
+    without = cost(loop.responses((0.0, 0.0)))
     return (_gains(best), least) if least < without else ((0.0, 0.0), without)
 
 

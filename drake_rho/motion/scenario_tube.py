@@ -122,4 +122,4 @@ def _loop(scenario: Scenario, tube: ErrorTube) -> Loop:
     """Return the feedback loop for which gains are optimised."""
     limit = tube.disturbance.share * tightest_acceleration(scenario)
     W, E_p, E_v, r_p, r_v = map(float, tube.sizes)
-    return Loop(tube.disturbance.delay, tube.samples, (W, E_p, E_v, r_p, r_v), limit)
+    return Loop(tube.measurements, tube.samples, (W, E_p, E_v, r_p, r_v), limit)

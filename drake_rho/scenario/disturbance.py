@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Annotated, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.fields import LARGEST, NOT_BOOLEAN, Finite, Positive, record, unchecked
@@ -40,7 +40,7 @@ class Disturbance:
 
     The motion of a vehicle is p'' = a + u + w with the planned acceleration a, the unknown one w,
     and the feedback u. The feedback is constant from one sample to the next and linear in the
-    error estimated `delay` samples before. At the first knot, vehicles are exactly at their
+    present error, predicted from the newest measurement that has arrived. At the first knot, vehicles are exactly at their
     starts; a receding horizon that is given other states there treats them as estimates.
 
     Examples:
@@ -59,12 +59,24 @@ class Disturbance:
     """time from one sample of the feedback to the next, which divides the grid's step [s]; the step
     itself if not given"""
     delay: Annotated[int, Field(ge=0, le=50), NOT_BOOLEAN] = 0
-    """number of samples from an estimate to the feedback computed from it"""
+    """number of samples from a measurement to the feedback that answers it"""
     share: Annotated[float, Field(gt=0.0, le=1.0, allow_inf_nan=False), NOT_BOOLEAN] = 0.5
     """part of the tightest acceleration limit that is reserved for the feedback"""
     tracking: Tracking | None = None
     """feedback that already tracks a plan under way; if not given, feedback with the best gains
     begins at the first knot, where all vehicles are exactly at their starts"""
+    dropouts: Annotated[int, Field(ge=0, le=50), NOT_BOOLEAN] = 0
+    """largest number of measurements in a row that may be lost; needs `prediction`"""
+    prediction: Annotated[bool, Field(strict=True)] = True
+    """whether the feedback predicts the present state from the newest measurement and its own
+    effect since; without, it is linear in the error measured `delay` samples before"""
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.dropouts > 0 and not self.prediction:
+            expected = "true, since measurements may be lost (dropouts)"
+            raise ScenarioError("prediction", False, expected)
+        return self
 
     def samples_per_step(self, step: float) -> int:
         """Return the number of feedback samples in a step of the grid [s]."""
@@ -100,10 +112,11 @@ class Disturbance:
     def first_error(self, grid: Grid) -> tuple[float, float]:
         """Return the largest errors of the present estimate, position [m] and velocity [m/s].
 
-        With a delay of d samples of length δ, the estimate is that old and is propagated to the
-        present by the commands since: E_p + dδ E_v + W (dδ)²/2, and E_v + W dδ.
+        With a delay of d samples of length δ and up to m lost measurements in a row, the newest
+        measurement is up to D = d + m samples old and is propagated to the present by the commands
+        since: E_p + Dδ E_v + W (Dδ)²/2, and E_v + W Dδ.
         """
-        age = self.delay * self.sample(grid)
+        age = (self.delay + self.dropouts) * self.sample(grid)
         velocity = self.velocity_error + self.acceleration * age
         return self.position_error + age * (self.velocity_error + velocity) / 2.0, velocity
 
