@@ -56,6 +56,9 @@ def _commanded(simulation: rho.Simulation, estimated: Array) -> Array:
         j = int((time - grid.start) / sample + 1e-9)
         knot = int((time - grid.start) / grid.step + 1e-9)
         commands[m] = window.plan.accelerations[:, knot - window.first_knot]
+        if around.prediction:
+            commands[m] -= _answer(simulation, estimated, j, round((since - grid.start) / sample))
+            continue
         seen = grid.start + (j - around.delay) * sample
         if seen >= since - 1e-9:
             at = int(np.argmin(np.abs(simulation.times - seen)))
@@ -76,6 +79,31 @@ def _commanded(simulation: rho.Simulation, estimated: Array) -> Array:
             commands[m] -= k_v * (estimated[at, :, 3:] - speed)
     commands[-1] = commands[-2]
     return commands
+
+
+def _answer(simulation: rho.Simulation, estimated: Array, j: int, since: int) -> Array:
+    """Return the feedback of sample j, with its sign changed, by prediction from measurements.
+
+    The newest measurement that has arrived is moved to sample j by the recorded commands.
+    """
+    scenario, around = simulation.scenario, simulation.scenario.disturbance
+    assert around is not None
+    grid, h = scenario.grid, around.sample(scenario.grid)
+    k_p, k_v = rho.error_tube(scenario).gains
+    starts = np.searchsorted(simulation.times, grid.start + h * np.arange(j + 1) - 1e-9)
+    time = simulation.times[starts[j]]
+    planned = np.concatenate([simulation.nominal(q, time)[0] for q in ("position", "velocity")], 1)
+    found = np.zeros((len(scenario.vehicles), 3))
+    for i in range(len(found)):
+        samples = range(since, j - around.delay + 1)
+        known = [k for k in samples if simulation.lost is None or not simulation.lost[k, i]]
+        if known:
+            p, v = np.split(estimated[starts[known[-1]], i], 2)
+            for k in range(known[-1], j):
+                a = simulation.commands[starts[k], i]
+                p, v = p + h * v + h**2 / 2 * a, v + h * a
+            found[i] = k_p * (p - planned[i, :3]) + k_v * (v - planned[i, 3:])
+    return found
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -24,6 +24,9 @@ _BEGIN = np.zeros(1)
 _COARSE, _CLOSE = 0.04, 1e-4
 """Relative accuracies of the largest tolerable wind: of the first search, and of bisection."""
 
+_EXACT = 1e-5
+"""Relative accuracy of the largest tolerable wind for given gains, if measurements may be lost."""
+
 _WIND_PARTS = (1.0, *np.arange(1.0 - _COARSE, 0.0, -_COARSE).tolist())
 """Parts of a wind that are tried in this order until one is tolerable with its best gains."""
 
@@ -99,19 +102,23 @@ def largest_wind(loop: Loop, radius: float) -> float:
         return np.inf
 
     def cost(responses: Responses) -> float:
-        most = tolerable_wind(loop, responses, radius)
+        most = _tolerable_quotients(loop, responses, radius)[0]
         return -float(np.log(most)) if most > 0.0 else np.inf
 
     def is_tolerable(wind: float) -> bool:
         gains = best_gains(loop._replace(sizes=(wind, *loop.sizes[1:])))
-        return wind <= tolerable_wind(loop, loop.responses(gains), radius)
+        return _excess(loop, loop.responses(gains), radius, wind) <= 0.0
 
     # `best_gains` results from another search, and its gains may tolerate slightly less wind
     wind = float(np.exp(-_search(cost, loop)[1]))
     part = next((part for part in _WIND_PARTS if is_tolerable(part * wind)), 0.0)
-    if part == 1.0:
-        return wind
     low, high = part * wind, min(1.0, part + _COARSE) * wind
+    if part == 1.0:
+        if loop.measurements.dropouts == 0:
+            return wind
+        high = (1.0 + _COARSE) * low  # quotients are lower bounds
+        while is_tolerable(high):
+            low, high = high, (1.0 + _COARSE) * high
     while high - low > _CLOSE * wind:
         middle = (low + high) / 2.0
         low, high = (middle, high) if is_tolerable(middle) else (low, middle)
@@ -120,26 +127,49 @@ def largest_wind(loop: Loop, radius: float) -> float:
 
 def tolerable_wind(loop: Loop, responses: Responses, radius: float) -> float:
     """Return the largest tolerable wind for given gains [m/s²]; 0 if errors alone are too large."""
-    unit, errors = np.array([1.0, 0.0, 0.0, 0.0, 0.0]), np.array([0.0, *loop.sizes[1:]])
-    above = (_FINE_PARTS[1] - _FINE_PARTS[0]) ** 2 / 8.0
-    by_wind, by_errors = (
-        responses.radii("position", _FINE_PARTS, sizes)
-        + above * responses.radii("acceleration", _BEGIN, sizes)
-        for sizes in (unit, errors)
-    )
-    pairs = [(by_wind, radius - by_errors)]
-    if np.isfinite(loop.limit):
-        by_wind, by_errors = (
-            responses.radii("acceleration", _BEGIN, each) for each in (unit, errors)
-        )
-        pairs.append((by_wind, loop.limit - by_errors))
-    most = np.inf
-    for by_wind, left in pairs:
+    low, high = _tolerable_quotients(loop, responses, radius)
+    while high - low > _EXACT * low > 0.0:
+        middle = (low + high) / 2.0
+        tolerable = _excess(loop, responses, radius, middle) <= 0.0
+        low, high = (middle, high) if tolerable else (low, middle)
+    return low
+
+
+def _tolerable_quotients(loop: Loop, responses: Responses, radius: float) -> tuple[float, float]:
+    """Return a lower and an upper bound of the largest tolerable wind for given gains [m/s²].
+
+    Radii are affine in the wind, and the bounds are equal. If measurements may be lost, radii are
+    the largest of several that are affine, one for each pattern, and so convex. They are at most
+    the sum of those by a wind and by the errors, and at least the larger one.
+    """
+    low = high = np.inf
+    by_wind = _bounded(loop, responses, (1.0, 0.0, 0.0, 0.0, 0.0))
+    by_errors = _bounded(loop, responses, (0.0, *loop.sizes[1:]))
+    for wind, errors, most in zip(by_wind, by_errors, (radius, loop.limit), strict=False):
+        left = most - errors
         if left.min() < 0.0:
-            return 0.0
-        affected = by_wind > 0.0
-        most = min(most, float(np.min(left[affected] / by_wind[affected], initial=np.inf)))
-    return most
+            return 0.0, 0.0
+        affected = wind > 0.0
+        low = min(low, float(np.min(left[affected] / wind[affected], initial=np.inf)))
+        high = min(high, float(np.min(most / wind[affected], initial=np.inf)))
+    return low, low if loop.measurements.dropouts == 0 else high
+
+
+def _excess(loop: Loop, responses: Responses, radius: float, wind: float) -> float:
+    """Return by how much radii in a wind exceed their limits, at most; negative if none does."""
+    found = _bounded(loop, responses, (wind, *loop.sizes[1:]))
+    limits = zip(found, (radius, loop.limit), strict=False)
+    return max(float(each.max()) - most for each, most in limits)
+
+
+def _bounded(
+    loop: Loop, responses: Responses, sizes: tuple[float, float, float, float, float]
+) -> list[FloatArray]:
+    """Return bounds of the position's radius in parts of samples, and feedback if it is limited."""
+    above = (_FINE_PARTS[1] - _FINE_PARTS[0]) ** 2 / 8.0
+    feedback = responses.radii("acceleration", _BEGIN, np.array(sizes))
+    position = responses.radii("position", _FINE_PARTS, np.array(sizes)) + above * feedback
+    return [position, feedback] if np.isfinite(loop.limit) else [position]
 
 
 def _search(
