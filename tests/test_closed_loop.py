@@ -35,7 +35,7 @@ def _finely(simulation: rho.Simulation, parts: int) -> tuple[Array, Array]:
     return np.array([p for p, _ in found]), np.array([v for _, v in found])
 
 
-def _commanded(simulation: rho.Simulation, estimated: Array) -> Array:
+def commanded(simulation: rho.Simulation, estimated: Array) -> Array:
     """Return the commands at all times by the law of docs/flight.md, sample by sample."""
     scenario, around = simulation.scenario, simulation.scenario.disturbance
     assert around is not None
@@ -56,7 +56,7 @@ def _commanded(simulation: rho.Simulation, estimated: Array) -> Array:
         j = int((time - grid.start) / sample + 1e-9)
         knot = int((time - grid.start) / grid.step + 1e-9)
         commands[m] = window.plan.accelerations[:, knot - window.first_knot]
-        if around.prediction:
+        if rho.error_tube(scenario).measurements.predicted:
             commands[m] -= _answer(simulation, estimated, j, round((since - grid.start) / sample))
             continue
         seen = grid.start + (j - around.delay) * sample
@@ -116,7 +116,7 @@ def test_the_loop_equals_an_independent_simulation(kind: str, delay: int) -> Non
     np.testing.assert_allclose(simulation.positions, positions, atol=ROUNDING * scale)
     np.testing.assert_allclose(simulation.velocities, velocities, atol=ROUNDING * scale)
     seen = np.concatenate([simulation.positions, simulation.velocities], axis=2)
-    commands = _commanded(simulation, seen)
+    commands = commanded(simulation, seen)
     np.testing.assert_allclose(simulation.commands, commands, atol=1e-6 * np.abs(commands).max())
     assert len(simulation.flight.windows) == -(-(scenario.grid.knots - 1) // 4)
 
@@ -130,7 +130,7 @@ def test_the_feedback_continues_where_windows_keep_the_previous_plan() -> None:
         assert scenario.disturbance.delay > 0
         simulation = fly(scenario, wind=winds_for(scenario, seed)["constant"], replan_every=3)
         seen = np.concatenate([simulation.positions, simulation.velocities], axis=2)
-        expected = _commanded(simulation, seen)
+        expected = commanded(simulation, seen)
         np.testing.assert_allclose(simulation.commands, expected, atol=1e-6)
         kept += sum(window.kept for window in simulation.flight.windows)
     assert kept > 0

@@ -56,6 +56,13 @@ class Loop(NamedTuple):
     limit: float
     """largest norm of the feedback [m/s²]; infinite for no limit"""
 
+    @property
+    def alternatives(self) -> list[Loop]:
+        """The loop with a prediction of the state and, if that is possible, the one without."""
+        delay, dropouts, _ = self.measurements
+        kinds = [True, False] if delay > 0 and dropouts == 0 else [True]
+        return [self._replace(measurements=Measurements(delay, dropouts, each)) for each in kinds]
+
     def responses(self, gains: tuple[float, float]) -> Responses:
         """Return the responses of errors with given gains."""
         return Responses.of(gains, self.measurements, self.samples)
@@ -81,6 +88,16 @@ def best_gains(loop: Loop) -> tuple[float, float]:
     if not loop.responses((0.0, 0.0)).radii("position", [1.0], sizes).any():
         return 0.0, 0.0  # there is no error
     return _search(cost, loop)[0]
+
+
+def prediction_is_better(loop: Loop) -> bool:
+    """Return whether a prediction makes the position's largest radius no larger, if possible."""
+    sizes = loop.sizes
+    largest = [
+        _bounded(each, each.responses(best_gains(each)), sizes)[0].max()
+        for each in loop.alternatives
+    ]
+    return bool(largest[0] == min(largest))
 
 
 @lru_cache(maxsize=256)

@@ -51,7 +51,8 @@ class ErrorTube(metaclass=Described):
     """
 
     disturbance: Disturbance
-    """bounds of the disturbance, and sampling of the feedback"""
+    """bounds of the disturbance, and sampling of the feedback, which predicts the state unless
+    `prediction` is false"""
     grid: Grid
     """grid of the flight or of a window"""
     gains: tuple[float, float] = (0.0, 0.0)
@@ -87,7 +88,8 @@ class ErrorTube(metaclass=Described):
     def tracking(self) -> Tracking:
         """The tube as the `tracking` of a plan under way."""
         position, velocity = self.initial
-        return Tracking(self.grid.start, self.gains, position, velocity)
+        predicted = self.measurements.predicted
+        return Tracking(self.grid.start, self.gains, position, velocity, predicted)
 
     @property
     def sample(self) -> float:
@@ -103,7 +105,7 @@ class ErrorTube(metaclass=Described):
     def measurements(self) -> Measurements:
         """Measurements that the feedback of a sample is computed from."""
         given = self.disturbance
-        return Measurements(given.delay, given.dropouts, given.prediction)
+        return Measurements(given.delay, given.dropouts, given.prediction is not False)
 
     @property
     def sizes(self) -> FloatArray:

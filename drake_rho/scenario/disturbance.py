@@ -32,6 +32,8 @@ class Tracking:
     """largest position error at that time [m]"""
     velocity: NotNegative = 0.0
     """largest velocity error at that time [m/s]"""
+    prediction: Annotated[bool, Field(strict=True)] = True
+    """whether the feedback predicts the present state (`Disturbance.prediction`)"""
 
 
 @record
@@ -40,8 +42,9 @@ class Disturbance:
 
     The motion of a vehicle is p'' = a + u + w with the planned acceleration a, the unknown one w,
     and the feedback u. The feedback is constant from one sample to the next and linear in the
-    present error, predicted from the newest measurement that has arrived. At the first knot, vehicles are exactly at their
-    starts; a receding horizon that is given other states there treats them as estimates.
+    error, predicted from the newest measurement that has arrived or measured some time ago. At the
+    first knot, vehicles are exactly at their starts; a receding horizon that is given other states
+    there treats them as estimates.
 
     Examples:
         >>> wind = rho.Disturbance(acceleration=0.5, feedback_every=0.05)
@@ -67,15 +70,18 @@ class Disturbance:
     begins at the first knot, where all vehicles are exactly at their starts"""
     dropouts: Annotated[int, Field(ge=0, le=50), NOT_BOOLEAN] = 0
     """largest number of measurements in a row that may be lost; needs `prediction`"""
-    prediction: Annotated[bool, Field(strict=True)] = True
+    prediction: Annotated[bool, Field(strict=True)] | None = None
     """whether the feedback predicts the present state from the newest measurement and its own
-    effect since; without, it is linear in the error measured `delay` samples before"""
+    effect since; if false, it is linear in the error measured `delay` samples before; if not given,
+    the one with the smaller error tube"""
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        if self.dropouts > 0 and not self.prediction:
-            expected = "true, since measurements may be lost (dropouts)"
+        expected = "true or none, since measurements may be lost (dropouts)"
+        if self.dropouts > 0 and self.prediction is False:
             raise ScenarioError("prediction", False, expected)
+        if self.dropouts > 0 and self.tracking is not None and not self.tracking.prediction:
+            raise ScenarioError("tracking.prediction", False, expected)
         return self
 
     def samples_per_step(self, step: float) -> int:

@@ -6,7 +6,7 @@ At sample j the command is a(t) + u_j, where a is the nominal acceleration and
 
 The estimate is the newest measurement that has arrived, d samples old or more, propagated to sample
 j by the commands since. Before a measurement from the time of the tracked plan arrives, u_j = 0.
-Without `Disturbance.prediction`, estimate and plan are those of sample j - d (`docs/flight.md`).
+Without a prediction, estimate and plan are those of sample j - d (`docs/flight.md`).
 The feedback maps its memory and a measurement to a new memory; the simulation without a diagram and
 the Drake system share it.
 """
@@ -98,10 +98,10 @@ class Feedback:
         self.samples = disturbance.samples(scenario.grid)
         self._times = scenario.grid.times
         self._delay, self._dropouts = disturbance.delay, disturbance.dropouts
-        self._predicts = disturbance.prediction
         self._per_step = disturbance.samples_per_step(scenario.grid.step)
         self._knots = frozenset(horizon.knots)
-        self._gains = np.array(error_tube(scenario).gains)
+        tube = error_tube(scenario)
+        self._gains, self._predicts = np.array(tube.gains), tube.measurements.predicted
         self.starts = scenario.fleet.start_states
         none = np.full(len(self.starts), -1)
         self.start = Memory(horizon.step(self.starts, scenario.grid.start), 0, self.starts, none)
