@@ -117,6 +117,17 @@ def test_radii_of_deadbeat_gains_are_known() -> None:
     assert SECONDS**2 <= tube.position_over(0.0, 8.0)[0] <= 1.01 * SECONDS**2
 
 
+@pytest.mark.parametrize("delay", [1, 2, 5])
+def test_radii_of_deadbeat_gains_with_a_prediction_are_known(delay: int) -> None:
+    around = rho.Disturbance(1.0, feedback_every=SECONDS, delay=delay, prediction=True)
+    tube = rho.error_tube(scenario_of(around), gains=DEADBEAT)
+    later, peak = SECONDS * np.arange(2 + delay, 80), (1 + delay) * (2 + delay) / 2 * SECONDS**2
+    np.testing.assert_allclose(tube.position(later), peak, rtol=ROUNDING)
+    np.testing.assert_allclose(tube.velocity(later), 2 * (1 + delay) * SECONDS, rtol=ROUNDING)
+    np.testing.assert_allclose(tube.acceleration(later), 3 + 2 * delay, rtol=ROUNDING)
+    assert tube.position(np.linspace(0.0, 8.0, 8001)).max() <= peak * (1.0 + ROUNDING)
+
+
 @given(seed=seeds)
 @settings(max_examples=13)
 def test_radii_are_linear_in_the_bounds_and_scale_with_units(seed: int) -> None:
