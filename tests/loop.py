@@ -34,7 +34,9 @@ class Loop:
         d = 0 if the state is predicted.
         """
         alpha, beta = self.gains[0] * self.sample**2, self.gains[1] * self.sample
-        polynomial = np.concatenate([[1.0, -2.0, 1.0], np.zeros(0 if self.predicted else self.delay)])
+        polynomial = np.concatenate(
+            [[1.0, -2.0, 1.0], np.zeros(0 if self.predicted else self.delay)]
+        )
         polynomial[-2:] += alpha / 2.0 + beta, alpha / 2.0 - beta
         return bool(np.abs(np.roots(polynomial)).max() < 1.0)
 
@@ -47,7 +49,7 @@ def fly(
     velocity_errors: Array,
     position: Array,
     velocity: Array,
-    lost: Array | None = None,
+    lost: NDArray[np.bool_] | None = None,
 ) -> tuple[Array, Array, Array]:
     """Return errors of position and velocity at `times`, (B, ...), and the feedback, (J, ...).
 
@@ -81,7 +83,10 @@ def fly(
 
 
 def _feedback(
-    loop: Loop, measured: list[tuple[Array, Array]], feedback: list[Array], arrives: Array
+    loop: Loop,
+    measured: list[tuple[Array, Array]],
+    feedback: list[Array],
+    arrives: NDArray[np.bool_],
 ) -> Array:
     """Return the feedback of sample j from the measurements of samples 0 to j."""
     j = len(measured) - 1
@@ -103,7 +108,7 @@ def summed_responses(
     loop: Loop,
     parts: int,
     sizes: tuple[float, float, float, float, float],
-    lost: Array | None = None,
+    lost: NDArray[np.bool_] | None = None,
 ) -> tuple[Array, Array, Array]:
     """Return radii of position and velocity at fine times, and of the feedback, by brute force.
 

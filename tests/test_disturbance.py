@@ -62,7 +62,9 @@ def test_bad_input_is_one_error_with_field_value_and_expectation(
 
 
 def test_lost_measurements_need_a_prediction() -> None:
-    with pytest.raises(rho.ScenarioError, match="true or none, since measurements may be lost") as caught:
+    with pytest.raises(
+        rho.ScenarioError, match="true or none, since measurements may be lost"
+    ) as caught:
         rho.Disturbance(1.0, dropouts=1, prediction=False)
     assert caught.value.field == "disturbance.prediction"
     text = scenario_to_yaml(_with(EVERY_FIELD)).replace("share:", "prediction: false, share:")

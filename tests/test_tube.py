@@ -50,9 +50,7 @@ def random_tube(seed: int, dropouts: int = 0) -> tuple[rho.ErrorTube, Loop]:
     W = 10 ** rng.uniform(-2, 1)
     E_p, E_v, r_p, r_v = W * rng.uniform(0, 2, 4) * (rng.random(4) < 0.7) * sample
     E_p, r_p = E_p * sample, r_p * sample
-    around = rho.Disturbance(
-        W, E_p, E_v, sample, delay, dropouts=dropouts, prediction=predicted
-    )
+    around = rho.Disturbance(W, E_p, E_v, sample, delay, dropouts=dropouts, prediction=predicted)
     grid = rho.Grid(sample * parts, knots, rng.uniform(-5, 5))
     return rho.error_tube(scenario_of(around, grid), (r_p, r_v), gains=loop.gains), loop
 

@@ -251,7 +251,7 @@ def _unpack_simulation(flight: Flight, content: Mapping[str, np.ndarray]) -> Sim
     if _ELAPSED in content:
         arrays["elapsed"] = content[_ELAPSED]
     _check_numbers("simulation", arrays)
-    lost = content[_LOST] if _LOST in content else None
+    lost = content.get(_LOST)
     if lost is not None and lost.dtype != np.bool_:
         raise ValueError(f"{_LOST} has values that are not true or false")
     return Simulation(flight, **arrays, plant=str(content["plant"]), lost=lost)

@@ -189,9 +189,7 @@ def _bounded(
     return [position, feedback] if np.isfinite(loop.limit) else [position]
 
 
-def _search(
-    cost: Callable[[Responses], float], loop: Loop
-) -> tuple[tuple[float, float], float]:
+def _search(cost: Callable[[Responses], float], loop: Loop) -> tuple[tuple[float, float], float]:
     """Return the gains of least cost, and that cost; no feedback unless others cost less.
 
     The Nelder-Mead simplex search starts from the best point of a coarse grid. It is restarted,

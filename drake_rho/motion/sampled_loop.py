@@ -198,9 +198,7 @@ class Responses:
                 total += sizes[number] * _largest(*found.swapaxes(0, 1))
         return total
 
-    def _at(
-        self, quantity: Quantity, parts: FloatArray, causes: IntArray, lost: int
-    ) -> FloatArray:
+    def _at(self, quantity: Quantity, parts: FloatArray, causes: IntArray, lost: int) -> FloatArray:
         """Return the responses to causes, at parts of samples, shape (M, C, L)."""
         t, (p, v, u) = parts[:, None, None], self.values[lost][:, causes]
         if quantity == "position":

@@ -48,13 +48,15 @@ class EstimationErrors:
             given = (wind.position_errors, wind.velocity_errors)
             lost = np.asarray(getattr(wind, "lost", np.zeros(samples)), dtype=bool)
             each = np.broadcast_to(lost if lost.ndim == 2 else lost[:, None], (samples, vehicles))
-            return cls(*(_for_each(errors, (samples, vehicles, 3)) for errors in given), each)
+            shape = samples, vehicles, 3
+            positions, velocities = (_for_each(errors, shape) for errors in given)
+            return cls(positions, velocities, each)
         if rng is None or disturbance is None:
             none = read_only(np.zeros((samples, vehicles, 3)))
             return cls(none, none, np.zeros((samples, vehicles), dtype=bool))
-        sizes = disturbance.position_error, disturbance.velocity_error
-        errors = [size * _in_ball(rng, (samples, vehicles)) for size in sizes]
-        return cls(*errors, _lost(rng, (samples, vehicles), disturbance.dropouts))
+        positions = disturbance.position_error * _in_ball(rng, (samples, vehicles))
+        velocities = disturbance.velocity_error * _in_ball(rng, (samples, vehicles))
+        return cls(positions, velocities, _lost(rng, (samples, vehicles), disturbance.dropouts))
 
     def added_to(self, sample: int, states: FloatArray) -> FloatArray:
         """Return the measurements of states (N, 6) at a sample from 0; NaN if they are lost."""

@@ -177,7 +177,7 @@ class Feedback:
             states = self._moved(states, memory.commands[-1:])
         if j < d:
             return states, memory.arrived
-        arrives = np.isfinite(latest[0]).all(axis=1)
+        arrives = np.asarray(np.isfinite(latest[0]).all(axis=1))
         newer = self._moved(latest[0], memory.commands[len(memory.commands) - d :])
         newest = np.where(arrives, j - d, memory.arrived)
         return np.where(arrives[:, None], newer, states), newest
