@@ -133,7 +133,7 @@ Gains are drawn among the stable ones, samples from 0.01 to 3 s, wind, errors of
 of the first state, times and directions at random. Half of the loops predict the state over the
 delay, and may lose up to three measurements in a row. `rho.worst_case` gives the wind, the errors
 of the estimate, the lost measurements and the initial errors, and a loop without code of the tube
-integrates them: p'' = u + w exactly from one change to the next (`benchmarks/error_loop.py`). Reached is the error in the
-given direction and at the given time, over its radius. The largest error is that of any of the
-three quantities at any step of any flight, over its radius at that time; each wind is also flown
-with another, random pattern of lost measurements."""
+integrates them: p'' = u + w exactly from one change to the next (`benchmarks/error_loop.py`).
+Reached is the error in the given direction and at the given time, over its radius. The largest
+error is that of any of the three quantities at any step of any flight, over its radius at that
+time; each wind is also flown with another, random pattern of lost measurements."""
