@@ -140,8 +140,9 @@ class Responses:
         if len(self.values) > 1:
             radii = self._effects(quantity, parts, sizes).largest()
         else:
-            radii = self._added(0.0, (0, 1, 2), quantity, parts, sizes)
-            radii = self._added(np.cumsum(radii, axis=1), (3, 4), quantity, parts, sizes)
+            radii = self._sum((0, 1, 2), quantity, parts, sizes)
+            np.cumsum(radii, axis=1, out=radii)
+            radii = self._sum((3, 4), quantity, parts, sizes, total=radii)
         present = {"position": parts**2 / 2.0, "velocity": parts}  # wind of the sample itself
         if quantity in present:
             radii += sizes[0] * present[quantity][:, None]
@@ -175,23 +176,28 @@ class Responses:
 
     def _effects(self, quantity: Quantity, parts: FloatArray, sizes: FloatArray) -> Effects:
         """Return the largest effects of single causes for every number of lost measurements."""
+        lost = range(len(self.values))
         effects = (
-            [self._added(0.0, numbers, quantity, parts, sizes, q) for q in range(len(self.values))]
+            np.stack([self._sum(numbers, quantity, parts, sizes, q) for q in lost])
             for numbers in ((0,), (1, 2), (3, 4))
         )
-        return Effects(*map(np.stack, effects))
+        return Effects(*effects)
 
-    def _added(
+    def _sum(
         self,
-        total: FloatArray | float,
         numbers: tuple[int, ...],
         quantity: Quantity,
         parts: FloatArray,
         sizes: FloatArray,
         lost: int = 0,
+        total: FloatArray | None = None,
     ) -> FloatArray:
-        """Return a total plus the largest effects of causes, given by their numbers in `sizes`."""
-        total = total + np.zeros((len(parts), len(self)))
+        """Return the sum of the largest effects of causes, given by their numbers in `sizes`.
+
+        It has the shape (M, L), and is added to a total if one is given.
+        """
+        if total is None:
+            total = np.zeros((len(parts), len(self)))
         for number in numbers:
             if sizes[number] > 0.0:
                 found = self._at(quantity, parts, np.array(_CAUSES[number]), lost)
@@ -249,6 +255,8 @@ def _drifted(answered: FloatArray, drift: int, length: int) -> FloatArray:
     Returns:
         Responses of shape (3, 2, L).
     """
+    if drift == 0 and answered.shape[2] == length:
+        return answered
     after = np.zeros((3, 2, length))
     m = np.arange(min(drift, length))
     after[0, 0, m] = after[1, 1, m] = 1.0
