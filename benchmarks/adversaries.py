@@ -8,7 +8,7 @@ import numpy as np
 
 import drake_rho as rho
 from benchmarks.clearance import displacement, distances, nearest
-from drake_rho.scenario.fields import FloatArray
+from drake_rho.scenario.fields import BoolArray, FloatArray
 
 LOOKS = 40
 """Sampled instants of a flight at which the nearest obstacles are determined."""
@@ -29,6 +29,8 @@ class WorstAtClosest:
     """errors of the estimated positions with it [m], shape (J, N, 3)"""
     velocity_errors: FloatArray
     """errors of the estimated velocities with it [m/s], shape (J, N, 3)"""
+    lost: BoolArray
+    """whether each measurement is lost, shape (J, N)"""
 
     @classmethod
     def drawn(
@@ -58,6 +60,7 @@ class WorstAtClosest:
             np.array(winds),
             np.stack([case.position_errors for case in cases], axis=1),
             np.stack([case.velocity_errors for case in cases], axis=1),
+            np.stack([case.lost for case in cases], axis=1),
         )
 
     def over(self, times: FloatArray, vehicles: int) -> FloatArray:

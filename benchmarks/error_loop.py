@@ -21,15 +21,20 @@ def scenario_with(disturbance: rho.Disturbance, grid: rho.Grid) -> rho.Scenario:
 
 
 def random_tube(rng: np.random.Generator, most_delay: int = 5) -> rho.ErrorTube:
-    """Return a tube with random stable gains, sample, delay, estimation and initial errors."""
+    """Return a tube with random stable gains, sample, delay, estimation and initial errors.
+
+    Half of them predict the state, and may lose up to three measurements in a row.
+    """
     sample, delay = 10.0 ** rng.uniform(-2.0, 0.5), int(rng.integers(0, most_delay + 1))
     knots, parts = int(rng.integers(3, 9)), int(rng.integers(1, 6))
-    gains = stable_gains(rng, delay)
+    predicted = bool(rng.integers(2))
+    dropouts = int(rng.integers(0, 4)) if predicted else 0
+    gains = stable_gains(rng, 0 if predicted else delay)
     W = 10.0 ** rng.uniform(-2.0, 1.0)
     E_p, E_v, r_p, r_v = (
         W * rng.uniform(0.0, 1.5, 4) * (rng.random(4) < 0.75) * sample ** np.array([2, 1, 2, 1])
     )
-    around = rho.Disturbance(W, E_p, E_v, sample, delay)
+    around = rho.Disturbance(W, E_p, E_v, sample, delay, dropouts=dropouts, prediction=predicted)
     grid = rho.Grid(sample * parts, knots, rng.uniform(-5.0, 5.0))
     scaled = gains[0] / sample**2, gains[1] / sample
     return rho.error_tube(scenario_with(around, grid), (r_p, r_v), gains=scaled)
@@ -38,7 +43,7 @@ def random_tube(rng: np.random.Generator, most_delay: int = 5) -> rho.ErrorTube:
 def stable_gains(rng: np.random.Generator, delay: int) -> tuple[float, float]:
     """Draw α = k_p δ² and β = k_v δ with the roots of the error dynamics in the unit disc.
 
-    The roots are those of z^d (z - 1)² + (α/2 + β) z + α/2 - β.
+    The roots are those of z^d (z - 1)² + (α/2 + β) z + α/2 - β, with d = 0 for a prediction.
     """
     while True:
         alpha, beta = rng.uniform(0.0, 2.0, 2) / (1.0 + delay) ** np.array([2, 1])
@@ -66,8 +71,8 @@ def fly(tube: rho.ErrorTube, case: rho.WorstCase, also: float) -> Flown:
     """Integrate the errors that a worst case causes.
 
     Args:
-        tube: its gains, sample, delay and first knot are used.
-        case: the wind, the errors of the estimates and the initial errors.
+        tube: its gains, sample, delay, prediction and first knot are used.
+        case: the wind, the errors of the estimates, the lost measurements and the initial errors.
         also: additional time at which errors are recorded [s].
     """
     samples = np.asarray(tube.grid.start + tube.sample * np.arange(tube.samples + 1))
@@ -75,15 +80,18 @@ def fly(tube: rho.ErrorTube, case: rho.WorstCase, also: float) -> Flown:
     k_p, k_v = tube.gains
     p, v = case.first_position, case.first_velocity
     positions, velocities = [p], [v]
-    decided, feedback = list[FloatArray](), list[FloatArray]()
+    measured, feedback = list[tuple[FloatArray, FloatArray]](), list[FloatArray]()
     still = np.zeros((1, 3))
     for time, after in pairwise(times):
         j = len(feedback)
         if j < tube.samples and time == samples[j]:
-            estimate = p + case.position_errors[j], v + case.velocity_errors[j]
-            decided.append(-k_p * estimate[0] - k_v * estimate[1])
-            late = j - tube.disturbance.delay
-            feedback.append(decided[late] if late >= 0 else np.zeros(3))
+            measured.append((p + case.position_errors[j], v + case.velocity_errors[j]))
+            arrived = np.flatnonzero(~case.lost[: max(0, j - tube.disturbance.delay + 1)])
+            x, y = measured[arrived[-1]] if len(arrived) else (np.zeros(3), np.zeros(3))
+            since = feedback[arrived[-1] :] if len(arrived) and tube.measurements.predicted else []
+            for u in since:
+                x, y = x + tube.sample * y + tube.sample**2 / 2.0 * u, y + tube.sample * u
+            feedback.append(-k_p * x - k_v * y)
         s, a = after - time, feedback[-1] + case(time, still, still)[0]
         p, v = p + s * v + s**2 / 2.0 * a, v + s * a
         positions.append(p)

@@ -36,7 +36,9 @@ class Case(NamedTuple):
     @property
     def tube(self) -> rho.ErrorTube:
         """Return the tube of this package."""
-        around = rho.Disturbance(1.0, self.position_error, self.velocity_error, delay=self.delay)
+        around = rho.Disturbance(
+            1.0, self.position_error, self.velocity_error, delay=self.delay, prediction=False
+        )
         scenario = scenario_with(around, rho.Grid(1.0, self.samples + 1))
         return rho.error_tube(scenario, gains=(self.alpha, self.beta))
 

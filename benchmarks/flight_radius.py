@@ -90,5 +90,5 @@ sampled feedback has a smaller peak; peak over bound is the largest of the three
 column is the largest feedback at δ = {SAMPLES[-1]:g} s."""
 
 _LIMITATIONS = """\
-Limitations. The feedback is linear in one measurement and does not use its own queued commands for
-a prediction, so with a delay it stays far above the bound."""
+Limitations. The feedback is linear in the predicted state, so it answers one part of the error at a
+time. The bound is that of any feedback, at the samples only."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import NamedTuple
 
 import numpy as np
@@ -9,10 +10,10 @@ import numpy as np
 import drake_rho as rho
 from benchmarks.error_loop import fly, random_tube, scenario_with
 from benchmarks.tables import Cell, Goal, Table
-from drake_rho.scenario.fields import FloatArray
+from drake_rho.scenario.fields import BoolArray, FloatArray
 from drake_rho.scenario.parts import Quantity
 
-CASES = 50
+CASES = 200
 
 QUANTITIES: tuple[Quantity, ...] = ("position", "velocity", "acceleration")
 """Quantities whose radii are to be attained in turn; for the acceleration, the feedback's."""
@@ -25,6 +26,8 @@ class Found(NamedTuple):
     """quantity that was to attain its radius"""
     delay: int
     """delay in samples"""
+    dropouts: int
+    """largest number of measurements lost in a row"""
     reached: float
     """fraction of its radius attained, in the given direction and at the given time"""
     largest: float
@@ -40,7 +43,14 @@ def run() -> Table:
     return Table(
         name="flight_worst_case",
         title="The worst case: does it reach the tube",
-        columns=("quantity", "cases", "delays", "least_reached", "largest_error_over_radius"),
+        columns=(
+            "quantity",
+            "cases",
+            "delays",
+            "lost_in_a_row",
+            "least_reached",
+            "largest_error_over_radius",
+        ),
         rows=tuple(_row(found, quantity) for quantity in QUANTITIES),
         notes=(_ABOUT,),
         goals=(
@@ -59,6 +69,7 @@ def fly_case(rng: np.random.Generator, quantity: Quantity) -> Found:
     direction = rng.normal(size=3)
     case = rho.worst_case(scenario_with(around, grid), direction, time, quantity, tube=tube)
     flown = fly(tube, case, time)
+    other = fly(tube, dataclasses.replace(case, lost=_pattern(rng, case.lost, around)), time)
     samples = grid.start + sample * np.arange(tube.samples)
     at = int(np.argmin(np.abs(flown.times - time)))
     values = {
@@ -68,11 +79,23 @@ def fly_case(rng: np.random.Generator, quantity: Quantity) -> Found:
     }
     reached = values[quantity] @ direction / np.linalg.norm(direction)
     largest = max(
-        _largest(flown.positions, tube.position(flown.times)),
-        _largest(flown.velocities, tube.velocity(flown.times)),
-        _largest(flown.feedback, tube.acceleration(samples)),
+        max(
+            _largest(each.positions, tube.position(each.times)),
+            _largest(each.velocities, tube.velocity(each.times)),
+            _largest(each.feedback, tube.acceleration(samples)),
+        )
+        for each in (flown, other)
     )
-    return Found(quantity, around.delay, _part(reached, case.radius), largest)
+    return Found(quantity, around.delay, around.dropouts, _part(reached, case.radius), largest)
+
+
+def _pattern(rng: np.random.Generator, lost: BoolArray, around: rho.Disturbance) -> BoolArray:
+    """Return another pattern of lost measurements, with no more in a row than declared."""
+    found, run = np.zeros_like(lost), 0
+    for j, draw in enumerate(rng.random(len(lost)) < rng.random()):
+        found[j] = draw and run < around.dropouts
+        run = run + 1 if found[j] else 0
+    return found
 
 
 def _part(reached: float, radius: float) -> float:
@@ -92,11 +115,14 @@ def _largest(errors: FloatArray, radii: FloatArray) -> float:
 def _row(found: list[Found], quantity: Quantity) -> tuple[Cell, ...]:
     """Return the row of all cases of a quantity."""
     these = [each for each in found if each.quantity == quantity]
-    delays = sorted({each.delay for each in these})
+    delays, dropouts = (
+        sorted({getattr(each, name) for each in these}) for name in ("delay", "dropouts")
+    )
     return (
         quantity,
         len(these),
         f"{delays[0]} to {delays[-1]} samples",
+        f"{dropouts[0]} to {dropouts[-1]}",
         f"{min(each.reached for each in these):.9f}",
         f"{max(each.largest for each in these):.12f}",
     )
@@ -104,8 +130,10 @@ def _row(found: list[Found], quantity: Quantity) -> tuple[Cell, ...]:
 
 _ABOUT = """\
 Gains are drawn among the stable ones, samples from 0.01 to 3 s, wind, errors of the estimate and
-of the first state, times and directions at random. `rho.worst_case` gives the wind, the errors of
-the estimate and the initial errors, and a loop without code of the tube integrates them: p'' = u +
-w exactly from one change to the next (`benchmarks/error_loop.py`). Reached is the error in the
-given direction and at the given time, over its radius. The largest error is that of any of the
-three quantities at any step of any flight, over its radius at that time."""
+of the first state, times and directions at random. Half of the loops predict the state over the
+delay, and may lose up to three measurements in a row. `rho.worst_case` gives the wind, the errors
+of the estimate, the lost measurements and the initial errors, and a loop without code of the tube
+integrates them: p'' = u + w exactly from one change to the next (`benchmarks/error_loop.py`).
+Reached is the error in the given direction and at the given time, over its radius. The largest
+error is that of any of the three quantities at any step of any flight, over its radius at that
+time; each wind is also flown with another, random pattern of lost measurements."""

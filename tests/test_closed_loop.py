@@ -35,7 +35,7 @@ def _finely(simulation: rho.Simulation, parts: int) -> tuple[Array, Array]:
     return np.array([p for p, _ in found]), np.array([v for _, v in found])
 
 
-def _commanded(simulation: rho.Simulation, estimated: Array) -> Array:
+def commanded(simulation: rho.Simulation, estimated: Array) -> Array:
     """Return the commands at all times by the law of docs/flight.md, sample by sample."""
     scenario, around = simulation.scenario, simulation.scenario.disturbance
     assert around is not None
@@ -56,6 +56,9 @@ def _commanded(simulation: rho.Simulation, estimated: Array) -> Array:
         j = int((time - grid.start) / sample + 1e-9)
         knot = int((time - grid.start) / grid.step + 1e-9)
         commands[m] = window.plan.accelerations[:, knot - window.first_knot]
+        if rho.error_tube(scenario).measurements.predicted:
+            commands[m] -= _answer(simulation, estimated, j, round((since - grid.start) / sample))
+            continue
         seen = grid.start + (j - around.delay) * sample
         if seen >= since - 1e-9:
             at = int(np.argmin(np.abs(simulation.times - seen)))
@@ -78,6 +81,31 @@ def _commanded(simulation: rho.Simulation, estimated: Array) -> Array:
     return commands
 
 
+def _answer(simulation: rho.Simulation, estimated: Array, j: int, since: int) -> Array:
+    """Return the feedback of sample j, with its sign changed, by prediction from measurements.
+
+    The newest measurement that has arrived is moved to sample j by the recorded commands.
+    """
+    scenario, around = simulation.scenario, simulation.scenario.disturbance
+    assert around is not None
+    grid, h = scenario.grid, around.sample(scenario.grid)
+    k_p, k_v = rho.error_tube(scenario).gains
+    starts = np.searchsorted(simulation.times, grid.start + h * np.arange(j + 1) - 1e-9)
+    time = simulation.times[starts[j]]
+    planned = np.concatenate([simulation.nominal(q, time)[0] for q in ("position", "velocity")], 1)
+    found = np.zeros((len(scenario.vehicles), 3))
+    for i in range(len(found)):
+        samples = range(since, j - around.delay + 1)
+        known = [k for k in samples if simulation.lost is None or not simulation.lost[k, i]]
+        if known:
+            p, v = np.split(estimated[starts[known[-1]], i], 2)
+            for k in range(known[-1], j):
+                a = simulation.commands[starts[k], i]
+                p, v = p + h * v + h**2 / 2 * a, v + h * a
+            found[i] = k_p * (p - planned[i, :3]) + k_v * (v - planned[i, 3:])
+    return found
+
+
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("delay", [0, 1, 3])
 def test_the_loop_equals_an_independent_simulation(kind: str, delay: int) -> None:
@@ -88,7 +116,7 @@ def test_the_loop_equals_an_independent_simulation(kind: str, delay: int) -> Non
     np.testing.assert_allclose(simulation.positions, positions, atol=ROUNDING * scale)
     np.testing.assert_allclose(simulation.velocities, velocities, atol=ROUNDING * scale)
     seen = np.concatenate([simulation.positions, simulation.velocities], axis=2)
-    commands = _commanded(simulation, seen)
+    commands = commanded(simulation, seen)
     np.testing.assert_allclose(simulation.commands, commands, atol=1e-6 * np.abs(commands).max())
     assert len(simulation.flight.windows) == -(-(scenario.grid.knots - 1) // 4)
 
@@ -102,7 +130,7 @@ def test_the_feedback_continues_where_windows_keep_the_previous_plan() -> None:
         assert scenario.disturbance.delay > 0
         simulation = fly(scenario, wind=winds_for(scenario, seed)["constant"], replan_every=3)
         seen = np.concatenate([simulation.positions, simulation.velocities], axis=2)
-        expected = _commanded(simulation, seen)
+        expected = commanded(simulation, seen)
         np.testing.assert_allclose(simulation.commands, expected, atol=1e-6)
         kept += sum(window.kept for window in simulation.flight.windows)
     assert kept > 0

@@ -18,7 +18,7 @@ from drake_rho.scenario.files import scenario_from_yaml, scenario_to_json, scena
 from drake_rho.simulation.closed_loop import fly
 from tests.scenarios import single
 
-EVERY_FIELD = rho.Disturbance(0.3, 0.02, 0.05, 0.05, 1, 0.4)
+EVERY_FIELD = rho.Disturbance(0.3, 0.02, 0.05, 0.05, 1, 0.4, dropouts=2)
 
 
 def _with(disturbance: rho.Disturbance | None, grid: rho.Grid | None = None) -> rho.Scenario:
@@ -41,6 +41,10 @@ def _with(disturbance: rho.Disturbance | None, grid: rho.Grid | None = None) -> 
         ("delay", 0.5, "integer"),
         ("delay", True, "a number"),
         ("delay", 51, "less than or equal to 50"),
+        ("dropouts", -1, "greater than or equal to 0"),
+        ("dropouts", 1.5, "integer"),
+        ("dropouts", True, "a number"),
+        ("prediction", 1, "boolean"),
         ("share", 0.0, "greater than 0"),
         ("share", 1.1, "less than or equal to 1"),
         ("shares", 0.5, "did you mean share"),
@@ -55,6 +59,25 @@ def test_bad_input_is_one_error_with_field_value_and_expectation(
     assert caught.value.field == f"disturbance.{field}"
     assert caught.value.value is value
     assert words in str(caught.value)
+
+
+def test_lost_measurements_need_a_prediction() -> None:
+    with pytest.raises(
+        rho.ScenarioError, match="true or none, since measurements may be lost"
+    ) as caught:
+        rho.Disturbance(1.0, dropouts=1, prediction=False)
+    assert caught.value.field == "disturbance.prediction"
+    text = scenario_to_yaml(_with(EVERY_FIELD)).replace("share:", "prediction: false, share:")
+    with pytest.raises(rho.ScenarioError, match="got False") as caught:
+        scenario_from_yaml(text)
+    assert caught.value.field == "disturbance.prediction"
+
+
+def test_the_first_error_counts_delay_and_lost_measurements() -> None:
+    grid, age = rho.Grid(0.5, 9), 5 * 0.1
+    around = rho.Disturbance(0.3, 0.02, 0.05, 0.1, delay=2, dropouts=3)
+    expected = 0.02 + age * 0.05 + 0.3 * age**2 / 2, 0.05 + 0.3 * age
+    assert around.first_error(grid) == pytest.approx(expected, rel=1e-12)
 
 
 @pytest.mark.parametrize("every", [0.3, 0.6, 1.0, 0.5 / 1001, 0.2500001])
@@ -99,8 +122,11 @@ def test_the_schema_has_units() -> None:
         "delay": "samples",
         "share": "part",
         "tracking": "a plan under way",
+        "dropouts": "in a row",
+        "prediction": "predicts",
     }
     tracking = {"since": "[s]", "gains": "[1/s²]", "position": "[m]", "velocity": "[m/s]"}
+    tracking["prediction"] = "predicts"
     for kind, expected in (("Disturbance", units), ("Tracking", tracking)):
         fields = kinds[kind]["properties"]
         assert set(fields) == set(expected)

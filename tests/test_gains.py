@@ -164,22 +164,34 @@ def test_the_largest_disturbance_without_bounds_or_with_too_small_ones() -> None
             rho.largest_disturbance(scenario, radius)
 
 
-def _table() -> list[list[float]]:
-    """Return the rows of the first table of peaks in docs/flight.md, delay first."""
+def _table(delay: str) -> list[list[float]]:
+    """Return the rows of a table of peaks in docs/flight.md, delay first."""
     text = (Path(__file__).parent.parent / "docs" / "flight.md").read_text()
-    rows = text.split(r"| delay | $1.2 W$: $\rho_p$ |")[1].split("\n\n")[0].splitlines()[2:]
+    rows = text.split(rf"| {delay} | $1.2 W$: $\rho_p$ |")[1].split("\n\n")[0].splitlines()[2:]
     return [[float(cell) for cell in row.strip("| ").split("|")] for row in rows]
 
 
-@pytest.mark.parametrize("row", _table())
-def test_the_documented_table_is_true_for_any_sample_and_wind(row: list[float]) -> None:
+@pytest.mark.parametrize(
+    ("row", "predicted"),
+    [
+        *((row, True) for row in _table("delay")),
+        *((row, False) for row in _table("delay, no prediction")),
+    ],
+)
+def test_the_documented_table_is_true_for_any_sample_and_wind(
+    row: list[float], predicted: bool
+) -> None:
     sample, W = 0.04, 0.3
     delay, found = int(row[0]), list[float]()
     for taken in (1.2, 1.5, 2.0, 3.0, None):
         limits = rho.Limits(max_acceleration=None if taken is None else 2.0 * taken * W)
-        around = rho.Disturbance(W, feedback_every=sample, delay=delay, share=0.5)
+        chosen = None if predicted else False
+        around = rho.Disturbance(
+            W, feedback_every=sample, delay=delay, share=0.5, prediction=chosen
+        )
         scenario = single(grid=rho.Grid(0.4, 51), limits=limits)
         tube = rho.error_tube(dataclasses.replace(scenario, disturbance=around))
+        assert tube.measurements.predicted == predicted
         peak, feedback = peaks(tube)
         found += [peak / (sample**2 * W), tube.velocity_over(0.0, 20.0)[0] / (sample * W)]
     np.testing.assert_allclose(found[::2], row[1:-1:2], rtol=0.02)

@@ -30,22 +30,27 @@ def scenario_of(
     )
 
 
-def random_tube(seed: int) -> tuple[rho.ErrorTube, Loop]:
-    """Return a tube with every cause of errors and random stable gains, and its loop."""
+def random_tube(seed: int, dropouts: int = 0) -> tuple[rho.ErrorTube, Loop]:
+    """Return a tube with every cause of errors and random stable gains, and its loop.
+
+    Every second seed has feedback without a prediction, unless measurements may be lost.
+    """
+    predicted = dropouts > 0 or seed % 2 == 0
     rng = np.random.default_rng(seed)
     sample, delay = 10 ** rng.uniform(-2, 1), int(rng.integers(0, 4))
     knots, parts = int(rng.integers(3, 9)), int(rng.integers(1, 5))
     samples = (knots - 1) * parts
     while True:
-        omega, zeta = rng.uniform(0.02, 1.4 / (1 + delay)), rng.uniform(0.2, 2.0)
+        slower = 1 if predicted else 1 + delay
+        omega, zeta = rng.uniform(0.02, 1.4 / slower), rng.uniform(0.2, 2.0)
         alpha, beta = omega**2, 2 * zeta * omega + omega**2 / 2
-        loop = Loop((alpha / sample**2, beta / sample), sample, delay, samples)
+        loop = Loop((alpha / sample**2, beta / sample), sample, delay, samples, predicted)
         if loop.is_stable():
             break
     W = 10 ** rng.uniform(-2, 1)
     E_p, E_v, r_p, r_v = W * rng.uniform(0, 2, 4) * (rng.random(4) < 0.7) * sample
     E_p, r_p = E_p * sample, r_p * sample
-    around = rho.Disturbance(W, E_p, E_v, sample, delay)
+    around = rho.Disturbance(W, E_p, E_v, sample, delay, dropouts=dropouts, prediction=predicted)
     grid = rho.Grid(sample * parts, knots, rng.uniform(-5, 5))
     return rho.error_tube(scenario_of(around, grid), (r_p, r_v), gains=loop.gains), loop
 
@@ -110,6 +115,17 @@ def test_radii_of_deadbeat_gains_are_known() -> None:
     assert SECONDS**2 <= tube.position_over(0.0, 8.0)[0] <= 1.01 * SECONDS**2
 
 
+@pytest.mark.parametrize("delay", [1, 2, 5])
+def test_radii_of_deadbeat_gains_with_a_prediction_are_known(delay: int) -> None:
+    around = rho.Disturbance(1.0, feedback_every=SECONDS, delay=delay, prediction=True)
+    tube = rho.error_tube(scenario_of(around), gains=DEADBEAT)
+    later, peak = SECONDS * np.arange(2 + delay, 80), (1 + delay) * (2 + delay) / 2 * SECONDS**2
+    np.testing.assert_allclose(tube.position(later), peak, rtol=ROUNDING)
+    np.testing.assert_allclose(tube.velocity(later), 2 * (1 + delay) * SECONDS, rtol=ROUNDING)
+    np.testing.assert_allclose(tube.acceleration(later), 3 + 2 * delay, rtol=ROUNDING)
+    assert tube.position(np.linspace(0.0, 8.0, 8001)).max() <= peak * (1.0 + ROUNDING)
+
+
 @given(seed=seeds)
 @settings(max_examples=13)
 def test_radii_are_linear_in_the_bounds_and_scale_with_units(seed: int) -> None:
@@ -125,6 +141,7 @@ def test_radii_are_linear_in_the_bounds_and_scale_with_units(seed: int) -> None:
             around.velocity_error * length / time,
             tube.sample * time,
             around.delay,
+            prediction=around.prediction,
         ),
         rho.Grid(grid.step * time, grid.knots, grid.start * time),
         (tube.gains[0] / time**2, tube.gains[1] / time),

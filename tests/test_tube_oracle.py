@@ -42,6 +42,7 @@ class Oracle:
     delay: int
     sizes: tuple[float, float, float, float, float]
     pieces: int
+    predicted: bool
 
     def supports(self, sample: int, piece: int) -> Array:
         """Return the largest position, velocity and feedback after pieces of a sample, (3,)."""
@@ -71,25 +72,32 @@ class Oracle:
     def _at_a_sample(self) -> tuple[Array, Array, Array]:
         """Return the transition of a state at a sample, and the effects of the errors of estimates.
 
-        The new feedback is the last in the queue or, without delay, in force at once.
+        The new feedback is the last in the queue or, without delay, in force at once. If it
+        predicts, it answers the state that the queue leads to.
         """
         size = 3 + self.delay
         jump, newest = np.eye(size), size - 1
         jump[FEEDBACK:] = 0.0
         jump[FEEDBACK : size - 1, FEEDBACK + 1 :] = np.eye(self.delay)  # the queue moves up
-        jump[newest, [POSITION, VELOCITY]] = -self.gains[0], -self.gains[1]
+        gains = np.array(self.gains)
+        if self.predicted:
+            h = self.sample
+            for place in range(newest, FEEDBACK, -1):
+                jump[newest, place] = -gains @ (h**2 / 2.0, h)
+                gains = gains @ np.array([[1.0, h], [0.0, 1.0]])
+        jump[newest, [POSITION, VELOCITY]] = -gains
         unit = np.eye(size)[newest]
-        return jump, -self.gains[0] * unit, -self.gains[1] * unit
+        return jump, -gains[0] * unit, -gains[1] * unit
 
 
 def _drawn(seed: int) -> tuple[rho.ErrorTube, Oracle]:
     """Return a tube of random gains, sample, delay, errors and initial errors, and its oracle."""
     rng = np.random.default_rng(seed)
-    sample, delay = 10 ** rng.uniform(-2.0, 0.5), seed % 6
+    sample, delay, predicted = 10 ** rng.uniform(-2.0, 0.5), seed % 6, seed // 6 % 2 == 1
     knots, parts = int(rng.integers(3, 6)), int(rng.integers(1, 9))
     while True:
         alpha, beta = rng.uniform([0.0, 0.0], [2.0, 2.0]) / (1 + delay) ** np.array([2, 1])
-        roots = np.concatenate([[1.0, -2.0, 1.0], np.zeros(delay)])
+        roots = np.concatenate([[1.0, -2.0, 1.0], np.zeros(0 if predicted else delay)])
         roots[-2:] += alpha / 2.0 + beta, alpha / 2.0 - beta
         if np.abs(np.roots(roots)).max() < 1.0:
             break
@@ -98,10 +106,10 @@ def _drawn(seed: int) -> tuple[rho.ErrorTube, Oracle]:
     errors = W * rng.uniform(0.0, 1.5, 4) * (rng.random(4) < 0.75)
     E_p, E_v, r_p, r_v = errors * np.array([sample**2, sample, sample**2, sample])
     grid = rho.Grid(sample * parts, knots, rng.uniform(-3.0, 3.0))
-    around = rho.Disturbance(W, E_p, E_v, sample, delay)
+    around = rho.Disturbance(W, E_p, E_v, sample, delay, prediction=predicted)
     scenario = dataclasses.replace(single(grid=grid), disturbance=around)
     tube = rho.error_tube(scenario, (r_p, r_v), gains=gains)
-    return tube, Oracle(gains, sample, delay, (W, E_p, E_v, r_p, r_v), PIECES)
+    return tube, Oracle(gains, sample, delay, (W, E_p, E_v, r_p, r_v), PIECES, predicted)
 
 
 @pytest.mark.parametrize("seed", range(36))

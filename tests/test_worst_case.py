@@ -15,7 +15,7 @@ from tests.test_tube import random_tube, scenario_of, sizes_of
 QUANTITIES = ("position", "velocity", "acceleration")
 
 
-def _flown(tube: rho.ErrorTube, loop: Loop, case: rho.WorstCase, time: float) -> dict[str, Any]:
+def flown_case(tube: rho.ErrorTube, loop: Loop, case: rho.WorstCase, time: float) -> dict[str, Any]:
     """Return errors at `time` and before, with the wind evaluated as by a simulator."""
     samples = loop.sample * np.arange(loop.samples + 1)
     others = np.concatenate([case.switching_times, [time]]) - tube.grid.start
@@ -35,6 +35,7 @@ def _flown(tube: rho.ErrorTube, loop: Loop, case: rho.WorstCase, time: float) ->
         case.velocity_errors,
         case.first_position,
         case.first_velocity,
+        case.lost,
     )
     at = int(np.argmin(np.abs(times - (time - tube.grid.start))))
     j = min(int((time - tube.grid.start) / loop.sample + 1e-9), loop.samples - 1)
@@ -61,7 +62,7 @@ def test_the_radius_is_attained_and_never_exceeded(seed: int) -> None:
     direction = rng.normal(size=3)
     scenario = scenario_of(tube.disturbance, tube.grid)
     case = rho.worst_case(scenario, direction, time, quantity, tube=tube)  # type: ignore[arg-type]
-    flown = _flown(tube, loop, case, time)
+    flown = flown_case(tube, loop, case, time)
     radius = float(getattr(tube, quantity)(time))
     assert case.radius == radius
     reached = flown[quantity] @ direction / np.linalg.norm(direction)

@@ -54,7 +54,7 @@ _MAP = "map"
 scenarios hold their maps themselves."""
 
 _SIMULATED = ("times", "positions", "velocities", "wind", "commands")
-_ELAPSED = "simulation.elapsed"
+_ELAPSED, _LOST = "simulation.elapsed", "simulation.lost"
 _STATISTICS = TypeAdapter(Statistics)
 _PARTS = ("scenario", "statistics", *_ARRAYS)
 
@@ -177,7 +177,7 @@ def _unpack_all(path: str | Path, content: Mapping[str, np.ndarray]) -> Flown:
         optional |= set(_WINDOW_FIELDS)
     if form == _SIMULATION:
         expected |= {"plant", *(f"simulation.{name}" for name in _SIMULATED)}
-        optional |= {_ELAPSED}
+        optional |= {_ELAPSED, _LOST}
     names = {name for name in content if not name.startswith(_MAP)}
     if names - optional != expected:
         raise ValueError("arrays are missing or do not belong to the format")
@@ -242,7 +242,8 @@ def _pack_simulation(simulation: Simulation) -> dict[str, Any]:
     if not np.array_equal(np.asarray(simulation.elapsed), simulation.times - simulation.times[0]):
         arrays[_ELAPSED] = simulation.elapsed  # times on a clock far from 0 are rounded
     _check_numbers("simulation", arrays)
-    return {"plant": simulation.plant, **arrays}
+    lost = {} if simulation.lost is None else {_LOST: simulation.lost}
+    return {"plant": simulation.plant, **arrays, **lost}
 
 
 def _unpack_simulation(flight: Flight, content: Mapping[str, np.ndarray]) -> Simulation:
@@ -250,7 +251,10 @@ def _unpack_simulation(flight: Flight, content: Mapping[str, np.ndarray]) -> Sim
     if _ELAPSED in content:
         arrays["elapsed"] = content[_ELAPSED]
     _check_numbers("simulation", arrays)
-    return Simulation(flight, **arrays, plant=str(content["plant"]))
+    lost = content.get(_LOST)
+    if lost is not None and lost.dtype != np.bool_:
+        raise ValueError(f"{_LOST} has values that are not true or false")
+    return Simulation(flight, **arrays, plant=str(content["plant"]), lost=lost)
 
 
 def _check_windows(plan: Plan, windows: tuple[Window, ...]) -> None:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from drake_rho.motion.sampled_loop import Responses, is_stable
+from drake_rho.motion.sampled_loop import Measurements, Responses, is_stable
 from drake_rho.scenario.fields import FloatArray
 
 _PARTS = np.linspace(0.0, 1.0, 9)
@@ -23,6 +23,9 @@ _BEGIN = np.zeros(1)
 
 _COARSE, _CLOSE = 0.04, 1e-4
 """Relative accuracies of the largest tolerable wind: of the first search, and of bisection."""
+
+_EXACT = 1e-5
+"""Relative accuracy of the largest tolerable wind for given gains, if measurements may be lost."""
 
 _WIND_PARTS = (1.0, *np.arange(1.0 - _COARSE, 0.0, -_COARSE).tolist())
 """Parts of a wind that are tried in this order until one is tolerable with its best gains."""
@@ -43,8 +46,8 @@ _SEARCHES, _EVALUATIONS = 3, 40
 class Loop(NamedTuple):
     """Feedback loop for which gains are optimised."""
 
-    delay: int
-    """delay d, in samples"""
+    measurements: Measurements
+    """measurements of which the feedback is computed"""
     samples: int
     """number of samples in the flight"""
     sizes: tuple[float, float, float, float, float]
@@ -52,6 +55,17 @@ class Loop(NamedTuple):
     [m/s²]"""
     limit: float
     """largest norm of the feedback [m/s²]; infinite for no limit"""
+
+    @property
+    def alternatives(self) -> list[Loop]:
+        """The loop with a prediction of the state and, if that is possible, the one without."""
+        delay, dropouts, _ = self.measurements
+        kinds = [True, False] if delay > 0 and dropouts == 0 else [True]
+        return [self._replace(measurements=Measurements(delay, dropouts, each)) for each in kinds]
+
+    def responses(self, gains: tuple[float, float]) -> Responses:
+        """Return the responses of errors with given gains."""
+        return Responses.of(gains, self.measurements, self.samples)
 
 
 @lru_cache(maxsize=256)
@@ -71,9 +85,19 @@ def best_gains(loop: Loop) -> tuple[float, float]:
         weak = np.log(sizes.sum() + feedback)
         return float(np.log(radii.max() + _TIE * radii[-1, -1]) + _TIE * weak)
 
-    if not Responses.of((0.0, 0.0), loop.delay, loop.samples).radii("position", [1.0], sizes).any():
+    if not loop.responses((0.0, 0.0)).radii("position", [1.0], sizes).any():
         return 0.0, 0.0  # there is no error
-    return _search(cost, loop.delay, loop.samples)[0]
+    return _search(cost, loop)[0]
+
+
+def prediction_is_better(loop: Loop) -> bool:
+    """Return whether a prediction makes the position's largest radius no larger, if possible."""
+    sizes = loop.sizes
+    largest = [
+        _bounded(each, each.responses(best_gains(each)), sizes)[0].max()
+        for each in loop.alternatives
+    ]
+    return bool(largest[0] == min(largest))
 
 
 @lru_cache(maxsize=256)
@@ -95,19 +119,23 @@ def largest_wind(loop: Loop, radius: float) -> float:
         return np.inf
 
     def cost(responses: Responses) -> float:
-        most = tolerable_wind(loop, responses, radius)
+        most = _tolerable_quotients(loop, responses, radius)[0]
         return -float(np.log(most)) if most > 0.0 else np.inf
 
     def is_tolerable(wind: float) -> bool:
         gains = best_gains(loop._replace(sizes=(wind, *loop.sizes[1:])))
-        return wind <= tolerable_wind(loop, Responses.of(gains, loop.delay, loop.samples), radius)
+        return _excess(loop, loop.responses(gains), radius, wind) <= 0.0
 
     # `best_gains` results from another search, and its gains may tolerate slightly less wind
-    wind = float(np.exp(-_search(cost, loop.delay, loop.samples)[1]))
+    wind = float(np.exp(-_search(cost, loop)[1]))
     part = next((part for part in _WIND_PARTS if is_tolerable(part * wind)), 0.0)
-    if part == 1.0:
-        return wind
     low, high = part * wind, min(1.0, part + _COARSE) * wind
+    if part == 1.0:
+        if loop.measurements.dropouts == 0:
+            return wind
+        high = (1.0 + _COARSE) * low  # quotients are lower bounds
+        while is_tolerable(high):
+            low, high = high, (1.0 + _COARSE) * high
     while high - low > _CLOSE * wind:
         middle = (low + high) / 2.0
         low, high = (middle, high) if is_tolerable(middle) else (low, middle)
@@ -116,31 +144,52 @@ def largest_wind(loop: Loop, radius: float) -> float:
 
 def tolerable_wind(loop: Loop, responses: Responses, radius: float) -> float:
     """Return the largest tolerable wind for given gains [m/s²]; 0 if errors alone are too large."""
-    unit, errors = np.array([1.0, 0.0, 0.0, 0.0, 0.0]), np.array([0.0, *loop.sizes[1:]])
-    above = (_FINE_PARTS[1] - _FINE_PARTS[0]) ** 2 / 8.0
-    by_wind, by_errors = (
-        responses.radii("position", _FINE_PARTS, sizes)
-        + above * responses.radii("acceleration", _BEGIN, sizes)
-        for sizes in (unit, errors)
-    )
-    pairs = [(by_wind, radius - by_errors)]
-    if np.isfinite(loop.limit):
-        by_wind, by_errors = (
-            responses.radii("acceleration", _BEGIN, each) for each in (unit, errors)
-        )
-        pairs.append((by_wind, loop.limit - by_errors))
-    most = np.inf
-    for by_wind, left in pairs:
+    low, high = _tolerable_quotients(loop, responses, radius)
+    while high - low > _EXACT * low > 0.0:
+        middle = (low + high) / 2.0
+        tolerable = _excess(loop, responses, radius, middle) <= 0.0
+        low, high = (middle, high) if tolerable else (low, middle)
+    return low
+
+
+def _tolerable_quotients(loop: Loop, responses: Responses, radius: float) -> tuple[float, float]:
+    """Return a lower and an upper bound of the largest tolerable wind for given gains [m/s²].
+
+    Radii are affine in the wind, and the bounds are equal. If measurements may be lost, radii are
+    the largest of several that are affine, one for each pattern, and so convex. They are at most
+    the sum of those by a wind and by the errors, and at least the larger one.
+    """
+    low = high = np.inf
+    by_wind = _bounded(loop, responses, (1.0, 0.0, 0.0, 0.0, 0.0))
+    by_errors = _bounded(loop, responses, (0.0, *loop.sizes[1:]))
+    for wind, errors, most in zip(by_wind, by_errors, (radius, loop.limit), strict=False):
+        left = most - errors
         if left.min() < 0.0:
-            return 0.0
-        affected = by_wind > 0.0
-        most = min(most, float(np.min(left[affected] / by_wind[affected], initial=np.inf)))
-    return most
+            return 0.0, 0.0
+        affected = wind > 0.0
+        low = min(low, float(np.min(left[affected] / wind[affected], initial=np.inf)))
+        high = min(high, float(np.min(most / wind[affected], initial=np.inf)))
+    return low, low if loop.measurements.dropouts == 0 else high
 
 
-def _search(
-    cost: Callable[[Responses], float], delay: int, samples: int
-) -> tuple[tuple[float, float], float]:
+def _excess(loop: Loop, responses: Responses, radius: float, wind: float) -> float:
+    """Return by how much radii in a wind exceed their limits, at most; negative if none does."""
+    found = _bounded(loop, responses, (wind, *loop.sizes[1:]))
+    limits = zip(found, (radius, loop.limit), strict=False)
+    return max(float(each.max()) - most for each, most in limits)
+
+
+def _bounded(
+    loop: Loop, responses: Responses, sizes: tuple[float, float, float, float, float]
+) -> list[FloatArray]:
+    """Return bounds of the position's radius in parts of samples, and feedback if it is limited."""
+    above = (_FINE_PARTS[1] - _FINE_PARTS[0]) ** 2 / 8.0
+    feedback = responses.radii("acceleration", _BEGIN, np.array(sizes))
+    position = responses.radii("position", _FINE_PARTS, np.array(sizes)) + above * feedback
+    return [position, feedback] if np.isfinite(loop.limit) else [position]
+
+
+def _search(cost: Callable[[Responses], float], loop: Loop) -> tuple[tuple[float, float], float]:
     """Return the gains of least cost, and that cost; no feedback unless others cost less.
 
     The Nelder-Mead simplex search starts from the best point of a coarse grid. It is restarted,
@@ -151,11 +200,11 @@ def _search(
 
     def cost_at(logarithms: FloatArray) -> float:
         gains = _gains(logarithms)
-        if not is_stable(gains, delay):
+        if not is_stable(gains, loop.measurements.queued):
             return np.inf
-        return cost(Responses.of(gains, delay, samples))
+        return cost(loop.responses(gains))
 
-    slowest = 0.3 / samples  # feedback that has almost no effect within the flight
+    slowest = 0.3 / loop.samples  # feedback that has almost no effect within the flight
     bandwidths = np.linspace(np.log(slowest), np.log(_FASTEST), _BANDWIDTHS)
     starts = [np.array(each) for each in product(bandwidths, np.log(_DAMPINGS))]
     best, least = min(((x, cost_at(x)) for x in starts), key=lambda each: each[1])
@@ -165,7 +214,7 @@ def _search(
         options = {"initial_simplex": corners, "maxfev": _EVALUATIONS, "xatol": 1e-4, "fatol": 1e-5}
         found = minimize(cost_at, best, method="Nelder-Mead", options=options)
         best, least = found.x, float(found.fun)
-    without = cost(Responses.of((0.0, 0.0), delay, samples))
+    without = cost(loop.responses((0.0, 0.0)))
     return (_gains(best), least) if least < without else ((0.0, 0.0), without)
 
 

@@ -8,10 +8,17 @@ from functools import lru_cache
 
 import numpy as np
 
-from drake_rho.motion.gains import Loop, best_gains, largest_wind, tolerable_wind
+from drake_rho.motion.gains import (
+    Loop,
+    best_gains,
+    largest_wind,
+    prediction_is_better,
+    tolerable_wind,
+)
 from drake_rho.motion.tube import ErrorTube
 from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.disturbance import Disturbance, Tracking
+from drake_rho.scenario.fields import unchecked
 from drake_rho.scenario.parts import SAME_TIME, Grid
 from drake_rho.scenario.records import Scenario
 
@@ -29,6 +36,10 @@ def error_tube(
     disturbance describes how a plan is tracked (`Disturbance.tracking`), the gains are those given
     there, and so are the initial errors and the beginning of the tube unless `initial` is given.
     With a smoothing the tube is around the smooth motion and begins with it, before the first knot.
+
+    With a delay, `Disturbance.prediction` determines the feedback. If it is not given, the feedback
+    predicts the state where the largest radius is then the smaller one, with the best gains of each
+    and no initial error. It is given in the tube's own `disturbance`.
 
     Args:
         scenario: the scenario.
@@ -52,6 +63,7 @@ def error_tube(
         if initial is None:
             return _tracked(disturbance, tracked, _flown(scenario))
         gains = tracked.gains
+    disturbance = _decided(scenario, disturbance)
     tube = ErrorTube(disturbance, _flown(scenario), gains or (0.0, 0.0), initial or (0.0, 0.0))
     if gains is not None or scenario.disturbance is None:
         return tube
@@ -80,7 +92,18 @@ def _tracked(disturbance: Disturbance, tracked: Tracking, grid: Grid) -> ErrorTu
     """Return the tube around a tracked plan, which begins at that plan's first knot."""
     before = round((grid.start - tracked.since) / grid.step)
     whole = grid if before == 0 else Grid(grid.step, grid.knots + before, tracked.since)
-    return ErrorTube(disturbance, whole, tracked.gains, (tracked.position, tracked.velocity))
+    known = unchecked(disturbance, prediction=tracked.prediction)
+    return ErrorTube(known, whole, tracked.gains, (tracked.position, tracked.velocity))
+
+
+def _decided(scenario: Scenario, disturbance: Disturbance) -> Disturbance:
+    """Return a scenario's disturbance in which it is decided whether the feedback predicts."""
+    if (tracked := disturbance.tracking) is not None:
+        return unchecked(disturbance, prediction=tracked.prediction)
+    if disturbance.prediction is not None or disturbance.delay == 0:
+        return disturbance
+    loop = _loop(scenario, ErrorTube(disturbance, scenario.grid))
+    return unchecked(disturbance, prediction=prediction_is_better(loop))
 
 
 @lru_cache(maxsize=64)
@@ -115,7 +138,10 @@ def largest_disturbance(
         loop = _loop(scenario, tube)._replace(limit=np.inf)
         return tolerable_wind(loop, tube.responses, position / tube.sample**2)
     tube = ErrorTube(scenario.disturbance, _flown(scenario), initial=initial)
-    return largest_wind(_loop(scenario, tube), position / tube.sample**2)
+    loops = [_loop(scenario, tube)]
+    if scenario.disturbance.prediction is None:
+        loops = loops[0].alternatives
+    return max(largest_wind(loop, position / tube.sample**2) for loop in loops)
 
 
 def tightest_acceleration(scenario: Scenario) -> float:
@@ -133,4 +159,4 @@ def _loop(scenario: Scenario, tube: ErrorTube) -> Loop:
     """Return the feedback loop for which gains are optimised."""
     limit = tube.disturbance.share * tightest_acceleration(scenario)
     W, E_p, E_v, r_p, r_v = map(float, tube.sizes)
-    return Loop(tube.disturbance.delay, tube.samples, (W, E_p, E_v, r_p, r_v), limit)
+    return Loop(tube.measurements, tube.samples, (W, E_p, E_v, r_p, r_v), limit)

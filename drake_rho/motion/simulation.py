@@ -17,7 +17,7 @@ from drake_rho.motion.statistics import Statistics
 from drake_rho.motion.tube import ErrorTube
 from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.described import Described, ShownInNotebooks
-from drake_rho.scenario.fields import FloatArray, IntArray, read_only
+from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray, read_only
 from drake_rho.scenario.parts import Quantity
 from drake_rho.scenario.records import Scenario
 
@@ -54,6 +54,9 @@ class Simulation(ShownInNotebooks, metaclass=Described):
     elapsed: FloatArray | None = None
     """times since the first knot [s], shape (M,), exact even if a clock far from 0 rounds `times`;
     computed from these if not given"""
+    lost: BoolArray | None = None
+    """whether the measurement of each vehicle at each sample of the feedback was lost, shape
+    (J, N); None if none was"""
 
     def __post_init__(self) -> None:
         times = read_only(self.times)
@@ -66,6 +69,13 @@ class Simulation(ShownInNotebooks, metaclass=Described):
             increasing = f"increasing times of shape {times.shape}"
             raise ValueError(f"elapsed: got shape {elapsed.shape}, expected {increasing}")
         object.__setattr__(self, "elapsed", elapsed)
+        if self.lost is not None:
+            lost = np.array(self.lost, dtype=bool)
+            if lost.ndim != 2 or lost.shape[1] != len(self.scenario.vehicles):
+                each = f"one for each sample and of {len(self.scenario.vehicles)} vehicles"
+                raise ValueError(f"lost: got shape {lost.shape}, expected {each}")
+            lost.setflags(write=False)
+            object.__setattr__(self, "lost", lost if lost.any() else None)
         expected = (len(times), len(self.scenario.vehicles), 3)
         for name in ("positions", "velocities", "wind", "commands"):
             array = read_only(getattr(self, name))

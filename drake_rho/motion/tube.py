@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from drake_rho.motion.radii import Pieces, Radii
-from drake_rho.motion.sampled_loop import Responses
+from drake_rho.motion.sampled_loop import Measurements, Responses
 from drake_rho.scenario.clock import clock_number, clock_time
 from drake_rho.scenario.described import Described
 from drake_rho.scenario.disturbance import Disturbance, Tracking
@@ -51,7 +51,8 @@ class ErrorTube(metaclass=Described):
     """
 
     disturbance: Disturbance
-    """bounds of the disturbance, and sampling of the feedback"""
+    """bounds of the disturbance, and sampling of the feedback, which predicts the state unless
+    `prediction` is false"""
     grid: Grid
     """grid of the flight or of a window"""
     gains: tuple[float, float] = (0.0, 0.0)
@@ -80,14 +81,15 @@ class ErrorTube(metaclass=Described):
     def _numbers(self) -> tuple[float, ...]:
         bounds, grid = self.disturbance, self.grid
         sizes = bounds.acceleration, bounds.position_error, bounds.velocity_error
-        feedback = self.sample, bounds.delay, *self.gains, *self.initial
+        feedback = self.sample, *self.measurements, *self.gains, *self.initial
         return *sizes, *feedback, grid.start, grid.step, grid.knots
 
     @property
     def tracking(self) -> Tracking:
         """The tube as the `tracking` of a plan under way."""
         position, velocity = self.initial
-        return Tracking(self.grid.start, self.gains, position, velocity)
+        predicted = self.measurements.predicted
+        return Tracking(self.grid.start, self.gains, position, velocity, predicted)
 
     @property
     def sample(self) -> float:
@@ -98,6 +100,12 @@ class ErrorTube(metaclass=Described):
     def samples(self) -> int:
         """Number of feedback samples in the flight."""
         return self.disturbance.samples(self.grid)
+
+    @property
+    def measurements(self) -> Measurements:
+        """Measurements that the feedback of a sample is computed from."""
+        given = self.disturbance
+        return Measurements(given.delay, given.dropouts, given.prediction is not False)
 
     @property
     def sizes(self) -> FloatArray:
@@ -113,7 +121,7 @@ class ErrorTube(metaclass=Described):
         k_p, k_v = self.gains
         scaled = k_p * self.sample**2, k_v * self.sample
         with np.errstate(over="ignore", invalid="ignore"):  # checked below
-            responses = Responses.of(scaled, self.disturbance.delay, self.samples)
+            responses = Responses.of(scaled, self.measurements, self.samples)
         if not np.all(np.isfinite(responses.values)):
             raise ValueError(f"gains: got {self.gains}, expected gains with which errors decay")
         return responses

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Annotated, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.fields import LARGEST, NOT_BOOLEAN, Finite, Positive, record, unchecked
@@ -32,6 +32,8 @@ class Tracking:
     """largest position error at that time [m]"""
     velocity: NotNegative = 0.0
     """largest velocity error at that time [m/s]"""
+    prediction: Annotated[bool, Field(strict=True)] = True
+    """whether the feedback predicts the present state (`Disturbance.prediction`)"""
 
 
 @record
@@ -40,8 +42,9 @@ class Disturbance:
 
     The motion of a vehicle is p'' = a + u + w with the planned acceleration a, the unknown one w,
     and the feedback u. The feedback is constant from one sample to the next and linear in the
-    error estimated `delay` samples before. At the first knot, vehicles are exactly at their
-    starts; a receding horizon that is given other states there treats them as estimates.
+    error, predicted from the newest measurement that has arrived or measured some time ago. At the
+    first knot, vehicles are exactly at their starts; a receding horizon that is given other states
+    there treats them as estimates.
 
     Examples:
         >>> wind = rho.Disturbance(acceleration=0.5, feedback_every=0.05)
@@ -59,12 +62,27 @@ class Disturbance:
     """time from one sample of the feedback to the next, which divides the grid's step [s]; the step
     itself if not given. In a scenario with `tracking` it may also be several steps"""
     delay: Annotated[int, Field(ge=0, le=50), NOT_BOOLEAN] = 0
-    """number of samples from an estimate to the feedback computed from it"""
+    """number of samples from a measurement to the feedback that answers it"""
     share: Annotated[float, Field(gt=0.0, le=1.0, allow_inf_nan=False), NOT_BOOLEAN] = 0.5
     """part of the tightest acceleration limit that is reserved for the feedback"""
     tracking: Tracking | None = None
     """feedback that already tracks a plan under way; if not given, feedback with the best gains
     begins at the first knot, where all vehicles are exactly at their starts"""
+    dropouts: Annotated[int, Field(ge=0, le=50), NOT_BOOLEAN] = 0
+    """largest number of measurements in a row that may be lost; needs `prediction`"""
+    prediction: Annotated[bool, Field(strict=True)] | None = None
+    """whether the feedback predicts the present state from the newest measurement and its own
+    effect since; if false, it is linear in the error measured `delay` samples before; if not given,
+    the one with the smaller error tube"""
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        expected = "true or none, since measurements may be lost (dropouts)"
+        if self.dropouts > 0 and self.prediction is False:
+            raise ScenarioError("prediction", False, expected)
+        if self.dropouts > 0 and self.tracking is not None and not self.tracking.prediction:
+            raise ScenarioError("tracking.prediction", False, expected)
+        return self
 
     def samples_per_step(self, step: float) -> int:
         """Return the number of feedback samples in a step of the grid [s]."""
@@ -117,10 +135,11 @@ class Disturbance:
     def first_error(self, grid: Grid) -> tuple[float, float]:
         """Return the largest errors of the present estimate, position [m] and velocity [m/s].
 
-        With a delay of d samples of length δ, the estimate is that old and is propagated to the
-        present by the commands since: E_p + dδ E_v + W (dδ)²/2, and E_v + W dδ.
+        With a delay of d samples of length δ and up to m lost measurements in a row, the newest
+        measurement is up to D = d + m samples old and is propagated to the present by the commands
+        since: E_p + Dδ E_v + W (Dδ)²/2, and E_v + W Dδ.
         """
-        age = self.delay * self.sample(grid)
+        age = (self.delay + self.dropouts) * self.sample(grid)
         velocity = self.velocity_error + self.acceleration * age
         return self.position_error + age * (self.velocity_error + velocity) / 2.0, velocity
 

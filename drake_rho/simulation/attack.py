@@ -20,7 +20,7 @@ from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.bounds import Bounds
 from drake_rho.scenario.clock import clock_time
 from drake_rho.scenario.described import Described
-from drake_rho.scenario.fields import FloatArray, IntArray, read_only
+from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray, read_only
 from drake_rho.scenario.kinds import LIMITS
 from drake_rho.scenario.records import Scenario
 from drake_rho.simulation.closed_loop import adopted, fly_plan
@@ -82,6 +82,11 @@ class AimedWind(WindOverTime):
     def velocity_errors(self) -> FloatArray:
         """Errors of the estimated velocities at every sample [m/s], shape (J, N, 3)."""
         return np.asarray(self.worst.velocity_errors[:, None, :1] * self.directions)
+
+    @property
+    def lost(self) -> BoolArray:
+        """Whether the measurements of every sample are lost, shape (J,)."""
+        return self.worst.lost
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

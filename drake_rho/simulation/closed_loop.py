@@ -148,6 +148,7 @@ def flown(feedback: Feedback, wind: Wind | None, rng: np.random.Generator | None
         acting,
         commands,
         elapsed=timeline.elapsed,
+        lost=errors.lost,
     )
 
 

@@ -69,6 +69,7 @@ def simulated(
         commands,
         _PLANTS[plant],
         timeline.elapsed,
+        errors.lost,
     )
 
 

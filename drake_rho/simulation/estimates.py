@@ -1,4 +1,4 @@
-"""Estimation errors: the states seen by feedback and planner minus the true states."""
+"""Estimation errors: measured minus true states, and which measurements are lost."""
 
 from __future__ import annotations
 
@@ -6,19 +6,21 @@ import dataclasses
 
 import numpy as np
 
-from drake_rho.scenario.fields import FloatArray, read_only
+from drake_rho.scenario.fields import BoolArray, FloatArray, read_only
 from drake_rho.scenario.records import Scenario
 from drake_rho.simulation.winds import Wind
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class EstimationErrors:
-    """Estimated minus true states at every sample of the feedback."""
+    """Measured minus true states at every sample of the feedback, and lost measurements."""
 
     positions: FloatArray
     """errors of positions [m], shape (J, N, 3)"""
     velocities: FloatArray
     """errors of velocities [m/s], shape (J, N, 3)"""
+    lost: BoolArray
+    """whether each measurement is lost, shape (J, N)"""
     held: int = 1
     """number of steps of the simulated grid for which a sample lasts, if more than one"""
 
@@ -31,9 +33,10 @@ class EstimationErrors:
         Args:
             scenario: scenario with the bounds of the errors and the number of samples.
             wind: wind; if it has `position_errors` and `velocity_errors`, shape (J, 3) or
-                (J, N, 3), as `rho.worst_case` does, these are used.
-            rng: generator that otherwise draws errors uniformly from their balls; without one
-                there are no errors.
+                (J, N, 3), as `rho.worst_case` does, these are used, and `lost`, shape (J,) or
+                (J, N), if it has that.
+            rng: generator that otherwise draws errors uniformly from their balls, and measurements
+                that are lost; without one there are neither.
 
         Raises:
             ValueError: `rng` is not a generator.
@@ -46,22 +49,24 @@ class EstimationErrors:
         held = 1 if disturbance is None else disturbance.steps_per_sample(grid.step)
         if hasattr(wind, "position_errors") and hasattr(wind, "velocity_errors"):
             given = (wind.position_errors, wind.velocity_errors)
+            lost = np.asarray(getattr(wind, "lost", np.zeros(samples)), dtype=bool)[:samples]
+            each = np.broadcast_to(lost if lost.ndim == 2 else lost[:, None], (samples, vehicles))
             shape = samples, vehicles, 3
             positions, velocities = (_for_each(errors[:samples], shape) for errors in given)
-            return cls(positions, velocities, held)
+            return cls(positions, velocities, each, held)
         if rng is None or disturbance is None:
             none = read_only(np.zeros((samples, vehicles, 3)))
-            return cls(none, none, held)
+            return cls(none, none, np.zeros((samples, vehicles), dtype=bool), held)
         sizes = disturbance.position_error, disturbance.velocity_error
         positions, velocities = (size * _in_ball(rng, (samples, vehicles)) for size in sizes)
-        return cls(positions, velocities, held)
+        lost = _lost(rng, (samples, vehicles), disturbance.dropouts)
+        return cls(positions, velocities, lost, held)
 
     def added_to(self, sample: int, states: FloatArray) -> FloatArray:
-        """Return the estimates of states (N, 6) at a sample, counted from 0."""
+        """Return the measurements of states (N, 6) at a sample from 0; NaN if they are lost."""
         at = min(sample // self.held, len(self.positions) - 1)
-        return np.asarray(
-            states + np.concatenate([self.positions[at], self.velocities[at]], axis=1)
-        )
+        measured = states + np.concatenate([self.positions[at], self.velocities[at]], axis=1)
+        return np.asarray(np.where(self.lost[at, :, None], np.nan, measured))
 
 
 def _for_each(errors: FloatArray, shape: tuple[int, int, int]) -> FloatArray:
@@ -75,3 +80,19 @@ def _in_ball(rng: np.random.Generator, shape: tuple[int, int]) -> FloatArray:
     points = rng.normal(size=(*shape, 3))
     points /= np.linalg.norm(points, axis=-1, keepdims=True)
     return np.asarray(points * np.cbrt(rng.uniform(size=shape))[..., None])
+
+
+def _lost(rng: np.random.Generator, shape: tuple[int, int], most: int) -> BoolArray:
+    """Return which measurements of samples and vehicles are lost, at most some in a row, (J, N).
+
+    Each vehicle loses them at a rate of its own, drawn from 0 to 1.
+    """
+    lost = np.zeros(shape, dtype=bool)
+    if most == 0:
+        return lost
+    drawn = rng.uniform(size=shape) < rng.uniform(size=shape[1])
+    run = np.zeros(shape[1], dtype=np.int64)
+    for j, each in enumerate(drawn):
+        lost[j] = each & (run < most)
+        run = np.where(lost[j], run + 1, 0)
+    return lost

@@ -2,11 +2,13 @@
 
 At sample j the command is a(t) + u_j, where a is the nominal acceleration and
 
-    u_j = -k_p (p_est - p_nom) - k_v (v_est - v_nom)     of sample j - d,
+    u_j = -k_p (p_est - p_nom) - k_v (v_est - v_nom).
 
-and u_j = 0 for the first d samples after the tracked plan began, as in `docs/flight.md`. The
-feedback maps its memory and an estimate to a new memory; the simulation without a diagram and the
-Drake system share it.
+The estimate is the newest measurement that has arrived, d samples old or more, propagated to sample
+j by the commands since. Before a measurement from the time of the tracked plan arrives, u_j = 0.
+Without a prediction, estimate and plan are those of sample j - d (`docs/flight.md`).
+The feedback maps its memory and a measurement to a new memory; the simulation without a diagram and
+the Drake system share it.
 """
 
 from __future__ import annotations
@@ -20,7 +22,7 @@ import numpy as np
 from drake_rho.motion.flight import Flight, Window
 from drake_rho.motion.scenario_tube import error_tube
 from drake_rho.scenario.disturbance import Disturbance
-from drake_rho.scenario.fields import FloatArray
+from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.parts import SAME_TIME
 from drake_rho.scenario.records import Scenario
 
@@ -61,10 +63,17 @@ class Memory:
     """current window"""
     since: int
     """sample at which the tracked plan began"""
-    estimates: tuple[FloatArray, ...] = ()
-    """latest estimated states (N, 6), the newest last: one more than the delay in samples"""
+    states: FloatArray
+    """estimated states at the sample, (N, 6)"""
+    arrived: IntArray
+    """samples whose measurements were the last to arrive, (N,); -1 if none has arrived"""
+    measured: tuple[FloatArray, ...] = ()
+    """latest measured states (N, 6), the newest last: one more than the delay in samples"""
     errors: tuple[FloatArray, ...] = ()
-    """estimates minus the states of the plan that was tracked at their time, (N, 6) each"""
+    """measured states minus those of the plan that was tracked at their time, (N, 6) each; empty if
+    the feedback predicts the state"""
+    feedback: FloatArray | float = 0.0
+    """latest feedback (N, 3) [m/s²]"""
     commands: tuple[FloatArray, ...] = ()
     """latest commanded accelerations (N, 3) [m/s²], the newest last"""
 
@@ -91,44 +100,57 @@ class Feedback:
         self.sample = disturbance.sample(scenario.grid) / self._held
         self.samples = round(scenario.grid.duration / self.sample)
         self._times = scenario.grid.times
-        self._delay = disturbance.delay
+        self._delay = disturbance.delay * self._held
+        self._dropouts = disturbance.dropouts * self._held
         self._per_step = disturbance.samples_per_step(scenario.grid.step)
         self._knots = frozenset(horizon.knots)
-        self._gains = np.array(error_tube(scenario).gains)
+        tube = error_tube(scenario)
+        self._gains, self._predicts = np.array(tube.gains), tube.measurements.predicted
         self.starts = scenario.fleet.start_states
-        self.start = Memory(horizon.step(self.starts, scenario.grid.start), 0)
+        none = np.full(len(self.starts), -1)
+        self.start = Memory(horizon.step(self.starts, scenario.grid.start), 0, self.starts, none)
 
-    def next(self, memory: Memory, j: int, estimate: FloatArray) -> Memory:
+    def next(self, memory: Memory, j: int, measured: FloatArray) -> Memory:
         """Return the memory after sample j, with the command until the next sample.
 
         Args:
             memory: memory of the sample before, or `start`.
             j: number of the sample, from 0.
-            estimate: estimated positions and velocities at the sample, shape (N, 6). A row with a
-                value that is not finite is a vehicle that was not observed: it is assumed to be as
-                planned.
+            measured: measured positions and velocities at the sample, shape (N, 6), which arrive
+                after the delay. A row with a value that is not finite is a lost measurement.
         """
-        d = self._delay
-        seen = np.isfinite(estimate).all(axis=1, keepdims=True)
-        estimate = np.where(seen, estimate, np.nan)
-        estimates = (*memory.estimates, estimate)[-(d + 1) :]
+        seen = np.isfinite(measured).all(axis=1, keepdims=True)
+        latest = (*memory.measured, np.where(seen, measured, np.nan))[-(self._delay + 1) :]
+        states, arrived = self._estimated(memory, j, latest)
         window, since = memory.window, memory.since
         knot, past = divmod(j, self._per_step)
         if j > 0 and past == 0 and knot in self._knots:
-            states = self._predicted(j, estimates, memory.commands)
-            window = self.horizon.step(states, float(self._times[knot]))
+            oldest = j - self._delay - self._dropouts  # older ones are too uncertain for a window
+            known = np.where((arrived < oldest)[:, None], np.nan, states)
+            window = self.horizon.step(known, float(self._times[knot]))
             since = self._tracked_since(window)
-        p, v, a = self.nominal(window, j * self.sample)
-        errors = memory.errors
-        if j % self._held == 0:  # else the feedback is held while the plan's acceleration changes
-            error = np.where(seen, estimate - np.concatenate([p, v], axis=1), 0.0)
-            errors = (*errors, error)[-(d + 1) :]
-        command = a
-        if (j - since) // self._held >= d:  # the oldest error then refers to the tracked plan
-            k_p, k_v = self._gains
-            command = a - k_p * errors[0][:, :3] - k_v * errors[0][:, 3:]
-        commands = (*memory.commands, command)[-max(d, 1) :]
-        return Memory(window, since, estimates, errors, commands)
+        now = Memory(
+            window, since, states, arrived, latest, memory.errors, memory.feedback, memory.commands
+        )
+        if j % self._held == 0:  # else it is held while the plan's acceleration changes
+            now = self._answered(now, j)
+        a = self.nominal(window, j * self.sample)[2]
+        commands = (*now.commands, a + now.feedback)[-max(self._delay, 1) :]
+        return dataclasses.replace(now, commands=commands)
+
+    def _answered(self, now: Memory, j: int) -> Memory:
+        """Return the memory with the feedback of sample j."""
+        p, v, _ = self.nominal(now.window, j * self.sample)
+        planned, errors = np.concatenate([p, v], axis=1), now.errors
+        if self._predicts:
+            error = np.where((now.arrived >= now.since)[:, None], now.states - planned, 0.0)
+        else:
+            error = np.nan_to_num(now.measured[-1] - planned)  # a lost one counts as no error
+            errors = (*errors, error)[-(self._delay // self._held + 1) :]
+            error = errors[0] if j - now.since >= self._delay else np.zeros_like(error)
+        k_p, k_v = self._gains
+        feedback = -k_p * error[:, :3] - k_v * error[:, 3:]
+        return dataclasses.replace(now, errors=errors, feedback=feedback)
 
     def nominal(self, window: Window, elapsed: float) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return planned positions, velocities and accelerations at a time since the start [s].
@@ -153,13 +175,30 @@ class Feedback:
         since = grid.start if tracking is None else tracking.since
         return round((since - self.scenario.grid.start) / self.sample)
 
-    def _predicted(
-        self, j: int, estimates: tuple[FloatArray, ...], commands: tuple[FloatArray, ...]
-    ) -> FloatArray:
-        """Return states at sample j, from the estimate of d samples ago and the commands since."""
-        d, h = min(self._delay, j), self.sample
-        states = estimates[0] if j >= self._delay else self.starts
-        p, v = states[:, :3], states[:, 3:]
-        for a in commands[len(commands) - d :]:
+    def _estimated(
+        self, memory: Memory, j: int, latest: tuple[FloatArray, ...]
+    ) -> tuple[FloatArray, IntArray]:
+        """Return the estimated states at sample j, and the samples of the measurements they use.
+
+        Args:
+            memory: memory of the sample before.
+            j: number of the sample.
+            latest: measured states of samples j - d to j, as far as there are any.
+        """
+        d = self._delay
+        states = memory.states
+        if j > 0:
+            states = self._moved(states, memory.commands[-1:])
+        if j < d or (j - d) % self._held > 0:
+            return states, memory.arrived
+        arrives = np.asarray(np.isfinite(latest[0]).all(axis=1))
+        newer = self._moved(latest[0], memory.commands[len(memory.commands) - d :])
+        newest = np.where(arrives, j - d, memory.arrived)
+        return np.where(arrives[:, None], newer, states), newest
+
+    def _moved(self, states: FloatArray, commands: tuple[FloatArray, ...]) -> FloatArray:
+        """Return states (N, 6) after samples with given commands."""
+        p, v, h = states[:, :3], states[:, 3:], self.sample
+        for a in commands:
             p, v = p + h * (v + h / 2.0 * a), v + h * a
         return np.concatenate([p, v], axis=1)

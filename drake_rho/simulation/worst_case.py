@@ -1,4 +1,4 @@
-"""Worst case: wind and estimation errors that drive a vehicle's error to the tube's radius."""
+"""Worst case: wind, estimation errors and lost measurements with which an error is the radius."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from drake_rho.motion.scenario_tube import error_tube
 from drake_rho.motion.tube import ErrorTube
 from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.described import Described
-from drake_rho.scenario.fields import FloatArray, IntArray, read_only
+from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray, read_only
 from drake_rho.scenario.parts import SAME_TIME, Quantity
 from drake_rho.scenario.records import Scenario
 from drake_rho.simulation.winds import WindOverTime, unit
@@ -30,8 +30,8 @@ class WorstCase(WindOverTime, metaclass=Described):
     """Wind that drives every vehicle to the largest error in one direction at one time.
 
     It is a callable like those of `drake_rho.simulation.winds`, constant between its switching
-    times. The tube's radius is reached only together with the estimation errors and the error at
-    the first knot given here.
+    times. The tube's radius is reached only together with the estimation errors, the lost
+    measurements and the error at the first knot given here.
     """
 
     radius: float
@@ -48,6 +48,8 @@ class WorstCase(WindOverTime, metaclass=Described):
     """error of the position at the first knot [m], shape (3,)"""
     first_velocity: FloatArray
     """error of the velocity at the first knot [m/s], shape (3,)"""
+    lost: BoolArray
+    """whether the measurement of every sample of the feedback is lost, shape (J,)"""
     early: float
     """amount by which a time may precede a switching time and still count as it [s]"""
 
@@ -76,6 +78,8 @@ def worst_case(
 ) -> WorstCase:
     """Return the wind and errors that drive a quantity's error to its radius at a given time.
 
+    If measurements may be lost, some are, as the radius requires.
+
     Args:
         scenario: scenario with a disturbance.
         direction: direction of the error, of any length above 0, shape (3,).
@@ -92,7 +96,7 @@ def worst_case(
     d = unit(direction)
     tube = error_tube(scenario) if tube is None else tube
     j, part = tube.sample_at([time])
-    x = tube.responses.at(quantity, part)[0]
+    x, lost = tube.responses.worst(quantity, float(part[0]), int(j[0]), tube.sizes)
     ages = int(j[0]) - np.arange(tube.samples)  # number of samples since each sample began
     begins, signs = _switches(x, ages, part[0], acts_now=quantity != "acceleration")
     errors = np.sign(_at_ages(x[[POSITION_ERROR, VELOCITY_ERROR]], ages))
@@ -107,11 +111,12 @@ def worst_case(
         read_only(disturbance.velocity_error * np.multiply.outer(errors[1], d)),
         read_only(tube.initial[0] * first[0] * d),
         read_only(tube.initial[1] * first[1] * d),
+        _at_ages(lost, ages).astype(bool),
         max(SAME_TIME * tube.sample, tube.grid.rounding),
     )
 
 
-def _at_ages(x: FloatArray, ages: IntArray) -> FloatArray:
+def _at_ages(x: FloatArray | BoolArray, ages: IntArray) -> FloatArray:
     """Return responses to inputs of given ages in samples; 0 for future or decayed ones."""
     known = (ages >= 0) & (ages < x.shape[-1])
     return np.asarray(np.where(known, x[..., np.where(known, ages, 0)], 0.0))

@@ -167,5 +167,9 @@ def disturbance_in_words(disturbance: Disturbance, grid: Grid) -> str:
         words.append(f"estimation errors up to {errors}")
     samples = "sample" if disturbance.delay == 1 else "samples"
     delay = f", delayed by {disturbance.delay} {samples}" if disturbance.delay > 0 else ""
+    if delay and disturbance.prediction is False:
+        delay += " without a prediction"
     words.append(f"feedback every {disturbance.sample(grid):g} s{delay}")
+    if disturbance.dropouts > 0:
+        words.append(f"up to {disturbance.dropouts} lost measurements in a row")
     return ", ".join(words)

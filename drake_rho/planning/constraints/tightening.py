@@ -106,7 +106,8 @@ def without_wind(scenario: Scenario) -> Scenario:
 def largest_tolerable_wind(scenario: Scenario, margins: PlanMargins, calm: PlanMargins) -> float:
     """Return the largest wind with sufficient slack for the same feedback [m/s²].
 
-    The radii of the error tube are affine in the wind.
+    The radii of the error tube are affine in the wind. If measurements may be lost they are convex
+    in it, and the result may be less than the largest wind.
 
     Args:
         scenario: the disturbed scenario.

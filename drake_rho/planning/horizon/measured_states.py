@@ -29,7 +29,8 @@ def renewed_tracking(whole: Scenario, left: Scenario, unseen: Scenario | None) -
     first = estimate_errors(left)
     if unseen is not None:
         first = max(first[0], tube_radii(unseen)[0]), max(first[1], tube_radii(unseen)[1])
-    return Tracking(left.grid.start, tube_of(whole).gains, *first)
+    tube = tube_of(whole)
+    return Tracking(left.grid.start, tube.gains, *first, tube.measurements.predicted)
 
 
 def estimate_errors(scenario: Scenario) -> tuple[float, float]:

@@ -167,10 +167,10 @@ class RecedingHorizon:
 
         Args:
             states: estimated position [m] and velocity [m/s] of each vehicle at this time, shape
-                (N, 6); with a delay, predicted from the measurement by the commands given since. A
-                row of NaN, or of numbers larger than in any flight, stands for a vehicle that was
-                not seen: its planned state is used, and the tube begins with the errors that it may
-                have there.
+                (N, 6); predicted from the newest measurement that has arrived by the commands given
+                since, if that is at most `delay` + `dropouts` samples old. A row of NaN, or of
+                numbers larger than in any flight, stands for a vehicle that was not seen: its
+                planned state is used, and the tube begins with the errors that it may have there.
             time: of a knot at which a step begins, after that of the previous window, on the
                 scenario's clock [s]. The first window starts at the first knot.
             map: newer map, if there is one, by which windows plan from now on: cells are added,
