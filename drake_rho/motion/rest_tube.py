@@ -112,12 +112,12 @@ def rest_tube(tube: ErrorTube, end: float | None = None) -> RestTube:
         end: time from which vehicles rest, if that is before the end of the tube [s].
     """
     gains = tube.gains[0] * tube.sample**2, tube.gains[1] * tube.sample
-    delay, step = tube.disturbance.delay, tube.grid.step
-    stable = is_stable(gains, delay)
-    count = len(Responses.of(gains, delay, _MOST)) if stable else _MOST
+    measurements, step = tube.measurements, tube.grid.step
+    stable = is_stable(gains, measurements.queued)
+    count = len(Responses.of(gains, measurements, _MOST)) if stable else _MOST
     bounded = count < _MOST
     if not bounded:
-        growth = _growth(gains, delay)
+        growth = _growth(gains, measurements.queued)
         count = min(_MOST_GROWING, int(_GROWTH / growth) if growth > 0.0 else _MOST_GROWING)
     samples = tube.samples + count + 1
     knots = 2 + math.ceil(samples / tube.disturbance.samples_per_step(step))
@@ -125,7 +125,7 @@ def rest_tube(tube: ErrorTube, end: float | None = None) -> RestTube:
     return RestTube(longer, tube.grid.end if end is None else end, bounded)
 
 
-def _growth(gains: tuple[float, float], delay: int) -> float:
+def _growth(gains: tuple[float, float], queued: int) -> float:
     """Return the logarithm of the growth of errors per sample; 0 if it is not exponential."""
-    largest = float(np.abs(np.linalg.eigvals(transition(gains, delay))).max())
+    largest = float(np.abs(np.linalg.eigvals(transition(gains, queued))).max())
     return max(0.0, math.log(largest) - _DOUBLE_ROOT)

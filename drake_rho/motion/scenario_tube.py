@@ -102,7 +102,7 @@ def _decided(scenario: Scenario, disturbance: Disturbance) -> Disturbance:
         return unchecked(disturbance, prediction=tracked.prediction)
     if disturbance.prediction is not None or disturbance.delay == 0:
         return disturbance
-    loop = _loop(scenario, ErrorTube(disturbance, scenario.grid))
+    loop = _loop(scenario, ErrorTube(disturbance, _flown(scenario)))
     return unchecked(disturbance, prediction=prediction_is_better(loop))
 
 

@@ -9,8 +9,9 @@ from functools import cached_property
 import numpy as np
 
 from drake_rho.motion.costs import cost_of
-from drake_rho.motion.dynamics import Motion, response
+from drake_rho.motion.dynamics import Motion
 from drake_rho.motion.plan import Plan
+from drake_rho.motion.smooth import response_of
 from drake_rho.planning.constraints.base import Constraint, HalfSpaces
 from drake_rho.planning.constraints.boxes import KeepInBox
 from drake_rho.planning.constraints.convex_sets import KeepInSets
@@ -102,16 +103,16 @@ class Timed:
 
     def to_rounding(self) -> Timed:
         """Return the motion with the least change that passes the waypoints despite rounding."""
-        passing, goals, knots = self.passing, self.problem.effort.goals, self.grid.knots
+        passing, goals = self.passing_tightened, self.problem.effort.goals
         accelerations = self.accelerations.copy()
-        at = self.motion.each_at("position", passing.vehicles, passing.times)
+        at, _ = passing.states(self.motion)
         away = at - passing.positions
         far = np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-300)
-        within = np.maximum(passing.within - self.waypoint_margins, 0.0)[:, None]
+        within = np.maximum(passing.within, 0.0)[:, None]
         missed = away * np.maximum(1.0 - within / far, 0.0)
         for i in np.unique(passing.vehicles):
             own = passing.vehicles == i
-            rows = response("position", self.step, knots, passing.times[own])
+            rows = response_of("position", passing.averaged, self.grid, passing.times[own])
             lengths = np.linalg.norm(rows, axis=1, keepdims=True)
             both = np.concatenate([goals.rows, rows / lengths])
             if self.resting is not None:
