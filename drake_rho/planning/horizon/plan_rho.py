@@ -35,6 +35,7 @@ def plan_rho(
     solver: Solver | SolverName | None = None,
     progress: Progress | None = None,
     options: Options | None = None,
+    contingencies: bool = False,
 ) -> Flight:
     """Fly with a receding horizon that shrinks towards the goals and the arrival time.
 
@@ -66,6 +67,7 @@ def plan_rho(
         progress: called with a short text when a window begins, as 'window 3 of 10'.
         options: of this package's planners. When the flight exceeds `time_limit`, the previous plan
             is continued.
+        contingencies: whether windows have contingencies, as those of `RecedingHorizon`.
 
     Returns:
         The flight; `flight.plan` meets every constraint of the scenario, except for obstacles that
@@ -94,6 +96,7 @@ def plan_rho(
         solver=solver,
         progress=progress,
         options=options,
+        contingencies=contingencies,
     )
     times = scenario.grid.times
     for knot in horizon.knots:

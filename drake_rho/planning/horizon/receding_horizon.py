@@ -81,6 +81,9 @@ class RecedingHorizon:
         progress: called with a short text when a window begins, as 'window 3 of 10'.
         options: of this package's planners. When a step exceeds `time_limit`, the previous plan is
             continued.
+        contingencies: whether every window also has a motion that brakes to rest from where the
+            next window begins, clear of all that is known, or the reason why there is none
+            (`Window.contingency`). It is flown where something seen late leaves no plan.
 
     Attributes:
         scenario: as given, with newer maps, sightings and the times found for waypoints.
@@ -107,6 +110,7 @@ class RecedingHorizon:
         solver: Solver | SolverName | None = None,
         progress: Progress | None = None,
         options: Options | None = None,
+        contingencies: bool = False,
     ) -> None:
         whole = isinstance(replan_every, Integral) and not isinstance(replan_every, bool)
         if not whole or replan_every < 1:
@@ -126,6 +130,7 @@ class RecedingHorizon:
                 None if fallback is None else with_options(options, fallback),
                 reference,
                 Backend.of(solver).solver,
+                self.replan_every if contingencies else None,
             ),
             progress,
         )
@@ -215,6 +220,7 @@ class RecedingHorizon:
         tell(self._progress, f"window {number} of {len(self.knots)}")
         window = self._next(knot, measured) if self.windows else self._first(measured)
         self.scenario = timed_as(self.scenario, window.plan.scenario)
+        window = self._planner.with_contingency(window)
         names = [vehicle.name for vehicle in self.scenario.vehicles]
         unseen = tuple(names[i] for i in np.flatnonzero(np.isnan(measured).any(axis=1)))
         if unseen:
@@ -296,10 +302,8 @@ class RecedingHorizon:
     def _next(self, knot: int, states: FloatArray) -> Window:
         """Return a window after the first."""
         last = self.windows[-1]
-        tail = last.plan.tail(knot - last.first_knot)
-        if tail.scenario.obstacles is not self._due:  # a newer map was seen
-            now_known = with_obstacles(tail.scenario, self._due)
-            tail = unchecked(tail, scenario=now_known)
+        tail = self._rest(last.plan, knot - last.first_knot)
+        stop = last.contingency and self._rest(last.contingency, knot - last.first_knot)
         left, unseen = tail.scenario, np.isnan(states).any(axis=1)
         if left.obstacles is not self.scenario.obstacles:  # an obstacle was seen again
             left = with_obstacles(left, self.scenario.obstacles)
@@ -317,11 +321,20 @@ class RecedingHorizon:
         if self.free_final_time:
             free = free_ahead(self._free, self.scenario, left.grid)
             plan_next = partial(next_window, self._planner, free)
-        window = plan_next(left, knot, tail, last=last, on_plan=not off.any())
+        on_plan = not off.any()
+        window = plan_next(left, knot, tail, last=last, on_plan=on_plan, stop=stop)
         if left.disturbance is None or not off.any():
             return window
         names = tuple(left.vehicles[i].name for i in np.flatnonzero(off))
         return dataclasses.replace(window, off_tube=names)
+
+    def _rest(self, plan: Plan, knot: int) -> Plan:
+        """Return the rest of a window's plan or contingency, with the obstacles known by now."""
+        tail = plan.tail(knot)
+        if tail.scenario.obstacles is self._due:
+            return tail
+        # a newer map was seen
+        return unchecked(tail, scenario=with_obstacles(tail.scenario, self._due))
 
 
 def _completed(states: FloatArray, predicted: FloatArray) -> FloatArray:
