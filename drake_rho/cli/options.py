@@ -117,6 +117,14 @@ FreeFinalTimeOption = Annotated[
         "rest; by default all arrive at the last knot.",
     ),
 ]
+ContingenciesOption = Annotated[
+    bool,
+    typer.Option(
+        "--contingencies",
+        help="Every window also plans how to brake to rest, clear of all that is known, which is "
+        "flown where something seen late leaves no plan.",
+    ),
+]
 MethodOption = Annotated[
     Method,
     typer.Option(

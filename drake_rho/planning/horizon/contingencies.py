@@ -132,7 +132,7 @@ def _cleared(plan: Plan, knot: int, rests: FloatArray) -> FloatArray:
 def _resting(plan: Plan, knot: int, rests: FloatArray, steps: int) -> Scenario:
     """Return the scenario from a knot of a plan to places of rest.
 
-    What is known stays what the plan knows, and the feedback stays the plan's.
+    It has the obstacles that the plan knows, and the plan's feedback.
 
     Args:
         plan: plan of a window.
@@ -158,14 +158,14 @@ def _resting(plan: Plan, knot: int, rests: FloatArray, steps: int) -> Scenario:
     around = window.disturbance
     if around is not None:
         around = unchecked(around, tracking=tube_of(window).tracking)
-    bodies = left.bodies_in_flight
+    known = [number - 1 for number, _ in window.known]
     return left.derived(
         grid=grid,
         vehicles=vehicles,
         fleet=fleet,
         disturbance=around,
         requirements=tuple(each for each in left.requirements if each.active is None),
-        bodies_in_flight=bodies,
-        known=tuple((number, bodies[number - 1]) for number, _ in window.known),
+        obstacles=tuple(left.bodies[number] for number in known),
+        bodies_in_flight=tuple(left.bodies_in_flight[number] for number in known),
         under_way=True,
     )
