@@ -14,9 +14,9 @@ from drake_rho.cli.checks import check_outputs, check_writable, requested_drawin
 from drake_rho.cli.console import Work, answer, stopping_early, tell, working
 from drake_rho.cli.documents import Assigned
 from drake_rho.cli.options import (
-    ContingenciesOption,
     REFERENCES,
     Arrival,
+    ContingenciesOption,
     DurationOption,
     FiguresOption,
     FormatOption,

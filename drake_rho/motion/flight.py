@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from typing import Literal
 
+import numpy as np
 import numpy.typing as npt
 
 from drake_rho.motion.plan import Plan, summary
@@ -54,6 +55,18 @@ class Window(metaclass=Described):
         kind = "the rest of the previous plan" if self.kept else kind
         kind = "a contingency" if self.stopping else kind
         return f"<Window from knot {self.first_knot + 1}: {kind}, cost {self.plan.cost:.6g} m²/s⁴>"
+
+    @property
+    def braking(self) -> Plan | None:
+        """Part of the contingency that differs from the plan; None if there is none or no other."""
+        if self.contingency is None:
+            return None
+        steps = self.plan.accelerations.shape[1]
+        own = self.contingency.accelerations[:, :steps]
+        differs = (own != self.plan.accelerations).any(axis=(0, 2))
+        if not differs.any():
+            return None
+        return self.contingency.tail(int(np.argmax(differs)))
 
     @property
     def statistics(self) -> Statistics:

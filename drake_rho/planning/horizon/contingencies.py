@@ -13,7 +13,7 @@ import numpy as np
 
 from drake_rho.motion.plan import Plan
 from drake_rho.motion.scenario_tube import tube_of
-from drake_rho.planning.errors import InfeasibleError, OutOfTimeError, SolverError
+from drake_rho.planning.errors import InfeasibleError, SolverError
 from drake_rho.planning.planners.convex import plan_convex
 from drake_rho.planning.programs.backend import Solver
 from drake_rho.scenario.fields import FloatArray, read_only, unchecked

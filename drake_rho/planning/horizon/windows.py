@@ -208,7 +208,7 @@ class WindowPlanner:
             found = contingency(window.plan, knot, self.solver)
             violates = window.infeasible and not window.kept
             if violates and (first := first_violation(found)) is not None:
-                raise InfeasibleError(  # noqa: TRY301  # one place that records reasons
+                raise InfeasibleError(  # one place that records reasons
                     {first.vehicle: (first.what,)}, scenario=found.scenario, because=_BEFORE
                 )
         except _FAILURES as error:
