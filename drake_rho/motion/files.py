@@ -49,10 +49,11 @@ _WINDOW_FIELDS: dict[str, TypeAdapter[Any]] = {
     "unseen": TypeAdapter(list[tuple[str, ...]]),
     "no_contingency": TypeAdapter(list[str]),
     "stopping": TypeAdapter(list[Annotated[bool, Field(strict=True)]]),
+    "cost_bound": TypeAdapter(list[Annotated[float, Field(ge=0.0, le=LARGEST)] | None]),
 }
 """Fields of windows that are newer than the format of flights: older files do not have them."""
 
-_SELDOM = ("unseen", "no_contingency", "stopping")
+_SELDOM = ("unseen", "no_contingency", "stopping", "cost_bound")
 """Those that a file has only if any window does."""
 
 _MAP = "map"

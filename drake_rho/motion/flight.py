@@ -48,6 +48,9 @@ class Window(metaclass=Described):
     """empty, or the reason why a contingency that was asked for was not found"""
     stopping: bool = False
     """true if `plan` brakes to rest: a contingency, flown because nothing else keeps clear"""
+    cost_bound: float | None = None
+    """largest cost of the flight from this window on [m²/s⁴], whatever the disturbance, as long as
+    nothing new becomes known; None if it was not asked for"""
 
     def __repr__(self) -> str:
         """Return a short text, such as '<Window from knot 6: a new plan, cost 12.5 m²/s⁴>'."""

@@ -52,8 +52,9 @@ def contingency(plan: Plan, knot: int, solver: Solver | None = None) -> Plan:
     Raises:
         InfeasibleError: no such motion was found.
     """
-    because = "vehicles cannot brake in any time that was tried"
-    failure = InfeasibleError({}, scenario=plan.scenario, because=because)
+    failure = InfeasibleError(
+        {"all vehicles": ("rest",)}, scenario=plan.scenario, because="no time to brake has a plan"
+    )
     for rests, steps in _candidates(plan, knot):
         left = _resting(plan, knot, rests, steps)
         try:

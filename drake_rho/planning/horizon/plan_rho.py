@@ -36,6 +36,7 @@ def plan_rho(
     progress: Progress | None = None,
     options: Options | None = None,
     contingencies: bool = False,
+    bounded_cost: bool = False,
 ) -> Flight:
     """Fly with a receding horizon that shrinks towards the goals and the arrival time.
 
@@ -68,6 +69,7 @@ def plan_rho(
         options: of this package's planners. When the flight exceeds `time_limit`, the previous plan
             is continued.
         contingencies: whether windows have contingencies, as those of `RecedingHorizon`.
+        bounded_cost: whether no window costs more than the rest of the one before.
 
     Returns:
         The flight; `flight.plan` meets every constraint of the scenario, except for obstacles that
@@ -97,6 +99,7 @@ def plan_rho(
         progress=progress,
         options=options,
         contingencies=contingencies,
+        bounded_cost=bounded_cost,
     )
     times = scenario.grid.times
     for knot in horizon.knots:

@@ -17,6 +17,7 @@ from drake_rho.planning.call.options import Options
 from drake_rho.planning.call.progress import Progress, tell
 from drake_rho.planning.call.time_limit import within_time
 from drake_rho.planning.call.wall_time import with_wall_time
+from drake_rho.planning.horizon.cost_bounds import cost_bound
 from drake_rho.planning.horizon.first_window import FirstWindow
 from drake_rho.planning.horizon.free_final_time import check_rest_at_goals, next_window
 from drake_rho.planning.horizon.measured_states import (
@@ -84,6 +85,9 @@ class RecedingHorizon:
         contingencies: whether every window also has a motion that brakes to rest from where the
             next window begins, clear of all that is known, or the reason why there is none
             (`Window.contingency`). It is flown where something seen late leaves no plan.
+        bounded_cost: whether a new plan is accepted only if it costs no more than the rest of the
+            previous one, moved to the measured states. The cost of the flight then has a bound
+            (`Window.cost_bound`), whatever the disturbance.
 
     Attributes:
         scenario: as given, with newer maps, sightings and the times found for waypoints.
@@ -111,6 +115,7 @@ class RecedingHorizon:
         progress: Progress | None = None,
         options: Options | None = None,
         contingencies: bool = False,
+        bounded_cost: bool = False,
     ) -> None:
         whole = isinstance(replan_every, Integral) and not isinstance(replan_every, bool)
         if not whole or replan_every < 1:
@@ -118,6 +123,9 @@ class RecedingHorizon:
         scenario.check_stepwise("a receding horizon")
         if free_final_time:
             check_rest_at_goals(scenario)
+            if bounded_cost:
+                expected = "False with a free final time, since earlier arrivals cost more"
+                raise ValueError(f"bounded_cost: got True, expected {expected}")
         if reference is None:
             reference = free_reference if scenario.separation is None else tail_reference
         self.scenario, self.replan_every = scenario, int(replan_every)
@@ -131,6 +139,7 @@ class RecedingHorizon:
                 reference,
                 Backend.of(solver).solver,
                 self.replan_every if contingencies else None,
+                bounded_cost,
             ),
             progress,
         )
@@ -221,6 +230,9 @@ class RecedingHorizon:
         window = self._next(knot, measured) if self.windows else self._first(measured)
         self.scenario = timed_as(self.scenario, window.plan.scenario)
         window = self._planner.with_contingency(window)
+        if self._planner.bounded_cost:
+            bound = cost_bound(window.plan, self.replan_every)
+            window = dataclasses.replace(window, cost_bound=bound)
         names = [vehicle.name for vehicle in self.scenario.vehicles]
         unseen = tuple(names[i] for i in np.flatnonzero(np.isnan(measured).any(axis=1)))
         if unseen:

@@ -103,6 +103,8 @@ class WindowPlanner:
     """whether the planners' plans may have other times of waypoints than their scenarios"""
     braking_after: int | None = None
     """number of steps after which contingencies brake; None for windows without contingencies"""
+    bounded_cost: bool = False
+    """whether plans that cost more than the rest of the previous one, moved, are not accepted"""
 
     def first(self, scenario: Scenario, measured: Scenario) -> Window:
         """Return the first window, which begins at the measured states.
@@ -168,14 +170,20 @@ class WindowPlanner:
         window: Window | _Failure | None = self._lack_of_slack(scenario, tail, last)
         window = window or self._planned(scenario, first_knot, followed)
         if isinstance(window, Window):
-            return window
+            if self._is_cheap(window.plan, followed) or not (
+                on_plan and self.still_holds(tail, last)
+            ):
+                return window
+            window = _too_dear(window.plan, followed)
         holds = on_plan and self.still_holds(tail, last)
         if not _lacks(scenario):  # otherwise no planner can find a plan
             quick = holds and scenario.disturbance is not None
             other = self.planner if quick else self.fallback
             window = self._planned_again(other, scenario, first_knot, followed, window)
             if isinstance(window, Window):
-                return window
+                if self._is_cheap(window.plan, followed) or not holds:
+                    return window
+                window = _too_dear(window.plan, followed)
         cut = isinstance(window, OutOfTimeError)
         spent = dataclasses.replace(window.statistics, cut=window.statistics.cut or cut)
         if holds:
@@ -232,6 +240,10 @@ class WindowPlanner:
             return None
         reasons = _lacks(scenario)
         return _no_slack(scenario, reasons) if reasons else None
+
+    def _is_cheap(self, plan: Plan, followed: Plan) -> bool:
+        """Return whether a plan costs no more than the rest of the previous one, moved."""
+        return not self.bounded_cost or plan.cost <= followed.cost
 
     def still_holds(self, tail: Plan, last: Window) -> bool:
         """Return whether the rest of the previous plan meets every constraint.
@@ -302,6 +314,16 @@ class WindowPlanner:
             scenario=scenario,
             because="the plan found violates constraints",
         )
+
+
+def _too_dear(plan: Plan, followed: Plan) -> InfeasibleError:
+    """Return the reason why a plan is not accepted that costs more than the previous one, moved."""
+    costs = f"{plan.cost:.6g} m²/s⁴, more than {followed.cost:.6g} m²/s⁴"
+    because = "a new plan costs more than the rest of the previous one, moved to the states"
+    conflicts = {"all vehicles": (costs,)}
+    return InfeasibleError(
+        conflicts, statistics=plan.statistics, scenario=plan.scenario, because=because
+    )
 
 
 def _lacks(scenario: Scenario) -> dict[str, tuple[str, ...]]:
