@@ -125,6 +125,13 @@ ContingenciesOption = Annotated[
         "flown where something seen late leaves no plan.",
     ),
 ]
+LatencyOption = Annotated[
+    float,
+    typer.Option(
+        help="Time that planning a window takes [s]: windows are planned that much ahead, from "
+        "predicted states.",
+    ),
+]
 MethodOption = Annotated[
     Method,
     typer.Option(

@@ -17,6 +17,7 @@ from drake_rho.cli.options import (
     FiguresOption,
     FormatOption,
     FreeFinalTimeOption,
+    LatencyOption,
     Method,
     MethodOption,
     OutputOption,
@@ -90,6 +91,7 @@ def simulate(
     free_final_time: FreeFinalTimeOption = False,
     method: MethodOption = Method.AUTO,
     contingencies: ContingenciesOption = False,
+    latency: LatencyOption = 0.0,
     duration: DurationOption = None,
     step: StepOption = None,
     world: WorldOption = None,
@@ -116,6 +118,7 @@ def simulate(
             planner=planner,
             fallback=fallback,
             contingencies=contingencies,
+            latency=latency,
         )
         wind_model, description = _wind(horizon(), wind, direction, wind_rng)
         flown = simulated(

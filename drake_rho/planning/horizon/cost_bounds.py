@@ -11,7 +11,7 @@ from drake_rho.planning.horizon.measured_states import estimate_errors
 from drake_rho.scenario.fields import FloatArray
 
 
-def cost_bound(plan: Plan, replan_every: int) -> float:
+def cost_bound(plan: Plan, replan_every: int, ahead: int = 0) -> float:
     """Return the largest cost that a plan and its later windows can have [m²/s⁴].
 
     In a horizon with bounded costs, no window costs more than the rest of the one before, moved to
@@ -21,15 +21,17 @@ def cost_bound(plan: Plan, replan_every: int) -> float:
     Args:
         plan: plan of a window.
         replan_every: number of steps flown of each window.
+        ahead: number of samples by which states are predicted, as in `estimate_errors`.
     """
     steps = plan.accelerations.shape[1]
     corrections = sum(
-        largest_correction(plan, steps - knot) for knot in range(replan_every, steps, replan_every)
+        largest_correction(plan, steps - knot, ahead)
+        for knot in range(replan_every, steps, replan_every)
     )
     return float((np.sqrt(plan.cost) + corrections) ** 2)
 
 
-def largest_correction(plan: Plan, steps: int) -> float:
+def largest_correction(plan: Plan, steps: int, ahead: int = 0) -> float:
     """Return the largest norm of the accelerations that correct the errors of a tube [m/s²].
 
     The norm is that of the cost: weighted, over all vehicles and steps. The last step alone is
@@ -38,11 +40,12 @@ def largest_correction(plan: Plan, steps: int) -> float:
     Args:
         plan: plan of a window, with the tube.
         steps: number of steps in which the errors are corrected.
+        ahead: number of samples by which states are predicted, as in `estimate_errors`.
     """
     scenario = plan.scenario
     if scenario.disturbance is None or steps < 2:
         return 0.0
-    estimates, own = estimate_errors(scenario), tube_of(scenario)
+    estimates, own = estimate_errors(scenario, ahead), tube_of(scenario)
     renewed = ErrorTube(scenario.disturbance, own.grid, own.gains, estimates)
     first = round((scenario.grid.start - own.grid.start) / scenario.grid.step)
     count = scenario.grid.knots - 1
