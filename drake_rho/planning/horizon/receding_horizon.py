@@ -148,8 +148,8 @@ class RecedingHorizon:
                 None if fallback is None else with_options(options, fallback),
                 reference,
                 Backend.of(solver).solver,
-                self.replan_every if contingencies else None,
-                bounded_cost,
+                braking_after=self.replan_every if contingencies else None,
+                bounded_cost=bounded_cost,
             ),
             progress,
         )
