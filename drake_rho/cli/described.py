@@ -71,6 +71,7 @@ def verified(
         separation_m=_least(report, "separation"),
         top_speed_mps=report.summary.top_speed,
         least_effort=report.summary.least_effort,
+        cost_bound=report.summary.cost_bound,
         windows=None if flown.flight is None else len(flown.windows),
         windows_without_plan=[
             read_off(WindowRow, each, first_knot=each.first_knot + 1, reason=each.infeasible)

@@ -117,6 +117,21 @@ FreeFinalTimeOption = Annotated[
         "rest; by default all arrive at the last knot.",
     ),
 ]
+ContingenciesOption = Annotated[
+    bool,
+    typer.Option(
+        "--contingencies",
+        help="Every window also plans how to brake to rest, clear of all that is known, which is "
+        "flown where something seen late leaves no plan.",
+    ),
+]
+LatencyOption = Annotated[
+    float,
+    typer.Option(
+        help="Time that planning a window takes [s]: windows are planned that much ahead, from "
+        "predicted states.",
+    ),
+]
 MethodOption = Annotated[
     Method,
     typer.Option(

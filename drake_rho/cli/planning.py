@@ -16,6 +16,7 @@ from drake_rho.cli.documents import Assigned
 from drake_rho.cli.options import (
     REFERENCES,
     Arrival,
+    ContingenciesOption,
     DurationOption,
     FiguresOption,
     FormatOption,
@@ -140,6 +141,7 @@ def fly(
             "tail for scenarios with a separation, free otherwise."
         ),
     ] = None,
+    contingencies: ContingenciesOption = False,
     solver: SolverOption = Solver.CLARABEL,
     max_memory: MaxMemoryOption = DEFAULTS.max_memory,
     time_limit: TimeLimitOption = None,
@@ -167,6 +169,7 @@ def fly(
             solver=SOLVERS[solver](),
             progress=work,
             options=options,
+            contingencies=contingencies,
         )
     return finish(flight, output, drawing)
 

@@ -120,4 +120,7 @@ def _windows_without_plan(windows: Sequence[Window]) -> Iterator[str]:
     for window in windows:
         if window.infeasible:
             flown = "previous plan" if window.kept else "least-violation motion"
+            flown = "contingency" if window.stopping else flown
             yield f"  from knot {window.first_knot + 1}, {flown}: {window.infeasible}"
+        if window.no_contingency:
+            yield f"  from knot {window.first_knot + 1}, no contingency: {window.no_contingency}"

@@ -115,6 +115,8 @@ class Verified(Document):
     """largest speed of all vehicles"""
     least_effort: float
     """least cost without limits, obstacles and separation, a lower bound on the cost of plans"""
+    cost_bound: float | None
+    """largest cost of a flight with bounded costs, known from its first window; null without it"""
     windows: int | None
     """number of windows of the receding horizon; null for a plan"""
     windows_without_plan: list[WindowRow]

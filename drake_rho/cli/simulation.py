@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from enum import StrEnum
+from functools import partial
 from typing import Annotated
 
 import numpy as np
@@ -11,10 +12,12 @@ import typer
 from drake_rho.cli.checks import check_outputs, requested_drawing
 from drake_rho.cli.console import working
 from drake_rho.cli.options import (
+    ContingenciesOption,
     DurationOption,
     FiguresOption,
     FormatOption,
     FreeFinalTimeOption,
+    LatencyOption,
     Method,
     MethodOption,
     OutputOption,
@@ -87,6 +90,8 @@ def simulate(
     replan_every: ReplanEveryOption = 5,
     free_final_time: FreeFinalTimeOption = False,
     method: MethodOption = Method.AUTO,
+    contingencies: ContingenciesOption = False,
+    latency: LatencyOption = 0.0,
     duration: DurationOption = None,
     step: StepOption = None,
     world: WorldOption = None,
@@ -105,24 +110,22 @@ def simulate(
     wind_rng, error_rng = np.random.default_rng(seed).spawn(2)
     with working("computing the wind") as work:
         planner, fallback = planners(method, work.detail)
-        horizon = RecedingHorizon(
+        horizon = partial(
+            RecedingHorizon,
             problem,
             replan_every=replan_every,
             free_final_time=free_final_time,
             planner=planner,
             fallback=fallback,
+            contingencies=contingencies,
+            latency=latency,
         )
-        wind_model, description = _wind(horizon, wind, direction, wind_rng)
+        wind_model, description = _wind(horizon(), wind, direction, wind_rng)
         flown = simulated(
-            problem,
-            replan_every=replan_every,
-            free_final_time=free_final_time,
-            planner=planner,
-            fallback=fallback,
+            horizon(progress=work),
             wind=wind_model,
             plant="quadrotor" if plant is Plant.QUADROTOR else None,
             rng=error_rng,
-            progress=work,
         )
     return finish(flown, output, drawing, f"{description}; seed {seed}")
 

@@ -39,6 +39,7 @@ ENDINGS = (".npz",)
 _PLAN, _FLIGHT, _SIMULATION = (f"drake_rho {kind} 1" for kind in ("plan", "flight", "simulation"))
 _ARRAYS = ("positions", "velocities", "accelerations")
 _KINDS = ("plan", "reference")
+_CONTINGENCY = "contingency"
 _Numbers = tuple[Annotated[int, Field(ge=1)], ...]
 _WINDOW_FIELDS: dict[str, TypeAdapter[Any]] = {
     "learned": TypeAdapter(list[_Numbers]),
@@ -46,8 +47,14 @@ _WINDOW_FIELDS: dict[str, TypeAdapter[Any]] = {
     "kept": TypeAdapter(list[Annotated[bool, Field(strict=True)]]),
     "off_tube": TypeAdapter(list[tuple[str, ...]]),
     "unseen": TypeAdapter(list[tuple[str, ...]]),
+    "no_contingency": TypeAdapter(list[str]),
+    "stopping": TypeAdapter(list[Annotated[bool, Field(strict=True)]]),
+    "cost_bound": TypeAdapter(list[Annotated[float, Field(ge=0.0, le=LARGEST)] | None]),
 }
 """Fields of windows that are newer than the format of flights: older files do not have them."""
+
+_SELDOM = ("unseen", "no_contingency", "stopping", "cost_bound")
+"""Those that a file has only if any window does."""
 
 _MAP = "map"
 """Beginning of the names of maps, which end in their numbers. Older files have none: their
@@ -175,6 +182,7 @@ def _unpack_all(path: str | Path, content: Mapping[str, np.ndarray]) -> Flown:
     if form != _PLAN:
         expected |= {"first_knots", "infeasible"}
         optional |= set(_WINDOW_FIELDS)
+        expected |= {f"{each}.{part}" for each in _contingencies(content) for part in _PARTS}
     if form == _SIMULATION:
         expected |= {"plant", *(f"simulation.{name}" for name in _SIMULATED)}
         optional |= {_ELAPSED, _LOST}
@@ -196,11 +204,13 @@ def _pack_windows(windows: Sequence[Window], maps: list[Map]) -> dict[str, Any]:
     }
     for name in _WINDOW_FIELDS:
         values = [getattr(window, name) for window in windows]
-        if name != "unseen" or any(values):
+        if name not in _SELDOM or any(values):
             content[name] = json.dumps(values)
     for number, window in enumerate(windows):
         content |= _pack(f"window{number}.plan", window.plan, maps)
         content |= _pack(f"window{number}.reference", window.reference, maps)
+        if window.contingency is not None:
+            content |= _pack(f"window{number}.{_CONTINGENCY}", window.contingency, maps)
     return content
 
 
@@ -210,6 +220,8 @@ def _unpack_flight(
     fields = [
         _window_field(name, content, len(first_knots)) for name in _WINDOW_FIELDS if name in content
     ]
+    found = _contingencies(content)
+    prefixes = [f"window{number}.{_CONTINGENCY}" for number in range(len(first_knots))]
     windows = tuple(
         Window(
             first_knot,
@@ -217,14 +229,21 @@ def _unpack_flight(
             _unpack(f"window{number}.reference", content, maps),
             reason,
             **dict(each[number] for each in fields),
+            contingency=_unpack(prefix, content, maps) if prefix in found else None,
         )
-        for number, (first_knot, reason) in enumerate(
-            zip(first_knots, content["infeasible"].tolist(), strict=True)
+        for number, (first_knot, reason, prefix) in enumerate(
+            zip(first_knots, content["infeasible"].tolist(), prefixes, strict=True)
         )
     )
     plan = _unpack("plan", content, maps)
     _check_windows(plan, windows)
     return Flight(plan, windows)
+
+
+def _contingencies(content: Mapping[str, np.ndarray]) -> set[str]:
+    """Return the beginnings of the names of what belongs to windows' contingencies."""
+    names = (name.rpartition(".")[0] for name in content)
+    return {name for name in names if name.endswith(f".{_CONTINGENCY}")}
 
 
 def _window_field(

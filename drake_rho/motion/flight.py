@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from typing import Literal
 
+import numpy as np
 import numpy.typing as npt
 
 from drake_rho.motion.plan import Plan, summary
@@ -27,7 +28,7 @@ class Window(metaclass=Described):
     """motion around which obstacles were linearised"""
     infeasible: str = ""
     """empty, or the reason why no new plan was found; `plan` is then the tail of the previous plan
-    or, if that violates constraints known by now, a plan of minimum violation"""
+    or, if that violates constraints known by now, a contingency or a plan of minimum violation"""
     learned: tuple[int, ...] = ()
     """numbers of the obstacles, from 1, that became known with this window"""
     not_avoided: tuple[int, ...] = ()
@@ -40,12 +41,35 @@ class Window(metaclass=Described):
     estimation errors allow, and so were disturbed more than the scenario states"""
     unseen: tuple[str, ...] = ()
     """names of the vehicles whose states were not measured but predicted"""
+    contingency: Plan | None = None
+    """motion that follows `plan` up to the next window and then brakes to rest, clear of all that
+    is known; its goals are the places of rest. None if none was asked for or found"""
+    no_contingency: str = ""
+    """empty, or the reason why a contingency that was asked for was not found"""
+    stopping: bool = False
+    """true if `plan` brakes to rest: a contingency, flown because nothing else keeps clear"""
+    cost_bound: float | None = None
+    """largest cost of the flight from this window on [m²/s⁴], whatever the disturbance, as long as
+    nothing new becomes known; None if it was not asked for"""
 
     def __repr__(self) -> str:
         """Return a short text, such as '<Window from knot 6: a new plan, cost 12.5 m²/s⁴>'."""
         kind = "a new plan" if not self.infeasible else "a plan of minimum violation"
         kind = "the rest of the previous plan" if self.kept else kind
+        kind = "a contingency" if self.stopping else kind
         return f"<Window from knot {self.first_knot + 1}: {kind}, cost {self.plan.cost:.6g} m²/s⁴>"
+
+    @property
+    def braking(self) -> Plan | None:
+        """Part of the contingency that differs from the plan; None if there is none or no other."""
+        if self.contingency is None:
+            return None
+        steps = self.plan.accelerations.shape[1]
+        own = self.contingency.accelerations[:, :steps]
+        differs = (own != self.plan.accelerations).any(axis=(0, 2))
+        if not differs.any():
+            return None
+        return self.contingency.tail(int(np.argmax(differs)))
 
     @property
     def statistics(self) -> Statistics:

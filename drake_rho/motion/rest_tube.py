@@ -120,7 +120,8 @@ def rest_tube(tube: ErrorTube, end: float | None = None) -> RestTube:
         growth = _growth(gains, measurements.queued)
         count = min(_MOST_GROWING, int(_GROWTH / growth) if growth > 0.0 else _MOST_GROWING)
     samples = tube.samples + count + 1
-    knots = 2 + math.ceil(samples / tube.disturbance.samples_per_step(step))
+    whole = tube.disturbance.steps_per_sample(step)  # of small steps, more than one
+    knots = 2 + math.ceil(samples * whole / tube.disturbance.samples_per_step(step))
     longer = dataclasses.replace(tube, grid=unchecked(tube.grid, knots=knots))
     return RestTube(longer, tube.grid.end if end is None else end, bounded)
 

@@ -121,13 +121,19 @@ class Grid:
         largest = max(abs(self.start), abs(self.end))
         return max(SAME_TIME * self.step, _ROUNDINGS * sys.float_info.epsilon * largest)
 
-    def from_knot(self, knot: int) -> Grid:
-        """Return the remainder of the grid from a knot on, counted from 0."""
+    def from_knot(self, knot: int, steps: int | None = None) -> Grid:
+        """Return the remainder of the grid from a knot on, counted from 0.
+
+        Args:
+            knot: first knot of the result.
+            steps: number of its steps, which may go beyond the end; those that are left if not
+                given.
+        """
         start, passed = self._origin
         passed += knot
         return unchecked(
             self,
-            knots=self.knots - knot,
+            knots=self.knots - knot if steps is None else steps + 1,
             start=start + self.step * passed,
             _origin=(start, passed),
         )

@@ -45,6 +45,11 @@ class OnePlan:
         """Flight with the plan as its only window."""
         return Flight(self.plan, (Window(0, self.plan, self.plan),))
 
+    @property
+    def latency(self) -> int:
+        """Number of samples by which states are predicted: none, as nothing is planned anew."""
+        return 0
+
     def step(self, states: FloatArray, time: float) -> Window:
         """Return the only window."""
         return self.flight.windows[0]

@@ -45,6 +45,11 @@ class Horizon(Protocol):
         """Windows so far, as a flight."""
         ...
 
+    @property
+    def latency(self) -> int:
+        """Number of samples by which states are predicted, while a window is planned."""
+        ...
+
     def step(self, states: FloatArray, time: float) -> Window:
         """Return the window that is flown from a knot on.
 
@@ -61,6 +66,8 @@ class Memory:
 
     window: Window
     """current window"""
+    planned: Window
+    """latest window planned, which begins after the latency"""
     since: int
     """sample at which the tracked plan began"""
     states: FloatArray
@@ -103,12 +110,13 @@ class Feedback:
         self._delay = disturbance.delay * self._held
         self._dropouts = disturbance.dropouts * self._held
         self._per_step = disturbance.samples_per_step(scenario.grid.step)
-        self._knots = frozenset(horizon.knots)
+        self._knots, self._latency = frozenset(horizon.knots), horizon.latency
         tube = error_tube(scenario)
         self._gains, self._predicts = np.array(tube.gains), tube.measurements.predicted
         self.starts = scenario.fleet.start_states
         none = np.full(len(self.starts), -1)
-        self.start = Memory(horizon.step(self.starts, scenario.grid.start), 0, self.starts, none)
+        first = horizon.step(self.starts, scenario.grid.start)
+        self.start = Memory(first, first, 0, self.starts, none)
 
     def next(self, memory: Memory, j: int, measured: FloatArray) -> Memory:
         """Return the memory after sample j, with the command until the next sample.
@@ -122,35 +130,67 @@ class Feedback:
         seen = np.isfinite(measured).all(axis=1, keepdims=True)
         latest = (*memory.measured, np.where(seen, measured, np.nan))[-(self._delay + 1) :]
         states, arrived = self._estimated(memory, j, latest)
-        window, since = memory.window, memory.since
-        knot, past = divmod(j, self._per_step)
-        if j > 0 and past == 0 and knot in self._knots:
-            oldest = j - self._delay - self._dropouts  # older ones are too uncertain for a window
-            known = np.where((arrived < oldest)[:, None], np.nan, states)
-            window = self.horizon.step(known, float(self._times[knot]))
-            since = self._tracked_since(window)
-        now = Memory(
-            window, since, states, arrived, latest, memory.errors, memory.feedback, memory.commands
-        )
+        now = dataclasses.replace(memory, states=states, arrived=arrived, measured=latest)
+        now = self._adopted(self._planned(self._adopted(now, j), j), j)
         if j % self._held == 0:  # else it is held while the plan's acceleration changes
             now = self._answered(now, j)
-        a = self.nominal(window, j * self.sample)[2]
+        a = self.nominal(now.window, j * self.sample)[2]
         commands = (*now.commands, a + now.feedback)[-max(self._delay, 1) :]
         return dataclasses.replace(now, commands=commands)
 
     def _answered(self, now: Memory, j: int) -> Memory:
         """Return the memory with the feedback of sample j."""
-        p, v, _ = self.nominal(now.window, j * self.sample)
-        planned, errors = np.concatenate([p, v], axis=1), now.errors
+        planned, errors = self._nominal_states(now.window, j), now.errors
         if self._predicts:
             error = np.where((now.arrived >= now.since)[:, None], now.states - planned, 0.0)
         else:
             error = np.nan_to_num(now.measured[-1] - planned)  # a lost one counts as no error
             errors = (*errors, error)[-(self._delay // self._held + 1) :]
             error = errors[0] if j - now.since >= self._delay else np.zeros_like(error)
+        return dataclasses.replace(now, errors=errors, feedback=self._answer(error))
+
+    def _planned(self, now: Memory, j: int) -> Memory:
+        """Return the memory with the next window, if planning it begins at sample j."""
+        knot, past = divmod(j + self._latency, self._per_step)
+        if past > 0 or knot == 0 or knot not in self._knots:
+            return now
+        oldest = j - self._delay - self._dropouts  # older ones are too uncertain for a window
+        if self._latency > 0:  # the feedback that the prediction goes on with has begun by then
+            oldest = max(oldest, now.since)
+        states = np.where((now.arrived < oldest)[:, None], np.nan, self._expected(now, j))
+        return dataclasses.replace(now, planned=self.horizon.step(states, float(self._times[knot])))
+
+    def _adopted(self, now: Memory, j: int) -> Memory:
+        """Return the memory with the planned window in force, if it begins at sample j."""
+        planned = now.planned
+        if planned is now.window or planned.first_knot * self._per_step != j:
+            return now
+        return dataclasses.replace(now, window=planned, since=self._tracked_since(planned))
+
+    def _expected(self, now: Memory, j: int) -> FloatArray:
+        """Return the states expected when the window begins that is planned at sample j, (N, 6).
+
+        From the estimates, the feedback goes on as if there were no further disturbances.
+        """
+        age = 0 if self._predicts else self._delay
+        path = [now.states if age == 0 else now.measured[0]]  # of samples j - age to j
+        for command in now.commands[len(now.commands) - age :]:
+            path.append(self._moved(path[-1], (command,)))
+        for i in range(j, j + self._latency):
+            error = path[0] - self._nominal_states(now.window, i - age)
+            command = self.nominal(now.window, i * self.sample)[2] + self._answer(error)
+            path = [*path[1:], self._moved(path[-1], (command,))][-(age + 1) :]
+        return path[-1]
+
+    def _answer(self, error: FloatArray) -> FloatArray:
+        """Return the feedback for errors of states (N, 6)."""
         k_p, k_v = self._gains
-        feedback = -k_p * error[:, :3] - k_v * error[:, 3:]
-        return dataclasses.replace(now, errors=errors, feedback=feedback)
+        feedback: FloatArray = -k_p * error[:, :3] - k_v * error[:, 3:]
+        return feedback
+
+    def _nominal_states(self, window: Window, j: int) -> FloatArray:
+        """Return planned positions and velocities at sample j, shape (N, 6)."""
+        return np.concatenate(self.nominal(window, j * self.sample)[:2], axis=1)
 
     def nominal(self, window: Window, elapsed: float) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return planned positions, velocities and accelerations at a time since the start [s].

@@ -30,7 +30,7 @@ _EVERY = 5
 
 @checked
 def simulate(
-    scenario: Scenario | Plan | Flight,
+    scenario: Scenario | Plan | Flight | RecedingHorizon,
     *,
     replan_every: int = _EVERY,
     free_final_time: bool = False,
@@ -44,16 +44,18 @@ def simulate(
 ) -> Simulation:
     """Fly in wind with feedback, in Drake's simulator.
 
-    A scenario is flown with a receding horizon, which plans windows during the flight. A plan, or
-    the plan of a flight, is tracked as it is, with the feedback of its scenario. Without a
-    disturbance there is no feedback, and `verify` notes this.
+    A scenario is flown with a receding horizon, which plans windows during the flight. So is the
+    scenario of a `RecedingHorizon` of one's own. A plan, or the plan of a flight, is tracked as it
+    is, with the feedback of its scenario. Without a disturbance there is no feedback, and `verify`
+    notes this.
 
     A plan with a smoothing is flown as averaged, in small steps of constant acceleration: the
     simulation's scenario is that of these steps. Its feedback begins with the smooth motion and is
     held for as many of them as its sample lasts.
 
     Args:
-        scenario: scenario to fly, or the plan or flight to track.
+        scenario: scenario to fly, a receding horizon that has not begun, or the plan or flight to
+            track.
         replan_every: number of steps flown of each window; of a scenario only.
         free_final_time: whether windows may arrive before the last knot; of a scenario only.
         planner: planner of a window; of a scenario only.
@@ -102,8 +104,16 @@ def simulate(
             fallback=fallback,
             progress=progress,
         )
+    elif isinstance(scenario, RecedingHorizon):
+        given = replan_every, free_final_time, planner, fallback
+        _check_no_windows("receding horizon", *given)
+        if disturbance is not None:
+            expected = "none beside a receding horizon, whose scenario has its own"
+            got = f"one of {disturbance.acceleration:g} m/s²"
+            raise ValueError(f"disturbance: got {got}, expected {expected}")
+        horizon = scenario
     else:
-        _check_no_windows(scenario, replan_every, free_final_time, planner, fallback)
+        _check_no_windows(scenario.kind, replan_every, free_final_time, planner, fallback)
         plan = adopted(_disturbed(scenario.plan.scenario, disturbance), scenario.plan)
         horizon = OnePlan(in_small_steps(plan))
     return simulated(horizon, winds.none() if wind is None else wind, plant, rng)
@@ -125,13 +135,13 @@ def _disturbed(scenario: Scenario, disturbance: Disturbance | None) -> Scenario:
 
 
 def _check_no_windows(
-    flown: Plan | Flight,
+    flown: str,
     replan_every: int,
     free_final_time: bool,
     planner: Planner,
     fallback: Planner | None,
 ) -> None:
-    """Check that nothing is said about windows, which the flight of a plan does not have.
+    """Check that nothing is said about windows, which a plan has not, and a horizon already has.
 
     Raises:
         ValueError: an argument differs from its default.
@@ -144,7 +154,7 @@ def _check_no_windows(
     }
     for name, (value, default) in given.items():
         if value != default:
-            expected = f"none for a {flown.kind}, which is tracked as it is"
+            expected = f"none for a {flown}, which is flown as it is"
             raise ValueError(
                 f"{name}: got {getattr(value, '__name__', value)}, expected {expected}"
             )

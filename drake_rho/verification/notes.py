@@ -95,12 +95,18 @@ def notes_on_simulation(simulation: Simulation, trajectory: PiecewiseTrajectory)
 def _windows(simulation: Simulation) -> str:
     windows = simulation.flight.windows
     fallbacks = sum(window.kept for window in windows)
-    without = sum(bool(window.infeasible) and not window.kept for window in windows)
+    stops = sum(window.stopping for window in windows)
+    without = sum(bool(each.infeasible) for each in windows) - fallbacks - stops
+    unprepared = sum(bool(window.no_contingency) for window in windows)
     words = [f"{len(windows)} {'window' if len(windows) == 1 else 'windows'}"]
     if fallbacks > 0:
         words.append(f"{fallbacks} of them kept the previous plan")
+    if stops > 0:
+        words.append(f"{stops} of them flew a contingency, which brakes to rest")
     if without > 0:
         words.append(f"{without} of them had no plan that meets every constraint")
+    if unprepared > 0:
+        words.append(f"{unprepared} of them found no contingency")
     return ", ".join(words)
 
 

@@ -64,8 +64,10 @@ def facts(summary: Summary, checks: Sequence[Check], holds: bool) -> Iterator[tu
     at = clock_time(summary.fastest_at)
     yield "top speed", f"{summary.top_speed:.4g} m/s, {summary.fastest} at {at}"
     yield "time", f"{clock_number(summary.start)} to {clock_time(summary.end)}"
-    bound = _gap(summary) if holds else ""
-    yield "cost", f"{summary.cost:.6g} m²/s⁴{bound}"
+    most = summary.cost_bound
+    bounds = "" if most is None else f"; at most {most:.6g} m²/s⁴ by the first window's bound"
+    bounds += _gap(summary) if holds else ""
+    yield "cost", f"{summary.cost:.6g} m²/s⁴{bounds}"
 
 
 def closest(checks: Iterable[Check], kind: str) -> Check | None:

@@ -6,6 +6,7 @@ import dataclasses
 
 import numpy as np
 
+from drake_rho.motion.flown import Flown
 from drake_rho.scenario.described import Described
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.records import TOLERANCE, Scenario
@@ -33,10 +34,12 @@ class Summary(metaclass=Described):
     least_effort: float
     """least cost of all motions from the starts to the goals, without limits, obstacles and
     separation [m²/s⁴]: a lower bound on the cost of every plan"""
+    cost_bound: float | None = None
+    """largest cost of a flight with bounded costs, known from its first window [m²/s⁴]"""
 
     @classmethod
-    def of(cls, trajectory: PiecewiseTrajectory, cost: float) -> Summary:
-        """Return the summary of a trajectory whose plan has a cost [m²/s⁴].
+    def of(cls, trajectory: PiecewiseTrajectory, flown: Flown) -> Summary:
+        """Return the summary of what was flown, with its trajectory.
 
         The velocity is linear in a step, so that the largest speed occurs at an instant. That of a
         smooth motion is sought at all times.
@@ -56,8 +59,9 @@ class Summary(metaclass=Described):
             fastest_at=float(time),
             start=scenario.grid.start - scenario.lead,
             end=scenario.grid.end + scenario.lead,
-            cost=cost,
+            cost=flown.cost,
             least_effort=least_effort(scenario),
+            cost_bound=flown.windows[0].cost_bound if flown.windows else None,
         )
 
 

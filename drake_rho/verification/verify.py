@@ -114,7 +114,7 @@ def verify(flown: Flown) -> Report:
             *check_separation(trajectory),
             *check_rest(last),
         ]
-        summary = Summary.of(trajectory, flown.cost)
+        summary = Summary.of(trajectory, flown)
         notes += notes_on_rest(last)
     scenario = trajectory.scenario
     refuse_unchecked(scenario, columns)

@@ -35,6 +35,8 @@ PLENTY_LEFT, NOTHING_LEFT = "#9AA0AA", "#FF2020"
 """Colours of a link of which much is left, and of one of which nothing is."""
 CONFLICT = "#D00000"
 """Colour of what is in conflict in a scenario without a plan."""
+CONTINGENCY = "#B3541E"
+"""Colour of contingencies, which brake to rest."""
 LIMIT_STYLE: dict[str, Any] = {"color": "black", "linestyle": "--", "linewidth": 0.8}
 PLANNED_STYLE: dict[str, Any] = {"linestyle": ":", "linewidth": 1.0, "alpha": 0.8}
 """Style of planned motions beside the true motion."""

@@ -16,7 +16,7 @@ from pydrake.geometry import Meshcat, Rgba
 from drake_rho.display.common.drawable import Drawn
 from drake_rho.display.common.map_faces import has_map
 from drake_rho.display.common.names import as_path
-from drake_rho.display.common.style import palette, window_colours
+from drake_rho.display.common.style import CONTINGENCY, palette, window_colours
 from drake_rho.display.meshcat.meshes import tube
 from drake_rho.display.meshcat.playback import Playback
 from drake_rho.display.meshcat.scene import ROOT, Scene, coloured
@@ -58,14 +58,20 @@ def record_light_trails(meshcat: Meshcat, scene: Scene, plan: Drawn, playback: P
 
 
 def record_predictions(meshcat: Meshcat, windows: Sequence[Window], playback: Playback) -> None:
-    """Add each window's whole prediction as lines, visible while the window is in force."""
+    """Add each window's prediction and contingency as lines, visible while it is in force."""
     for number, (window, colour) in enumerate(
         zip(windows, window_colours(len(windows)), strict=True), start=1
     ):
         paths = _paths(window.plan, 0, window.plan.scenario.grid.knots - 1, _PER_STEP)
         name = f"{ROOT}/predictions/{number}"
         meshcat.SetLineSegments(name, *segments(paths), rgba=Rgba(*to_rgb(colour)))
+        if (braking := window.braking) is not None:
+            paths = _paths(braking, 0, braking.scenario.grid.knots - 1, _PER_STEP)
+            name = f"{ROOT}/contingencies/{number}"
+            meshcat.SetLineSegments(name, *segments(paths), rgba=Rgba(*to_rgb(CONTINGENCY)))
     record_windows(meshcat, f"{ROOT}/predictions", windows, playback)
+    if any(window.braking is not None for window in windows):
+        record_windows(meshcat, f"{ROOT}/contingencies", windows, playback)
 
 
 def record_windows(

@@ -201,6 +201,7 @@ class _Content:
         """Set the limits of the axes around everything shown."""
         passed = [each.position for one in self.flown.scenario.vehicles for each in one.waypoints]
         flights = [drawn(self.flown), *(window.plan for window in self.flown.windows)]
+        flights += [each.braking for each in self.flown.windows if each.braking is not None]
         places = [each.positions.reshape(-1, 3) for each in flights]
         places.append(np.reshape(passed, (-1, 3)))
         drawn_here = np.concatenate(places)
@@ -236,6 +237,8 @@ class _Content:
             words.append("dashed: straight lines, not planned")
         elif self.in_windows:
             words = ["thick: flown", "thin: the rest of each window's prediction", *words]
+            if any(window.braking is not None for window in self.flown.windows):
+                words.insert(2, "dotted, to a cross: contingencies, which brake to rest")
         else:
             if len(plan.positions) <= MAX_NAMED:
                 every = marks_every(len(plan.times), figure.get_figwidth())

@@ -24,6 +24,7 @@ from drake_rho.display.common.shape_faces import around as surface_around
 from drake_rho.display.common.shape_faces import surface
 from drake_rho.display.common.style import (
     CONFLICT,
+    CONTINGENCY,
     FORBIDDEN,
     MAX_NAMED,
     PLANNED_STYLE,
@@ -38,6 +39,7 @@ from drake_rho.display.plots.legends import width_of
 from drake_rho.display.plots.maps import draw_map
 from drake_rho.display.plots.overlapping_curves import marks_every, overlapping_pieces
 from drake_rho.motion.flown import Flown
+from drake_rho.motion.plan import Plan
 from drake_rho.planning.errors import InfeasibleError
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.parts import SAME_TIME
@@ -246,12 +248,22 @@ def draw_windows(ax: Axes3D, flown: Flown, shown: Sequence[Snapshot] = ()) -> li
         for index in range(len(paths)):
             draw_line(ax, paths[index], shown, color=colour, linewidth=0.6, alpha=0.45)
             lines[-1] += draw_line(ax, true[index, part], shown, color=colour, linewidth=2.2)
+        if (braking := window.braking) is not None:
+            draw_braking(ax, braking, shown)
     if len(true) <= MAX_NAMED:
         for index, own in enumerate(vehicle_colours(len(true))):
             _draw_knots(ax, whole.positions[index], index, shown, color=own, markersize=2.4)
     named = len(true) <= MAX_LABELLED
     draw_ends(ax, whole.scenario, ["black"] * len(true) if named else None)
     return lines
+
+
+def draw_braking(ax: Axes3D, braking: Plan, shown: Sequence[Snapshot] = ()) -> None:
+    """Draw how a contingency brakes, as dotted lines that end in crosses at the places of rest."""
+    style: dict[str, Any] = {"color": CONTINGENCY, "linewidth": 1.0}
+    for path in braking.motion().at("position", dense_times(braking)):
+        draw_line(ax, path, shown, linestyle=":", **style)
+        ax.plot(*path[-1:].T, marker="x", markersize=6.0, zorder=2 * _TOP, **style)
 
 
 def draw_ends(ax: Axes3D, scenario: Scenario, colours: Sequence[str] | None = None) -> list[Artist]:

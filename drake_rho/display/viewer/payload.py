@@ -188,6 +188,11 @@ def _layers(stage: Stage) -> list[dict[str, object]]:
     entries = [
         ("Trails", ["trails"], True),
         ("Predictions", ["predictions"], detailed and len(stage.flown.windows) > 0),
+        (
+            "Contingencies",
+            ["contingencies"],
+            detailed and any(each.braking is not None for each in stage.flown.windows),
+        ),
         ("Tubes", ["tube", "tubes"], simulation is not None and has_tube(simulation)),
         ("Plans", ["planned"], simulation is not None),
         ("Wind", ["wind"], simulation is not None and strongest_wind(simulation) > 0.0),
@@ -219,6 +224,8 @@ def _legend(stage: Stage) -> list[dict[str, str]]:
         entries.append(("goal", "goal"))
     if detailed and len(stage.flown.windows) > 0:
         entries.append(("prediction", "prediction of the current window"))
+    if detailed and any(each.braking is not None for each in stage.flown.windows):
+        entries.append(("contingency", "how it would brake to rest, its contingency"))
     if any(not isinstance(each.shape, Map) for each in scenario.bodies):
         entries.append(("obstacle", "obstacle"))
     if has_map(scenario):

@@ -77,6 +77,7 @@ def next_window(
     *,
     last: Window,
     on_plan: bool,
+    stop: Plan | None = None,
 ) -> Window:
     """Return a window that does not arrive after the previous plan, as long as that one holds.
 
@@ -91,10 +92,11 @@ def next_window(
         tail: rest of the previous prediction.
         last: previous window, with that prediction.
         on_plan: whether the vehicles are in the tail's tube, so that the tail stays valid.
+        stop: rest of the previous window's contingency; None without one.
     """
     before, spent = arrival_steps(tail), Statistics()
     if before > 0:
-        earlier = arriving(windows, free, before)
+        earlier = arriving(dataclasses.replace(windows, braking_after=None), free, before)
         window = earlier.next(scenario, first_knot, tail, last=last, on_plan=on_plan)
         if window.kept or not window.infeasible:
             return window
@@ -102,7 +104,8 @@ def next_window(
     elif on_plan and windows.still_holds(tail, last):
         return Window(first_knot, tail, tail, kept=True)
     later = arriving(windows, free, before, or_later=True)
-    return later.next(scenario, first_knot, tail, last=last, on_plan=on_plan).after(spent)
+    window = later.next(scenario, first_knot, tail, last=last, on_plan=on_plan, stop=stop)
+    return window.after(spent)
 
 
 @dataclasses.dataclass(frozen=True)

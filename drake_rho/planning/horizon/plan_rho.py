@@ -35,6 +35,8 @@ def plan_rho(
     solver: Solver | SolverName | None = None,
     progress: Progress | None = None,
     options: Options | None = None,
+    contingencies: bool = False,
+    bounded_cost: bool = False,
 ) -> Flight:
     """Fly with a receding horizon that shrinks towards the goals and the arrival time.
 
@@ -66,6 +68,8 @@ def plan_rho(
         progress: called with a short text when a window begins, as 'window 3 of 10'.
         options: of this package's planners. When the flight exceeds `time_limit`, the previous plan
             is continued.
+        contingencies: whether windows have contingencies, as those of `RecedingHorizon`.
+        bounded_cost: whether no window costs more than the rest of the one before.
 
     Returns:
         The flight; `flight.plan` meets every constraint of the scenario, except for obstacles that
@@ -94,6 +98,8 @@ def plan_rho(
         solver=solver,
         progress=progress,
         options=options,
+        contingencies=contingencies,
+        bounded_cost=bounded_cost,
     )
     times = scenario.grid.times
     for knot in horizon.knots:

@@ -17,8 +17,10 @@ from drake_rho.planning.call.options import Options
 from drake_rho.planning.call.progress import Progress, tell
 from drake_rho.planning.call.time_limit import within_time
 from drake_rho.planning.call.wall_time import with_wall_time
+from drake_rho.planning.horizon.cost_bounds import cost_bound
 from drake_rho.planning.horizon.first_window import FirstWindow
 from drake_rho.planning.horizon.free_final_time import check_rest_at_goals, next_window
+from drake_rho.planning.horizon.latencies import known_later, latency_in_samples
 from drake_rho.planning.horizon.measured_states import (
     ROUNDING,
     exceeding,
@@ -81,15 +83,27 @@ class RecedingHorizon:
         progress: called with a short text when a window begins, as 'window 3 of 10'.
         options: of this package's planners. When a step exceeds `time_limit`, the previous plan is
             continued.
+        contingencies: whether every window also has a motion that brakes to rest from where the
+            next window begins, clear of all that is known, or the reason why there is none
+            (`Window.contingency`). It is flown where something seen late leaves no plan.
+        latency: time that planning a window takes [s]: the states of a window are predicted that
+            much ahead, with the feedback in force, and its tube begins with the errors of the
+            prediction. What becomes known in flight is known to windows that begin that much later.
+        bounded_cost: whether a new plan is accepted only if it costs no more than the rest of the
+            previous one, moved to the measured states. The cost of the flight then has a bound
+            (`Window.cost_bound`), whatever the disturbance.
 
     Attributes:
-        scenario: as given, with newer maps, sightings and the times found for waypoints.
+        scenario: as given, with newer maps, sightings and the times found for waypoints; with a
+            latency, what becomes known in flight does so that much later.
         replan_every: as given.
         free_final_time: as given.
+        latency: number of samples of the feedback that last as long as the latency, or longer.
         windows: windows planned so far.
 
     Raises:
-        ValueError: `replan_every` is not a whole number of at least 1.
+        ValueError: `replan_every` is not a whole number of at least 1, the latency is longer than
+            a window is flown, or the cost is to be bounded with a free final time.
         ScenarioError: the scenario has a smoothing, or a vehicle moves at its goal and the final
             time is free.
     """
@@ -107,6 +121,9 @@ class RecedingHorizon:
         solver: Solver | SolverName | None = None,
         progress: Progress | None = None,
         options: Options | None = None,
+        contingencies: bool = False,
+        latency: float = 0.0,
+        bounded_cost: bool = False,
     ) -> None:
         whole = isinstance(replan_every, Integral) and not isinstance(replan_every, bool)
         if not whole or replan_every < 1:
@@ -114,6 +131,11 @@ class RecedingHorizon:
         scenario.check_stepwise("a receding horizon")
         if free_final_time:
             check_rest_at_goals(scenario)
+            if bounded_cost:
+                expected = "False with a free final time, since earlier arrivals cost more"
+                raise ValueError(f"bounded_cost: got True, expected {expected}")
+        self.latency = latency_in_samples(scenario, latency, int(replan_every))
+        scenario = known_later(scenario, latency)
         if reference is None:
             reference = free_reference if scenario.separation is None else tail_reference
         self.scenario, self.replan_every = scenario, int(replan_every)
@@ -126,6 +148,8 @@ class RecedingHorizon:
                 None if fallback is None else with_options(options, fallback),
                 reference,
                 Backend.of(solver).solver,
+                braking_after=self.replan_every if contingencies else None,
+                bounded_cost=bounded_cost,
             ),
             progress,
         )
@@ -168,9 +192,11 @@ class RecedingHorizon:
         Args:
             states: estimated position [m] and velocity [m/s] of each vehicle at this time, shape
                 (N, 6); predicted from the newest measurement that has arrived by the commands given
-                since, if that is at most `delay` + `dropouts` samples old. A row of NaN, or of
-                numbers larger than in any flight, stands for a vehicle that was not seen: its
-                planned state is used, and the tube begins with the errors that it may have there.
+                since, and with a latency by the feedback in force until this time, if the
+                measurement was at most `delay` + `dropouts` samples old when planning began. A row
+                of NaN, or of numbers larger than in any flight, stands for a vehicle that was not
+                seen: its planned state is used, and the tube begins with the errors that it may
+                have there.
             time: of a knot at which a step begins, after that of the previous window, on the
                 scenario's clock [s]. The first window starts at the first knot.
             map: newer map, if there is one, by which windows plan from now on: cells are added,
@@ -215,6 +241,10 @@ class RecedingHorizon:
         tell(self._progress, f"window {number} of {len(self.knots)}")
         window = self._next(knot, measured) if self.windows else self._first(measured)
         self.scenario = timed_as(self.scenario, window.plan.scenario)
+        window = self._planner.with_contingency(window)
+        if self._planner.bounded_cost:
+            bound = cost_bound(window.plan, self.replan_every, self.latency)
+            window = dataclasses.replace(window, cost_bound=bound)
         names = [vehicle.name for vehicle in self.scenario.vehicles]
         unseen = tuple(names[i] for i in np.flatnonzero(np.isnan(measured).any(axis=1)))
         if unseen:
@@ -296,32 +326,41 @@ class RecedingHorizon:
     def _next(self, knot: int, states: FloatArray) -> Window:
         """Return a window after the first."""
         last = self.windows[-1]
-        tail = last.plan.tail(knot - last.first_knot)
-        if tail.scenario.obstacles is not self._due:  # a newer map was seen
-            now_known = with_obstacles(tail.scenario, self._due)
-            tail = unchecked(tail, scenario=now_known)
+        tail = self._rest(last.plan, knot - last.first_knot)
+        stop = last.contingency and self._rest(last.contingency, knot - last.first_knot)
         left, unseen = tail.scenario, np.isnan(states).any(axis=1)
         if left.obstacles is not self.scenario.obstacles:  # an obstacle was seen again
             left = with_obstacles(left, self.scenario.obstacles)
         positions, velocities = _split(_completed(states, tail.states(0)))
         deviations = positions - tail.positions[:, 0], velocities - tail.velocities[:, 0]
-        tracking = renewed_tracking(self.scenario, left, left if unseen.any() else None)
+        tracking = renewed_tracking(
+            self.scenario, left, left if unseen.any() else None, self.latency
+        )
         if exceeding(left, deviations, 0.0, 0.0, ROUNDING).any():
             before = left.fleet.accelerations_before
             left = left.from_states(left.grid, positions, velocities, before, tracking)
         elif left.disturbance is not None:
             around = unchecked(left.disturbance, tracking=tracking)
             left = left.derived(disturbance=around, under_way=True)
-        off = off_tube(tail.scenario, deviations)
+        off = off_tube(tail.scenario, deviations, self.latency)
         plan_next = self._planner.next
         if self.free_final_time:
             free = free_ahead(self._free, self.scenario, left.grid)
             plan_next = partial(next_window, self._planner, free)
-        window = plan_next(left, knot, tail, last=last, on_plan=not off.any())
+        on_plan = not off.any()
+        window = plan_next(left, knot, tail, last=last, on_plan=on_plan, stop=stop)
         if left.disturbance is None or not off.any():
             return window
         names = tuple(left.vehicles[i].name for i in np.flatnonzero(off))
         return dataclasses.replace(window, off_tube=names)
+
+    def _rest(self, plan: Plan, knot: int) -> Plan:
+        """Return the rest of a window's plan or contingency, with the obstacles known by now."""
+        tail = plan.tail(knot)
+        if tail.scenario.obstacles is self._due:
+            return tail
+        # a newer map was seen
+        return unchecked(tail, scenario=with_obstacles(tail.scenario, self._due))
 
 
 def _completed(states: FloatArray, predicted: FloatArray) -> FloatArray:

@@ -18,6 +18,7 @@ from drake_rho.motion.plan import Plan
 from drake_rho.planning.call.options import Options
 from drake_rho.planning.constraints.tightening import NO_SLACK, missing_slack
 from drake_rho.planning.errors import InfeasibleError, OutOfTimeError, SolverError
+from drake_rho.planning.horizon.contingencies import as_part_of, contingency
 from drake_rho.planning.horizon.fallbacks import least_violation, moved
 from drake_rho.planning.horizon.waypoints_ahead import with_waypoints
 from drake_rho.planning.planners.convex import plan_convex
@@ -66,6 +67,9 @@ def tail_reference(scenario: Scenario, tail: Plan | None, solver: Solver | None)
     return tail
 
 
+_BEFORE = "it is violated before vehicles could brake"
+"""Reason why a window whose plan violates constraints has no contingency."""
+
 _Failure = InfeasibleError | SolverError | OutOfTimeError
 
 _FAILURES = InfeasibleError, SolverError, OutOfTimeError, MemoryError
@@ -97,6 +101,10 @@ class WindowPlanner:
     """Drake solver or `Daqp()`; Clarabel if None"""
     retimed: bool = False
     """whether the planners' plans may have other times of waypoints than their scenarios"""
+    braking_after: int | None = None
+    """number of steps after which contingencies brake; None for windows without contingencies"""
+    bounded_cost: bool = False
+    """whether plans that cost more than the rest of the previous one, moved, are not accepted"""
 
     def first(self, scenario: Scenario, measured: Scenario) -> Window:
         """Return the first window, which begins at the measured states.
@@ -135,12 +143,20 @@ class WindowPlanner:
         return window
 
     def next(
-        self, scenario: Scenario, first_knot: int, tail: Plan, *, last: Window, on_plan: bool
+        self,
+        scenario: Scenario,
+        first_knot: int,
+        tail: Plan,
+        *,
+        last: Window,
+        on_plan: bool,
+        stop: Plan | None = None,
     ) -> Window:
         """Return a window after the first, which has a plan in any case.
 
         If there is a disturbance and the tail is valid, the planner is called a second time, around
-        the tail, instead of the fallback, which may take long.
+        the tail, instead of the fallback, which may take long. If contingencies are asked for, one
+        is flown rather than a motion of least violation.
 
         Args:
             scenario: rest of the flight, from the current states.
@@ -148,27 +164,64 @@ class WindowPlanner:
             tail: rest of the previous prediction.
             last: previous window, with that prediction.
             on_plan: whether the vehicles are in the tail's tube, so that the tail stays valid.
+            stop: rest of the previous window's contingency; None without one.
         """
         followed = moved(tail, scenario)
         window: Window | _Failure | None = self._lack_of_slack(scenario, tail, last)
         window = window or self._planned(scenario, first_knot, followed)
         if isinstance(window, Window):
-            return window
+            if self._is_cheap(window.plan, followed) or not (
+                on_plan and self.still_holds(tail, last)
+            ):
+                return window
+            window = _too_dear(window.plan, followed)
         holds = on_plan and self.still_holds(tail, last)
         if not _lacks(scenario):  # otherwise no planner can find a plan
             quick = holds and scenario.disturbance is not None
             other = self.planner if quick else self.fallback
             window = self._planned_again(other, scenario, first_knot, followed, window)
             if isinstance(window, Window):
-                return window
+                if self._is_cheap(window.plan, followed) or not holds:
+                    return window
+                window = _too_dear(window.plan, followed)
         cut = isinstance(window, OutOfTimeError)
         spent = dataclasses.replace(window.statistics, cut=window.statistics.cut or cut)
         if holds:
             plan = tail.with_statistics(spent)
-        else:
-            plan = least_violation(followed, self.solver)
-            plan = plan.with_statistics(spent + plan.statistics)
-        return Window(first_knot, plan, plan, infeasible=str(window), kept=holds)
+            return Window(first_knot, plan, plan, infeasible=str(window), kept=True)
+        reason, none_found = str(window), ""
+        if self.braking_after is not None:
+            in_tube = stop is not None and on_plan and first_violation(stop) is None
+            try:
+                found = stop if in_tube and stop else contingency(followed, 0, self.solver)
+            except _FAILURES as error:
+                none_found = str(error)
+            else:
+                around = tail if in_tube else followed
+                plan = as_part_of(found, around.scenario).with_statistics(spent)
+                return Window(first_knot, plan, plan, reason, stopping=True, contingency=found)
+        plan = least_violation(followed, self.solver)
+        plan = plan.with_statistics(spent + plan.statistics)
+        return Window(first_knot, plan, plan, reason, no_contingency=none_found)
+
+    def with_contingency(self, window: Window) -> Window:
+        """Return a window with a contingency, or with the reason why there is none.
+
+        It brakes where the next window begins, or from the last step if there is no next window.
+        """
+        if self.braking_after is None or window.stopping or window.no_contingency:
+            return window
+        knot = min(self.braking_after, window.plan.accelerations.shape[1] - 1)
+        try:
+            found = contingency(window.plan, knot, self.solver)
+            violates = window.infeasible and not window.kept
+            if violates and (first := first_violation(found)) is not None:
+                raise InfeasibleError(  # one place that records reasons
+                    {first.vehicle: (first.what,)}, scenario=found.scenario, because=_BEFORE
+                )
+        except _FAILURES as error:
+            return dataclasses.replace(window, no_contingency=str(error))
+        return dataclasses.replace(window, contingency=found)
 
     def _lack_of_slack(self, scenario: Scenario, tail: Plan, last: Window) -> _Failure | None:
         """Return the error for constraints that leave no tightening slack; None if they do.
@@ -187,6 +240,10 @@ class WindowPlanner:
             return None
         reasons = _lacks(scenario)
         return _no_slack(scenario, reasons) if reasons else None
+
+    def _is_cheap(self, plan: Plan, followed: Plan) -> bool:
+        """Return whether a plan costs no more than the rest of the previous one, moved."""
+        return not self.bounded_cost or plan.cost <= followed.cost
 
     def still_holds(self, tail: Plan, last: Window) -> bool:
         """Return whether the rest of the previous plan meets every constraint.
@@ -257,6 +314,16 @@ class WindowPlanner:
             scenario=scenario,
             because="the plan found violates constraints",
         )
+
+
+def _too_dear(plan: Plan, followed: Plan) -> InfeasibleError:
+    """Return the reason why a plan is not accepted that costs more than the previous one, moved."""
+    costs = f"{plan.cost:.6g} m²/s⁴, more than {followed.cost:.6g} m²/s⁴"
+    because = "a new plan costs more than the rest of the previous one, moved to the states"
+    conflicts = {"all vehicles": (costs,)}
+    return InfeasibleError(
+        conflicts, statistics=plan.statistics, scenario=plan.scenario, because=because
+    )
 
 
 def _lacks(scenario: Scenario) -> dict[str, tuple[str, ...]]:

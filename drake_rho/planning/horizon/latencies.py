@@ -1,0 +1,49 @@
+"""Latency of a receding horizon: windows are planned while the previous one is flown."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+from drake_rho.scenario.disturbance import Disturbance
+from drake_rho.scenario.obstacles import Obstacle
+from drake_rho.scenario.parts import SAME_TIME
+from drake_rho.scenario.records import Scenario
+
+
+def latency_in_samples(scenario: Scenario, latency: float, replan_every: int) -> int:
+    """Return the number of samples of the feedback that last as long as a latency, or longer.
+
+    Args:
+        scenario: scenario to fly.
+        latency: time that planning a window takes [s].
+        replan_every: number of steps flown of each window.
+
+    Raises:
+        ValueError: the latency is negative, or too long.
+    """
+    around = scenario.disturbance or Disturbance(0.0)
+    sample = around.sample(scenario.grid)
+    period = replan_every * scenario.grid.step
+    if not 0.0 <= latency <= period * (1.0 + SAME_TIME):  # also true for NaN
+        expected = f"0 to {period:g} s, the time for which a window is flown"
+        raise ValueError(f"latency: got {latency!r}, expected {expected}")
+    return math.ceil(latency / sample * (1.0 - SAME_TIME))
+
+
+def known_later(scenario: Scenario, latency: float) -> Scenario:
+    """Return the scenario in which what becomes known in flight does so a latency later [s].
+
+    A window is planned from what is known when planning begins.
+    """
+    start = max(scenario.grid.start, 0.0)
+    late = [each for each in scenario.bodies if each.known_from > start]
+    if latency == 0.0 or not late:
+        return scenario
+    obstacles = tuple(
+        dataclasses.replace(each, known_from=each.known_from + latency)
+        if isinstance(each, Obstacle) and each.known_from > start
+        else each
+        for each in scenario.obstacles
+    )
+    return dataclasses.replace(scenario, obstacles=obstacles)
