@@ -39,7 +39,7 @@ DRAWN = {
 }
 """Benchmarks of random fleets, worlds and links, with the number of each: `run(seeds) -> Table`."""
 
-MISSIONS = ("fleet_b3", "world_b6", "map_forests", "map_office", "time_bisection")
+MISSIONS = ("fleet_b3", "world_b6", "map_forests", "map_office", "time_bisection", "time_bounds")
 """Benchmarks of missions in files: `run(folder) -> Table`."""
 
 SCALE = ("scale_campaigns", "scale_fleets")
@@ -85,7 +85,7 @@ OPEN = ("links_cvxpy", "links_corridors", "links_chains", "links_formation")
 MAPS = ("map_forests", "map_office", "map_meshes", "map_points")
 """Benchmarks of maps; those that are in no `MISSIONS` need no folder: `run() -> Table`."""
 
-TIMES = ("time_tracks", "time_closed_forms", "time_fleets", "time_bisection")
+TIMES = ("time_tracks", "time_closed_forms", "time_fleets", "time_bisection", "time_bounds")
 """Benchmarks of least times; those that are in no `DRAWN` or `MISSIONS` are `run() -> Table`."""
 
 

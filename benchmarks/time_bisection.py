@@ -39,7 +39,7 @@ def run(folder: Path | None = None) -> Table:
     """Plan draws of B1 and, if the folder of its mission is given, a forest."""
     given = [fleet_b1.scenario(VEHICLES, seed) for seed in range(DRAWS)]
     if folder is not None and (folder / f"{FOREST}.bt").is_file():
-        given.append(_forest(folder))
+        given.append(forest(folder))
     rows, ratios = list[tuple[Cell, ...]](), list[float]()
     for scenario in track(given, "least times and bisection"):
         mine = found(scenario, within(LIMIT))
@@ -59,7 +59,8 @@ def run(folder: Path | None = None) -> Table:
     )
 
 
-def _forest(folder: Path) -> rho.Scenario:
+def forest(folder: Path) -> rho.Scenario:
+    """Return the mission in the forest, from the folder of the LSC planner."""
     grid, world = rho.Grid.lasting(DURATION, step=STEP), folder / f"{FOREST}.bt"
     return rho.load_lsc_mission(folder / f"{FOREST}_20agents.json", grid=grid, world=world)
 
