@@ -115,6 +115,6 @@ def _in_forest(folder: Path) -> Iterator[rho.Scenario]:
 _WORK = f"""\
 Random scenes: {LENGTH:g} m from rest to rest on {KNOTS} knots, obstacles of 0.3 to 0.9 m around or
 beside the straight path, clear of both ends by 2 m and at every instant. The forest is that of
-`time_bisection`, each of its vehicles by itself. The bound is that of `rho.certify_time` with a time
-limit of {LIMIT:g} s, and the gap is 1 - bound / T. The gap without obstacles is that of
+`time_bisection`, each of its vehicles by itself. The bound is that of `rho.certify_time` with a
+time limit of {LIMIT:g} s, and the gap is 1 - bound / T. The gap without obstacles is that of
 `statistics.time_bound`."""
