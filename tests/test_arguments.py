@@ -127,6 +127,18 @@ def test_a_checked_function_keeps_its_signature_and_documentation(name: str) -> 
             "scenario: got 'paper', expected Scenario",
         ),
         (
+            lambda: rho.certify_time(STRAIGHT, gap=True),
+            "gap: got True, expected a number",
+        ),
+        (
+            lambda: rho.RecedingHorizon(EMPTY).step([[0] * 6], "now"),  # type: ignore[arg-type]
+            "time: got 'now', expected a number",
+        ),
+        (
+            lambda: rho.RecedingHorizon(EMPTY).step([[0] * 6], 0.0, sightings=[1]),  # type: ignore[arg-type]
+            "sightings: got an object of type list, expected a mapping or None",
+        ),
+        (
             lambda: rho.WindyPointMass("paper"),  # type: ignore[arg-type]
             "scenario: got 'paper', expected Scenario",
         ),

@@ -44,7 +44,7 @@ def _with(disturbance: rho.Disturbance | None, grid: rho.Grid | None = None) -> 
         ("dropouts", -1, "greater than or equal to 0"),
         ("dropouts", 1.5, "integer"),
         ("dropouts", True, "a number"),
-        ("prediction", 1, "boolean"),
+        ("prediction", 1, "true or false"),
         ("share", 0.0, "greater than 0"),
         ("share", 1.1, "less than or equal to 1"),
         ("shares", 0.5, "did you mean share"),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -155,9 +157,49 @@ def test_what_is_seen_late_is_known_one_latency_later() -> None:
     assert learned == {0.0: [2 * EVERY], 0.4: [3 * EVERY]}
 
 
+def test_errors_grow_from_when_an_obstacle_was_seen_not_from_when_it_is_planned_with() -> None:
+    drone = rho.Obstacle(
+        rho.Sphere([4, 5, 1], 0.2), known_from=1.5, position_error=0.1, velocity_error=0.3
+    )
+    seen = dataclasses.replace(scene(), obstacles=(drone,))
+    (later,) = horizon(seen, 0.4).scenario.bodies
+    assert later.known_from == 1.9
+    times = np.linspace(0.0, 6.0, 13)
+    np.testing.assert_array_equal(later.uncertainty(times), drone.uncertainty(times))
+
+
+def test_what_is_seen_too_late_for_a_window_is_known_at_the_end() -> None:
+    (later,) = horizon(scene(known_from=5.9), 0.4).scenario.bodies
+    assert later.known_from == scene().grid.end
+
+
+def test_a_sighting_is_of_when_planning_began() -> None:
+    """One that moved on as it was seen is the same, but for errors that have grown since."""
+    drone = rho.Obstacle(
+        rho.Sphere([4, 5, 1], 0.2), name="d", position_error=0.1, velocity_error=0.3, seen_at=0.0
+    )
+    seen = dataclasses.replace(scene(), obstacles=(drone,))
+    ahead, time = horizon(seen, 0.4), EVERY * STEP
+    ahead.step(ahead.planned(0), 0.0)
+    ahead.step(ahead.planned(EVERY), time, sightings={"d": ([4, 5.1, 1], [0, 0.5, 0])})
+    (former, again), at = ahead.scenario.bodies, np.array([time, time + 1.0])
+    assert again.known_from == time
+    np.testing.assert_allclose(again.centers(at)[:, 1], [5.3, 5.8])
+    np.testing.assert_allclose(again.uncertainty(at), [0.1 + 0.3 * 0.4, 0.1 + 0.3 * 1.4])
+    assert former.active is not None
+    assert former.active[1] < time
+
+
 @pytest.mark.parametrize("latency", [-0.1, 0.81, float("nan"), float("inf")])
 def test_a_latency_is_at_most_the_time_between_windows(latency: float) -> None:
     with pytest.raises(ValueError, match=r"latency: got .*, expected 0 to 0\.8 s"):
         horizon(scene(), latency)
     assert horizon(scene(), 0.8).latency == EVERY
     assert horizon(scene(windy()), 0.8).latency == EVERY * PER_STEP
+
+
+def test_a_horizon_that_has_begun_is_not_simulated() -> None:
+    begun = horizon(scene())
+    begun.step(begun.planned(0), 0.0)
+    with pytest.raises(ValueError, match="got a receding horizon that has windows"):
+        rho.simulate(begun)

@@ -287,7 +287,7 @@ def test_a_scenario_with_free_waypoints_is_saved_and_drawn() -> None:
 
 def test_free_waypoints_need_a_planner_that_finds_their_times() -> None:
     scenario = through(CUBOID, FAST, 61)
-    for planner in (rho.plan_convex, rho.plan_rho, rho.diagnose):
+    for planner in (rho.plan_convex, rho.diagnose):
         with pytest.raises(rho.ScenarioError, match=r"waypoints\[0\]\.time: got none"):
             planner(scenario)
 

@@ -109,7 +109,12 @@ GRID = rho.Grid(1.0, 5)
         (
             lambda: rho.Scenario("s", GRID, (VEHICLE,), between_knots=as_any("perhaps")),
             "scenario.between_knots",
-            "boolean",
+            "true or false",
+        ),
+        (
+            lambda: rho.Scenario("s", GRID, (VEHICLE,), hold_at_goal=as_any("yes")),
+            "scenario.hold_at_goal",
+            "got 'yes', expected true or false",
         ),
     ],
 )
@@ -339,6 +344,7 @@ CHANGES: dict[str, Any] = {
     "disturbance": None,
     "requirements": (rho.KeepIn(rho.HalfSpace([0, 0, 1], 90.0)),),
     "smoothing": None,  # none is allowed beside a disturbance, and nothing cached depends on it
+    "hold_at_goal": False,
 }
 """Other values of every field."""
 

@@ -207,6 +207,19 @@ def test_an_obstacle_bounds_times_at_which_it_is_there() -> None:
     assert early.bound > 1.01 * free
 
 
+def test_an_uncertain_obstacle_is_as_large_as_what_it_may_be_off() -> None:
+    large, small = rho.Sphere([2.5, 0.1, 1.0], 0.8), rho.Sphere([2.5, 0.1, 1.0], 0.6)
+    growing = rho.Obstacle(small, position_error=0.2, velocity_error=0.05, seen_at=0.0)
+    certain, fixed, grows = (
+        rho.certify_time(rho.plan_minimum_time(blocked(obstacles=[each])))
+        for each in (large, rho.Obstacle(small, position_error=0.2), growing)
+    )
+    assert fixed.bound == pytest.approx(certain.bound, rel=1e-6)
+    assert fixed.left_out == ()
+    assert certain.bound * 0.99 <= grows.bound <= grows.duration
+    assert grows.left_out == ("the growth of errors of obstacles",)
+
+
 def test_one_gate_on_the_way_is_bounded_within_a_hundredth() -> None:
     gate = rho.Waypoint(None, [3.0, 2.0, 1.0], 0.1)
     limits = rho.Limits(max_acceleration=4.0, max_speed=3.0)

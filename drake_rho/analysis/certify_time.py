@@ -33,6 +33,7 @@ TREATMENT = {
     "moving obstacles": "as obstacles; a cone moves along, where the motion is straight",
     "late obstacles": "as obstacles, where they are known at the start",
     "active obstacles": "as obstacles, for final times for which an instant is in the interval",
+    "uncertain obstacles": "as obstacles, larger by `position_error`; growth is left out",
     "separation": "left out (`left_out`)",
     "disturbance": "left out (`left_out`)",
     "holding": "left out: it depends on goals alone",
@@ -121,6 +122,7 @@ def _left_out(scenario: Scenario, bounds: list[TimeBound]) -> tuple[str, ...]:
         "the requirements": len(scenario.requirements) > 0,
         "the disturbance": scenario.disturbance is not None,
         "the margin of the smoothing": scenario.smoothing is not None,
+        "the growth of errors of obstacles": any(e.velocity_error > 0.0 for e in scenario.bodies),
     }
     names = set[str]().union(*(each.left_out for each in bounds))
     return (*(words for words, is_left_out in present.items() if is_left_out), *sorted(names))

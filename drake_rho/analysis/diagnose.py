@@ -98,7 +98,7 @@ def diagnose(
         >>> rho.diagnose(scenario).conflicts
         {'scout': ('goal x', 'maximum acceleration from 0 s to 9.75 s')}
         >>> print(rho.diagnose(rho.plan_minimum_time(scenario)))
-        hurry: 10.6904 s; what makes it so long
+        hurry: 10.69 s; what makes it so long
         limit             change    vehicles  less time
         max_acceleration  1 % more  scout         0.5 %
     """

@@ -28,6 +28,11 @@ class LimitEffect(metaclass=Described):
     vehicles: tuple[str, ...]
     """names of the vehicles for which the limit counts"""
 
+    @property
+    def rounded(self) -> float:
+        """`less_time` to two digits, of which the least time has no more."""
+        return float(f"{self.less_time:.2g}")
+
 
 @dataclasses.dataclass(frozen=True)
 class TimeSensitivity(metaclass=Described):
@@ -60,11 +65,11 @@ class TimeSensitivity(metaclass=Described):
 
     def _title(self) -> str:
         known = "what makes it so long" if self.limits else "no limit that was tried has an effect"
-        return f"{self.scenario.name}: {self.duration:.6g} s; {known}"
+        return f"{self.scenario.name}: {self.duration:.5g} s; {known}"
 
     def _rows(self) -> list[tuple[str, str, str, str]]:
         return [
-            (each.limit, each.change, _named(each.vehicles), f"{100.0 * each.less_time:.2g} %")
+            (each.limit, each.change, _named(each.vehicles), f"{100.0 * each.rounded:.2g} %")
             for each in self.limits[:_SHOWN]
         ]
 

@@ -199,8 +199,9 @@ class TimeBound:
         return deepest, key
 
     def _required(self, obstacle: Obstacle) -> float:
-        """Return the distance that the vehicle keeps from an obstacle [m]."""
-        return float(self._scenario.fleet.radii[0]) + obstacle.deviation
+        """Return the distance that the vehicle keeps from an obstacle at all times [m]."""
+        radius = float(self._scenario.fleet.radii[0])
+        return radius + obstacle.deviation + obstacle.position_error
 
     def _present(self, one: _Set, obstacle: Obstacle) -> tuple[BoolArray, BoolArray]:
         """Return at which instants an obstacle is there, and moves straight, for all final times.

@@ -82,7 +82,7 @@ class SensitivityAnalysis:
                     effects.append(LimitEffect(each.limit, each.change, less, names))
         except OutOfTimeError:
             cut = True
-        effects.sort(key=lambda each: -each.less_time)
+        effects.sort(key=lambda each: -each.rounded)  # equal ones in the scenario's order
         return TimeSensitivity(scenario, self._timed.duration, tuple(effects), cut)
 
     def _needing(self, relaxation: Relaxation, less: float) -> IntArray:

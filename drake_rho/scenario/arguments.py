@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import inspect
 import types
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from itertools import chain
 from numbers import Real
 from typing import (
@@ -54,8 +54,8 @@ _NAMES = {
 def checked(function: Callable[_Arguments, _Result]) -> Callable[_Arguments, _Result]:
     """Return the function with a check of its arguments' types before each call.
 
-    The accepted types are those of the annotations. Any kind of number is accepted as a number;
-    the function itself decides which values are valid.
+    The accepted types are those of the annotations. Any kind of number, but no truth value, is
+    accepted as a number; the function itself decides which values are valid.
 
     Raises (when it is called):
         TypeError: an argument is of none of the accepted kinds.
@@ -138,12 +138,14 @@ def _kind_of(hint: Any) -> _Kind | None:
         return _Kind("a function", callable)
     if origin is np.ndarray:
         return _Kind("numbers", _are_numbers)
+    if origin is Mapping:
+        return _Kind("a mapping", lambda value: isinstance(value, Mapping))
     if isinstance(origin, type) and issubclass(origin, Iterable):
         return _sequence_of([_kind_of(part) for part in _parts_of(get_args(hint)[0])])
     if hint is None or hint is type(None):
         return _Kind("None", lambda value: value is None, types.NoneType)
     if hint in (int, float):
-        return _Kind("a number", lambda value: isinstance(value, Real))
+        return _Kind("a number", _is_number)
     if hint is bool:
         return _Kind("True or False", lambda value: isinstance(value, bool | np.bool_))
     open_protocol = _is_protocol(hint) and not getattr(hint, "_is_runtime_protocol", False)
@@ -163,6 +165,11 @@ def _sequence_of(kinds: list[_Kind | None]) -> _Kind:
 
     names = " or ".join(kind.name for kind in kinds if kind)
     return _Kind(f"a sequence of {names.replace('a number', 'numbers') or 'values'}", has)
+
+
+def _is_number(value: object) -> bool:
+    """Return whether a value is a number; True and False are none."""
+    return isinstance(value, Real) and not isinstance(value, bool)
 
 
 def _are_numbers(value: object) -> bool:

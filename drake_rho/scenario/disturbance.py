@@ -8,7 +8,15 @@ from typing import Annotated, Self
 from pydantic import Field, model_validator
 
 from drake_rho.scenario.errors import ScenarioError
-from drake_rho.scenario.fields import LARGEST, NOT_BOOLEAN, Finite, Positive, record, unchecked
+from drake_rho.scenario.fields import (
+    LARGEST,
+    NOT_BOOLEAN,
+    Boolean,
+    Finite,
+    Positive,
+    record,
+    unchecked,
+)
 from drake_rho.scenario.parts import SAME_TIME, Grid
 
 NotNegative = Annotated[float, Field(ge=0.0, le=LARGEST, allow_inf_nan=False), NOT_BOOLEAN]
@@ -32,7 +40,7 @@ class Tracking:
     """largest position error at that time [m]"""
     velocity: NotNegative = 0.0
     """largest velocity error at that time [m/s]"""
-    prediction: Annotated[bool, Field(strict=True)] = True
+    prediction: Boolean = True
     """whether the feedback predicts the present state (`Disturbance.prediction`)"""
 
 
@@ -70,7 +78,7 @@ class Disturbance:
     begins at the first knot, where all vehicles are exactly at their starts"""
     dropouts: Annotated[int, Field(ge=0, le=50), NOT_BOOLEAN] = 0
     """largest number of measurements in a row that may be lost; needs `prediction`"""
-    prediction: Annotated[bool, Field(strict=True)] | None = None
+    prediction: Boolean | None = None
     """whether the feedback predicts the present state from the newest measurement and its own
     effect since; if false, it is linear in the error measured `delay` samples before; if not given,
     the one with the smaller error tube"""

@@ -71,6 +71,8 @@ class ScenarioError(DrakeRhoError, ValueError):
 
 def one_of(names: Sequence[str], name: str) -> str:
     """Return what an error expects in place of an unknown name: others, and the nearest one."""
+    if not names:
+        return "none, since nothing has a name"
     few = ", ".join(names) if len(names) <= _NAMES_LISTED else f"{len(names)} names"
     close = "".join(f"; did you mean {each}?" for each in get_close_matches(name, names, 1))
     return f"one of {few}{close}"

@@ -41,6 +41,12 @@ def _no_truth_value(value: object) -> object:
     return value
 
 
+def _truth_value(value: object) -> bool:
+    if not isinstance(value, bool | np.bool_):  # 1 and "yes" would be accepted otherwise
+        raise ScenarioError("", value, "true or false")
+    return bool(value)
+
+
 def _in_range(value: float) -> float:
     if not 1.0 / LARGEST <= value <= LARGEST:
         raise ScenarioError("", value, f"a number between {1.0 / LARGEST:g} and {LARGEST:g}")
@@ -75,6 +81,7 @@ Positive = Annotated[
     AfterValidator(_in_range),
 ]
 Count = Annotated[int, NOT_BOOLEAN]
+Boolean = Annotated[bool, BeforeValidator(_truth_value)]
 Name = Annotated[str, Field(min_length=1, max_length=80), AfterValidator(_printable)]
 """Printable name, short enough to be read at a glance and to fit into a legend."""
 

@@ -23,7 +23,14 @@ from drake_rho.scenario.context import Context, context_of
 from drake_rho.scenario.described import ShownInNotebooks
 from drake_rho.scenario.disturbance import Disturbance, Tracking
 from drake_rho.scenario.errors import ScenarioError, one_of
-from drake_rho.scenario.fields import FloatArray, Name, read_only, record, unchecked
+from drake_rho.scenario.fields import (
+    Boolean,
+    FloatArray,
+    Name,
+    read_only,
+    record,
+    unchecked,
+)
 from drake_rho.scenario.fleet import Fleet
 from drake_rho.scenario.known_obstacles import active_during, known_at_start
 from drake_rho.scenario.limits import Limits
@@ -104,7 +111,7 @@ class Scenario(ShownInNotebooks):
     """obstacles to avoid, shapes at rest or `Obstacle`s; numbered from 1 in reports"""
     separation: Separation | None = None
     """least distance of every pair of vehicles at all times; none is required if not given"""
-    between_knots: bool = True
+    between_knots: Boolean = True
     """true if obstacles, separation and position boxes constrain every instant, false if only the
     knots"""
     disturbance: Disturbance | None = None
@@ -114,7 +121,7 @@ class Scenario(ShownInNotebooks):
     smoothing: Smoothing | None = None
     """moving averages with which plans are flown; as planned, with jumps of the acceleration, if
     not given"""
-    hold_at_goal: bool | None = None
+    hold_at_goal: Boolean | None = None
     """whether vehicles have to be able to hold at their goals for ever after the end, in any wind
     allowed: true refuses what does not allow it, false says nothing; if not given, reports note
     where vehicles with goals at rest cannot"""

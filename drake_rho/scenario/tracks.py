@@ -13,6 +13,7 @@ from pydantic import model_validator
 from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.fields import (
     LARGEST,
+    Boolean,
     FloatArray,
     Margin,
     Numbers,
@@ -42,7 +43,7 @@ class Track:
     """positions of the centre of the shape's bounding box [m], shape (M, 3)"""
     deviation: Margin = 0.0
     """largest distance of the true position from the polyline [m], added to required distances"""
-    deviation_is_estimated: bool = False
+    deviation_is_estimated: Boolean = False
     """true if the deviation is an estimate from samples rather than a bound"""
     after: Literal["rests", "goes_on"] | None = None
     """motion after the last time: at rest, or with the velocity of the last piece; if not given,

@@ -111,6 +111,9 @@ def simulate(
             expected = "none beside a receding horizon, whose scenario has its own"
             got = f"one of {disturbance.acceleration:g} m/s²"
             raise ValueError(f"disturbance: got {got}, expected {expected}")
+        if scenario.windows:
+            got = "a receding horizon that has windows"
+            raise ValueError(f"scenario: got {got}, expected one that has not begun")
         horizon = scenario
     else:
         _check_no_windows(scenario.kind, replan_every, free_final_time, planner, fallback)

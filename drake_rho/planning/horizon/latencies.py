@@ -34,16 +34,19 @@ def latency_in_samples(scenario: Scenario, latency: float, replan_every: int) ->
 def known_later(scenario: Scenario, latency: float) -> Scenario:
     """Return the scenario in which what becomes known in flight does so a latency later [s].
 
-    A window is planned from what is known when planning begins.
+    A window is planned from what is known when planning begins. Errors of obstacles grow from when
+    they were seen, as without a latency. What would become known after the end does so at the end.
     """
-    start = max(scenario.grid.start, 0.0)
-    late = [each for each in scenario.bodies if each.known_from > start]
-    if latency == 0.0 or not late:
+    start, end = max(scenario.grid.start, 0.0), scenario.grid.end
+    late = [each.known_from > start for each in scenario.bodies]
+    if latency == 0.0 or not any(late):
         return scenario
     obstacles = tuple(
-        dataclasses.replace(each, known_from=each.known_from + latency)
-        if isinstance(each, Obstacle) and each.known_from > start
+        dataclasses.replace(
+            each, known_from=min(each.known_from + latency, end), seen_at=each.errors_from
+        )
+        if isinstance(each, Obstacle) and is_late
         else each
-        for each in scenario.obstacles
+        for each, is_late in zip(scenario.obstacles, late, strict=True)
     )
     return dataclasses.replace(scenario, obstacles=obstacles)

@@ -104,7 +104,7 @@ class SeenMaps:
         known = [name for name in names if name is not None]
         for name in newer:
             if name not in known:
-                raise ValueError(f"map: got {name!r}, expected {one_of(known, name)}")
+                raise ValueError(f"map: got {name!r}, expected {one_of(known, str(name))}")
         return [(names[name], latest) for name, latest in newer.items()]
 
 

@@ -125,7 +125,7 @@ class RecedingHorizon:
         latency: float = 0.0,
         bounded_cost: bool = False,
     ) -> None:
-        whole = isinstance(replan_every, Integral) and not isinstance(replan_every, bool)
+        whole = isinstance(replan_every, Integral)
         if not whole or replan_every < 1:
             raise ValueError(f"replan_every: got {replan_every!r}, expected a whole number >= 1")
         scenario.check_stepwise("a receding horizon")
@@ -135,6 +135,7 @@ class RecedingHorizon:
                 expected = "False with a free final time, since earlier arrivals cost more"
                 raise ValueError(f"bounded_cost: got True, expected {expected}")
         self.latency = latency_in_samples(scenario, latency, int(replan_every))
+        self._ahead = latency
         scenario = known_later(scenario, latency)
         if reference is None:
             reference = free_reference if scenario.separation is None else tail_reference
@@ -174,6 +175,7 @@ class RecedingHorizon:
         last = self.windows[-1]
         return last.plan.states(knot - last.first_knot)
 
+    @checked
     def step(
         self,
         states: npt.ArrayLike,
@@ -204,8 +206,9 @@ class RecedingHorizon:
                 mapping from their names. Afterwards `scenario` has what was added as an obstacle
                 known from this time, and what was removed as one active until then.
             sightings: position of the centre [m] and velocity [m/s], (3,) each, of obstacles
-                that were seen again at this time, by their names. From now on each moves on from
-                there with this velocity, and its errors count anew. If there is no new plan and
+                that were seen again at this time, by their names; with a latency, that much
+                earlier, when planning began. From then on each moves on from there with this
+                velocity, and its errors count anew. If there is no new plan and
                 `kept` is true, `scenario` keeps the former sightings, which the rest of the
                 previous plan keeps clear of: they hold as well, unless the new ones contradict
                 their errors.
@@ -223,7 +226,7 @@ class RecedingHorizon:
             self._knot(time)  # an impossible time changes nothing
         if map is not None:
             self.scenario = self._maps.seen(self.scenario, map, time)
-        self.scenario, due = seen_again(self.scenario, sightings or {}, time)
+        self.scenario, due = seen_again(self.scenario, sightings or {}, time, self._ahead)
         self._due = due.obstacles
         with within_time(self._time_limit):
             self.windows.append(self._window(states, time))

@@ -33,14 +33,15 @@ _ROUNDING = 1e-9
 
 
 def seen_again(
-    scenario: Scenario, sightings: Mapping[str, Seen], time: float
+    scenario: Scenario, sightings: Mapping[str, Seen], time: float, ago: float = 0.0
 ) -> tuple[Scenario, Scenario]:
     """Return the scenario in which obstacles are where they were seen, and one of what must be.
 
     Args:
         scenario: of the whole flight, or of its rest.
         sightings: position [m] and velocity [m/s] by the name of the obstacle.
-        time: of the sightings on the scenario's clock [s].
+        time: from which on they are planned with, on the scenario's clock [s].
+        ago: how long before this time the obstacles were seen [s].
 
     Returns:
         The scenario with all sightings, and the one with those only that the former errors exclude:
@@ -51,18 +52,18 @@ def seen_again(
             vectors.
     """
     found = [(_number(scenario, name), _state(name, state)) for name, state in sightings.items()]
-    wrong = [_excludes(scenario.bodies[number - 1], state[0], time) for number, state in found]
+    wrong = [_excludes(scenario.bodies[n - 1], state[0], time, time - ago) for n, state in found]
     must = [each for each, excluded in zip(found, wrong, strict=True) if excluded]
     may = [each for each, excluded in zip(found, wrong, strict=True) if not excluded]
-    due = _with(scenario, must, time)
-    return _with(due, may, time), due
+    due = _with(scenario, must, time, time - ago)
+    return _with(due, may, time, time - ago), due
 
 
 def _number(scenario: Scenario, name: str) -> int:
     """Return the number of the only obstacle of a name."""
     names = [body.name for body in scenario.bodies if body.name is not None]
     if name not in names:
-        raise ValueError(f"sightings: got {name!r}, expected {one_of(names, name)}")
+        raise ValueError(f"sightings: got {name!r}, expected {one_of(names, str(name))}")
     if names.count(name) > 1:
         expected = "a name that one obstacle has alone"
         raise ValueError(f"sightings: got {name!r}, expected {expected}")
@@ -81,18 +82,20 @@ def _state(name: str, state: Seen) -> FloatArray:
     return array
 
 
-def _excludes(body: Obstacle, position: FloatArray, time: float) -> bool:
+def _excludes(body: Obstacle, position: FloatArray, time: float, seen_at: float) -> bool:
     """Return whether an obstacle, as it was known, cannot have been seen at a position.
 
     What was not known was not avoided, and excludes every position.
     """
-    now = np.array([time])
-    away = float(np.linalg.norm(position - body.centers(now)[0]))
-    errors = body.deviation + float(body.uncertainty(now)[0]) + body.position_error
+    then = np.array([seen_at])
+    away = float(np.linalg.norm(position - body.centers(then)[0]))
+    errors = body.deviation + float(body.uncertainty(then)[0]) + body.position_error
     return body.known_from > time or away > errors + _ROUNDING * body.shape.size
 
 
-def _with(scenario: Scenario, sightings: Iterable[tuple[int, FloatArray]], time: float) -> Scenario:
+def _with(
+    scenario: Scenario, sightings: Iterable[tuple[int, FloatArray]], time: float, seen_at: float
+) -> Scenario:
     """Return a scenario with obstacles where they were seen, the same one without sightings."""
     bodies, grid = list(scenario.bodies), scenario.grid
     for number, (position, velocity) in sightings:
@@ -105,14 +108,14 @@ def _with(scenario: Scenario, sightings: Iterable[tuple[int, FloatArray]], time:
             first, before = grid.start - 2.0 * grid.step, grid.start - grid.step
         name = f"{(body.name or '')[:LONGEST]} until {clock_time(time)}"
         bodies[number - 1] = unchecked(body, active=(first, before), name=name)
-        track = Track([time, time + 1.0], [position, position + velocity], after="goes_on")
+        track = Track([seen_at, seen_at + 1.0], [position, position + velocity], after="goes_on")
         bodies.append(
             unchecked(
                 body,
                 velocity=None,
                 track=track,
                 known_from=time,
-                seen_at=time,
+                seen_at=seen_at,
                 active=active,
             )
         )
