@@ -61,7 +61,7 @@ def certify(
     solver: SolverOption = Solver.CLARABEL,
     time_limit: TimeLimitOption = None,
 ) -> int:
-    """Bound how far a plan or flight is from the global optimum, in cost or in time.
+    """Bound how far a plan is from the global optimum, in cost or in time.
 
     The exit status is 0 even if a gap remains.
     """
@@ -106,7 +106,7 @@ def diagnose(
     step: StepOption = None,
     world: WorldOption = None,
 ) -> int:
-    """Explain why a scenario has no plan, or which limits make a plan so long.
+    """Explain why there is no plan, or which limits make a plan so long.
 
     For a scenario, changes that would make it feasible follow; the exit status is 0 whether there
     is a plan or not. For a plan of 'fastest', it is the time that wider limits would save.
