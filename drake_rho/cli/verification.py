@@ -61,7 +61,7 @@ def certify(
     solver: SolverOption = Solver.CLARABEL,
     time_limit: TimeLimitOption = None,
 ) -> int:
-    """Bound how far a plan is from the global optimum, in cost or in time.
+    """Bound how far a plan is from the optimum, in cost or in time.
 
     The exit status is 0 even if a gap remains.
     """
