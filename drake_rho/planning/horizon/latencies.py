@@ -41,7 +41,11 @@ def known_later(scenario: Scenario, latency: float) -> Scenario:
     if latency == 0.0 or not late:
         return scenario
     obstacles = tuple(
-        dataclasses.replace(each, known_from=each.known_from + latency)
+        dataclasses.replace(
+            each,
+            known_from=each.known_from + latency,
+            seen_at=each.errors_from if each.velocity_error > 0.0 else each.seen_at,
+        )
         if isinstance(each, Obstacle) and each.known_from > start
         else each
         for each in scenario.obstacles
