@@ -46,21 +46,21 @@ class Violations:
 def violations(simulation: Simulation) -> Violations:
     """Return the violations of a flight of point masses."""
     scenario = simulation.scenario
-    times, positions, velocities = _finer(simulation)
+    times, positions, velocities = finer(simulation)
     boxes, norms = -np.inf, -np.inf
     for i, vehicle in enumerate(scenario.vehicles):
         limits = scenario.limits_of(vehicle)
         commands = simulation.commands[:-1, i]
         boxes = max(
             boxes,
-            _beyond(limits.position, positions[:, i]),
-            _beyond(limits.velocity, velocities[:, i]),
-            _beyond(limits.acceleration, commands),
+            beyond(limits.position, positions[:, i]),
+            beyond(limits.velocity, velocities[:, i]),
+            beyond(limits.acceleration, commands),
         )
         norms = max(
             norms,
-            _above(limits.max_speed, velocities[:, i]),
-            _above(limits.max_acceleration, commands),
+            above(limits.max_speed, velocities[:, i]),
+            above(limits.max_acceleration, commands),
         )
     pairs = -np.inf
     if scenario.separation is not None and len(scenario.vehicles) > 1:
@@ -75,7 +75,7 @@ def violations(simulation: Simulation) -> Violations:
     )
 
 
-def _finer(simulation: Simulation) -> tuple[FloatArray, FloatArray, FloatArray]:
+def finer(simulation: Simulation) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return times (S,), positions and velocities (S, N, 3), those of the record and between."""
     t, p, v = simulation.times, simulation.positions, simulation.velocities
     passed = np.diff(t)[:, None, None]
@@ -89,7 +89,7 @@ def _finer(simulation: Simulation) -> tuple[FloatArray, FloatArray, FloatArray]:
     return np.concatenate(times), np.concatenate(positions), np.concatenate(velocities)
 
 
-def _beyond(box: rho.Box | None, values: FloatArray) -> float:
+def beyond(box: rho.Box | None, values: FloatArray) -> float:
     """Return how far values, shape (S, 3), are beyond a box, over its side."""
     if box is None:
         return -np.inf
@@ -97,6 +97,6 @@ def _beyond(box: rho.Box | None, values: FloatArray) -> float:
     return float(np.max(beyond / np.maximum(box.upper - box.lower, 1e-9)))
 
 
-def _above(most: float | None, values: FloatArray) -> float:
+def above(most: float | None, values: FloatArray) -> float:
     """Return how far norms of values, shape (S, 3), are above a limit, over it."""
     return -np.inf if most is None else float(np.linalg.norm(values, axis=1).max() / most - 1.0)

@@ -325,6 +325,50 @@ def test_flights_in_wind_are_verified_by_their_true_motion(tmp_path: Path) -> No
         assert 0.0 < share <= 1.0 + 1e-9
 
 
+def test_methods_fly_with_contingencies_late_plans_and_bounded_costs(tmp_path: Path) -> None:
+    """A wall seen in flight is known to windows whose planning begins later."""
+    wall = {
+        "shape": {"lower": [8, -40, -40], "upper": [8.5, 40, 40]},
+        "known_from": 1.5,
+        "active": [0.0, 4.1],
+    }
+    scenario = {
+        "name": "corridor",
+        "grid": {"step": 0.2, "knots": 31},
+        "vehicles": [
+            {"name": "v", "start": {"position": [0, 0, 1]}, "goal": {"position": [12, 0, 1]}}
+        ],
+        "limits": {"max_acceleration": 3.0},
+        "obstacles": [wall],
+        "disturbance": {"acceleration": 0.05, "feedback_every": 0.1},
+    }
+    simulated = {"planner": "simulate", "replan_every": 4, "windows": "convex"}
+    options = {"contingencies": True, "bounded_cost": True}
+    methods = [
+        {"name": "without", **simulated},
+        {"name": "with", **simulated, **options},
+        {"name": "late", **simulated, **options, "latency": 0.6},
+        {"name": "calm", "planner": "plan_rho", "windows": "convex", **options},
+    ]
+    study = small(1, scenarios=[{"name": "s", "scenario": scenario}], methods=methods, plans=True)
+    results = rho.campaign(study, tmp_path / "runs.sqlite")
+    names = ("method", "key", "status", "without_contingency", "reason")
+    rows = {name: rest for name, *rest in table(tmp_path / "runs.sqlite", names)}
+    assert rows["without"][2] is None
+    for name in ("with", "late", "calm"):
+        key, status, missing, reason = rows[name]
+        assert status == "solved", reason
+        windows = results.plan(key).flight.windows
+        assert missing == sum(window.contingency is None for window in windows) == 0
+        assert all(window.cost_bound is not None for window in windows)
+    flown = {name: results.plan(rows[name][0]) for name in ("with", "late")}
+    learned = {
+        name: next(each.first_knot for each in found.flight.windows if each.learned)
+        for name, found in flown.items()
+    }
+    assert learned == {"with": 8, "late": 12}
+
+
 def test_a_study_compares_final_times(tmp_path: Path) -> None:
     """Rows, groups and comparisons hold the least times that direct calls find."""
     gates = [{"position": [3, 2, 0]}, {"position": [6, -1, 1]}]

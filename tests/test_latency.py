@@ -203,3 +203,13 @@ def test_a_horizon_that_has_begun_is_not_simulated() -> None:
     begun.step(begun.planned(0), 0.0)
     with pytest.raises(ValueError, match="got a receding horizon that has windows"):
         rho.simulate(begun)
+
+
+def test_errors_of_an_obstacle_grow_from_when_it_is_seen_not_from_when_a_plan_knows_it() -> None:
+    shape, seen, latency = rho.Sphere([4, 0.2, 1], 0.6), 1.0, 0.6
+    late = rho.Obstacle(shape, known_from=seen, position_error=0.1, velocity_error=0.2)
+    scenario = dataclasses.replace(scene(windy()), obstacles=[late])
+    (known,) = horizon(scenario, latency).scenario.bodies
+    assert known.known_from == pytest.approx(seen + latency)
+    times = np.linspace(0.0, 6.0, 25)
+    np.testing.assert_allclose(known.uncertainty(times), late.uncertainty(times))

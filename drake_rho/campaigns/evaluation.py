@@ -30,6 +30,8 @@ class Evaluation:
     tube_share: float | None = None
     """largest ratio of position error to tube radius; None for a plan or a flight, or without a
     disturbance"""
+    without_contingency: int | None = None
+    """number of windows without a contingency; None if none was asked for"""
     programs: int
     """number of quadratic programs solved"""
 
@@ -44,6 +46,7 @@ def evaluate(flown: Flown) -> Evaluation:
         obstacle_clearance=_least(report, "obstacles"),
         separation_clearance=_least(report, "separation"),
         tube_share=None if simulation is None else _share_of_tube(simulation),
+        without_contingency=_without_contingency(flown),
         programs=flown.statistics.programs,
     )
 
@@ -64,3 +67,11 @@ def _share_of_tube(simulation: Simulation) -> float | None:
     if simulation.scenario.disturbance is None:
         return None
     return float(largest_shares(simulation.errors(), simulation.radii()).max())
+
+
+def _without_contingency(flown: Flown) -> int | None:
+    """Return the number of windows without a contingency; None if none was asked for."""
+    windows = () if flown.flight is None else flown.flight.windows
+    missing = [window.contingency is None for window in windows]
+    asked = not all(missing) or any(window.no_contingency for window in windows)
+    return sum(missing) if asked else None

@@ -23,13 +23,15 @@ from drake_rho.motion.plan import Plan
 from drake_rho.planning.call.options import Options
 from drake_rho.planning.constraints.coupling import CouplingName
 from drake_rho.planning.horizon.plan_rho import plan_rho
+from drake_rho.planning.horizon.receding_horizon import RecedingHorizon
 from drake_rho.planning.horizon.windows import free_reference, tail_reference
 from drake_rho.planning.planners.convex import plan_convex
 from drake_rho.planning.planners.plan import plan as best_plan
 from drake_rho.planning.programs.backend import SolverName
-from drake_rho.scenario.fields import Count, Name, Positive, record
+from drake_rho.scenario.fields import Count, Margin, Name, Positive, record
 from drake_rho.scenario.records import Scenario
-from drake_rho.simulation.closed_loop import fly
+from drake_rho.simulation.closed_loop import flown
+from drake_rho.simulation.feedback import Feedback
 from drake_rho.simulation.simulate import simulate
 
 ReplanEvery = Annotated[Count, Field(ge=1)]
@@ -137,6 +139,10 @@ class ByPlanRho(Method):
     """reference around which windows are linearised; the default of `plan_rho` if not given"""
     solver: SolverName = "clarabel"
     """solver of the quadratic programs"""
+    contingencies: bool = False
+    """whether windows have contingencies, which are flown where something seen late leaves no plan"""
+    bounded_cost: bool = False
+    """whether no window costs more than the rest of the one before, moved to the measured states"""
     certify: bool = False
     """whether to compute a lower bound of the cost, too, which takes longer than the flight"""
 
@@ -151,6 +157,8 @@ class ByPlanRho(Method):
             planner=planner,
             fallback=fallback,
             reference=None if self.reference is None else _REFERENCES[self.reference],
+            contingencies=self.contingencies,
+            bounded_cost=self.bounded_cost,
         )
         return _found(work, self.solver, self.certify)
 
@@ -198,23 +206,34 @@ class BySimulate(Method):
     without Drake's simulator"""
     estimates: bool = True
     """whether estimated states have errors, within the bounds of the scenario's disturbance"""
+    contingencies: bool = False
+    """whether windows have contingencies, which are flown where something seen late leaves no plan"""
+    bounded_cost: bool = False
+    """whether no window costs more than the rest of the one before, moved to the measured states"""
+    latency: Margin = 0.0
+    """time that planning a window takes [s], at most the time for which one is flown"""
 
     def run(self, scenario: Scenario, rng: np.random.Generator) -> Found:
         """Fly one scenario."""
         planner, fallback = _WINDOWS[self.windows]
-        flown = fly if self.plant is None else partial(simulate, plant=self.plant)
         wind_rng, estimate_rng = rng.spawn(2)
         wind = None if self.wind is None else self.wind.over(scenario, wind_rng)
+        errors = estimate_rng if self.estimates else None
         began = time.perf_counter()
-        simulation = flown(
+        horizon = RecedingHorizon(
             scenario,
             replan_every=self.replan_every,
             free_final_time=self.free_final_time,
             planner=planner,
             fallback=fallback,
-            wind=wind,
-            rng=estimate_rng if self.estimates else None,
+            contingencies=self.contingencies,
+            latency=self.latency,
+            bounded_cost=self.bounded_cost,
         )
+        if self.plant is None:
+            simulation = flown(Feedback(horizon), wind, errors)
+        else:
+            simulation = simulate(horizon, wind=wind, plant=self.plant, rng=errors)
         return _evaluated(simulation, time.perf_counter() - began)
 
 

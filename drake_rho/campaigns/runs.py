@@ -86,6 +86,8 @@ class Row:
     """least distance between vehicles beyond the required separation [m]"""
     tube_share: float | None = None
     """for a simulation, the largest ratio of position error to tube radius"""
+    without_contingency: int | None = None
+    """number of windows without a contingency, if these were asked for"""
     programs: int | None = None
     """number of quadratic programs solved"""
     plan_seconds: float | None = None

@@ -20,7 +20,7 @@ from drake_rho.scenario.errors import DrakeRhoError
 _APPLICATION = 0x72686F31
 """Application identifier of the SQLite file: 'rho1'."""
 
-FORMAT = 3
+FORMAT = 4
 """Version of the tables' format, in the file's `user_version`."""
 
 _PATIENCE = 30.0
