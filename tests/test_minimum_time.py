@@ -10,7 +10,7 @@ import pytest
 import drake_rho as rho
 from drake_rho.cli.result_documents import Verified
 from drake_rho.scenario.files import scenario_from_yaml, scenario_to_yaml
-from tests.scenarios import box, mapped, single
+from tests.scenarios import box, mapped, single, slow
 from tests.test_cli import run
 from tests.test_cli_json import read
 
@@ -124,7 +124,7 @@ def test_a_tolerance_of_waypoints_saves_time() -> None:
     assert near < 0.98 * exact
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", [0, *slow(1, 2, 3, 4)])
 def test_among_obstacles_no_time_is_longer_than_that_of_a_given_time(seed: int) -> None:
     """Plans with given times, ever shorter by a hundredth, end before the least time."""
     rng = np.random.default_rng(seed)
@@ -160,10 +160,8 @@ def test_the_least_time_is_invariant() -> None:
     scenario = single(limits=limits, obstacles=[wall], waypoints=waypoints, between_knots=True)
     least = least_time(scenario)
     turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-    moved = mapped(scenario, turn, np.array([100.0, -20.0, 3.0]))
-    assert least_time(moved) == pytest.approx(least, rel=1e-4)
-    larger = mapped(scenario, np.eye(3), np.zeros(3), length=7.0, time=2.0)
-    assert least_time(larger) == pytest.approx(2.0 * least, rel=1e-4)
+    moved = mapped(scenario, turn, np.array([100.0, -20.0, 3.0]), length=7.0, time=2.0)
+    assert least_time(moved) == pytest.approx(2.0 * least, rel=1e-4)
     other = dataclasses.replace(scenario, grid=rho.Grid(2.0, 17))
     assert least_time(other) == pytest.approx(least, rel=1e-4)
 
@@ -206,14 +204,27 @@ def test_each_vehicle_arrives_as_soon_as_it_can_and_stays(apart: rho.Separation 
         np.testing.assert_allclose(at_rest, 0.0, atol=1e-6)
 
 
-def test_what_changes_with_time_is_kept_clear_of() -> None:
-    ball = rho.Obstacle(rho.Sphere([0.0, -3.0, 1.0], 1.2), velocity=[0.0, 1.5, 0.0])
-    gate = rho.Obstacle(rho.Box([2.0, -9, -9], [2.2, 9, 9]), active=(0.0, 4.0))
+_CROSSING = rho.Obstacle(rho.Sphere([0.0, -3.0, 1.0], 1.2), velocity=[0.0, 1.5, 0.0])
+_DRIFTING = rho.Obstacle(rho.Sphere([1.0, 0.1, 1.0], 1.0), velocity=[0.0, 0.3, 0.0])
+_GATE = rho.Obstacle(rho.Box([2.0, -9, -9], [2.2, 9, 9]), active=(0.0, 4.0))
+
+
+@pytest.mark.parametrize(
+    ("body", "knots", "longer_than"),
+    [
+        (_DRIFTING, 11, 3.45),  # it takes 3.44 s without the obstacle
+        pytest.param(_CROSSING, 31, 3.0, marks=pytest.mark.slow),
+        pytest.param(_GATE, 31, 4.0, marks=pytest.mark.slow),  # it waits for the gate
+    ],
+    ids=["drifting", "crossing", "gate"],
+)
+def test_what_changes_with_time_is_kept_clear_of(
+    body: rho.Obstacle, knots: int, longer_than: float
+) -> None:
     vehicle = rho.Vehicle("v", rho.State([-4, 0, 1]), rho.State([4, 0, 1]), radius=0.2)
-    for body, longest in ((ball, 6.0), (gate, 6.0)):
-        scenario = rho.Scenario("t", rho.Grid(0.2, 31), [vehicle], FAST, obstacles=[body])
-        assert least_time(scenario) < longest
-    assert least_time(scenario) > 4.0  # it waits for the gate
+    grid = rho.Grid(6.0 / (knots - 1), knots)
+    scenario = rho.Scenario("t", grid, [vehicle], FAST, obstacles=[body])
+    assert longer_than < least_time(scenario) < 6.0
 
 
 def test_wind_and_given_times_are_kept() -> None:
@@ -303,6 +314,10 @@ def test_what_has_no_least_time_is_refused() -> None:
         single(waypoints=[rho.Waypoint(None, [5, 0, 0])], obstacles=[rho.Sphere([5, 0, 0], 1)])
     with pytest.raises(rho.ScenarioError, match=r"knots"):
         rho.plan_minimum_time(single(limits=FAST), knots=1)
+
+
+@pytest.mark.slow
+def test_a_wall_across_a_room_is_named() -> None:
     wall = rho.Box([4.0, -99, -99], [5.0, 99, 99])
     room = dataclasses.replace(FAST, position=rho.Box([-1, -5, -5], [11, 5, 5]))
     with pytest.raises(rho.InfeasibleError, match="obstacle 1"):
@@ -314,7 +329,11 @@ def test_what_has_no_least_time_is_refused() -> None:
     [
         ([(1.0, [0, 100, 0])], ("maximum acceleration", "waypoint 1 at 1 s")),
         ([(3.0, [2, 0, 0]), (3.1, [5, 0, 0])], ("maximum speed", "waypoint 1", "waypoint 2")),
-        ([(1.0, [0.5, 0, 0]), (None, [4, 3, 0]), (1.5, [9, 0, 0])], ("waypoint 3 at 1.5 s",)),
+        pytest.param(
+            [(1.0, [0.5, 0, 0]), (None, [4, 3, 0]), (1.5, [9, 0, 0])],
+            ("waypoint 3 at 1.5 s",),
+            marks=pytest.mark.slow,
+        ),
     ],
     ids=["far", "apart", "between"],
 )
@@ -338,14 +357,19 @@ def test_times_that_no_final_time_can_meet_are_named_with_the_limit(
     assert (status, out, err) == (3, "", f"drake-rho: {caught.value}\n")
 
 
-def test_a_flight_lasts_as_long_as_its_given_times_and_intervals() -> None:
+@pytest.mark.parametrize(("count", "knots"), [(2, 13), pytest.param(4, 21, marks=pytest.mark.slow)])
+def test_a_flight_keeps_the_given_times_among_its_waypoints(count: int, knots: int) -> None:
     passed = [rho.Waypoint(2.0, [2, 0, 0]), rho.Waypoint(None, [4, 2, 0])]
     passed += [rho.Waypoint(6.0, [6, 0, 0]), rho.Waypoint(None, [8, -1, 0])]
-    plan = rho.plan_minimum_time(single(limits=FAST, waypoints=passed, grid=rho.Grid(0.5, 21)))
+    scenario = single(limits=FAST, waypoints=passed[:count], grid=rho.Grid(0.5, knots))
+    plan = rho.plan_minimum_time(scenario)
     assert rho.verify(plan).ok
     times = [float(each.time or 0.0) for each in plan.scenario.vehicles[0].waypoints]
     assert times == sorted(times)
-    assert times[::2] == [2.0, 6.0]
+    assert times[::2] == [2.0, 6.0][: count // 2]
+
+
+def test_a_flight_lasts_as_long_as_its_intervals() -> None:
     home = rho.KeepIn(rho.Sphere([0, 0, 0], 2.0), active=(8.0, 8.0))
     waits = dataclasses.replace(single(limits=FAST, grid=rho.Grid(0.6, 21)), requirements=(home,))
     assert least_time(waits) > 10.0  # 8 m from there to the goal
@@ -375,7 +399,7 @@ def test_a_smoothing_is_kept_in_the_least_time() -> None:
     assert rho.plan_minimum_time(wide).scenario.grid.step >= 0.19  # a step is not narrower
 
 
-@pytest.mark.parametrize("given", [0, 1, 2])
+@pytest.mark.parametrize("given", [*slow(0, 1), 2])
 def test_waypoints_with_and_without_times_are_passed_in_order(given: int) -> None:
     """The given time is far from that at which a flight in the least time would be there."""
     places = [[2.0, 0.0, 1.0], [2.0, 2.0, 1.0], [0.0, 2.0, 1.0]]

@@ -58,9 +58,10 @@ def plan_minimum_time(
 
     Args:
         scenario: scenario to plan for. Its step is a first guess of the answer's.
-        knots: number of knots of the plan; the scenario's if not given.
+        knots: number of knots of the plan; the scenario's if not given. With a smoothing no step is
+            shorter than its width, so that fewer knots may take less time.
         arrival: "together", all at the last knot; or "each", every vehicle at the earliest knot
-            found, after which it stays at its goal. The last arrival is the same.
+            found, after which it stays at its goal. The last arrival is no later than together.
         solver: solver of the first plans, as for `plan`. Programs with a free final time are
             solved by Clarabel.
         progress: called with a short description of the current step, as after each iteration.
