@@ -336,8 +336,11 @@ class Scenario(ShownInNotebooks):
         velocities: FloatArray,
         before: FloatArray,
         tracking: Tracking | None = None,
+        flown: FloatArray | None = None,
     ) -> Scenario:
         """Return the scenario from other states on another grid, without waypoints before it.
+
+        Averages of a smoothing begin `lead` before the grid, and so do waypoints.
 
         Args:
             grid: remainder of the flight.
@@ -345,20 +348,25 @@ class Scenario(ShownInNotebooks):
             velocities: at its first knot [m/s], shape (N, 3).
             before: accelerations just before the first knot [m/s²], shape (N, 3).
             tracking: plan that a feedback tracks since an earlier time, if there is one.
+            flown: accelerations of the steps before the first knot that averages reach [m/s²],
+                shape (N, REACHED, 3); none if averages begin at rest, or without a smoothing.
         """
         disturbance = self.disturbance and unchecked(self.disturbance, tracking=tracking)
         states = zip(read_only(positions), read_only(velocities), read_only(before), strict=True)
+        earlier = [None] * len(self.vehicles) if flown is None else read_only(flown)
         vehicles = tuple(
             unchecked(
                 vehicle,
-                start=unchecked(vehicle.start, position=p, velocity=v, acceleration=_known(a)),
+                start=unchecked(
+                    vehicle.start, position=p, velocity=v, acceleration=_known(a), flown=reached
+                ),
                 waypoints=tuple(
                     each
                     for each in vehicle.waypoints
-                    if each.time is None or is_during_flight(each.time, grid)
+                    if each.time is None or is_during_flight(each.time, grid, self.lead)
                 ),
             )
-            for vehicle, (p, v, a) in zip(self.vehicles, states, strict=True)
+            for vehicle, (p, v, a), reached in zip(self.vehicles, states, earlier, strict=True)
         )
         passed = grid.step * round((grid.start - self.grid.start) / grid.step)
         bodies = tuple(each.since(passed) for each in self.bodies_in_flight)

@@ -29,6 +29,7 @@ from drake_rho.planning.horizon.measured_states import (
 )
 from drake_rho.planning.horizon.newer_maps import SeenMaps, with_obstacles
 from drake_rho.planning.horizon.seen_again import Seen, seen_again
+from drake_rho.planning.horizon.smooth_windows import resting_before, states_at
 from drake_rho.planning.horizon.waypoints_ahead import free_ahead, free_of, timed_as
 from drake_rho.planning.horizon.windows import (
     Planner,
@@ -128,14 +129,13 @@ class RecedingHorizon:
         whole = isinstance(replan_every, Integral) and not isinstance(replan_every, bool)
         if not whole or replan_every < 1:
             raise ValueError(f"replan_every: got {replan_every!r}, expected a whole number >= 1")
-        scenario.check_stepwise("a receding horizon")
         if free_final_time:
             check_rest_at_goals(scenario)
             if bounded_cost:
                 expected = "False with a free final time, since earlier arrivals cost more"
                 raise ValueError(f"bounded_cost: got True, expected {expected}")
         self.latency = latency_in_samples(scenario, latency, int(replan_every))
-        scenario = known_later(scenario, latency)
+        scenario = known_later(scenario, latency + scenario.lead)
         if reference is None:
             reference = free_reference if scenario.separation is None else tail_reference
         self.scenario, self.replan_every = scenario, int(replan_every)
@@ -172,7 +172,7 @@ class RecedingHorizon:
         if not self.windows:
             return self.scenario.fleet.start_states
         last = self.windows[-1]
-        return last.plan.states(knot - last.first_knot)
+        return states_at(last.plan, knot - last.first_knot)
 
     def step(
         self,
@@ -303,8 +303,11 @@ class RecedingHorizon:
         """Return a scenario from measured states; itself if these are the starts.
 
         Starts are exact, and so are states equal to them. Other states are estimates, whose errors
-        the tube begins with. A vehicle that was not seen is taken to be at its start.
+        the tube begins with. A vehicle that was not seen is taken to be at its start. With a
+        smoothing, flights begin at rest at their starts.
         """
+        if scenario.smoothing is not None:
+            return scenario
         positions, velocities = _split(_completed(states, scenario.fleet.start_states))
         fleet, tolerance = scenario.fleet, TOLERANCE if scenario.disturbance is None else ROUNDING
         deviations = positions - fleet.start_positions, velocities - fleet.start_velocities
@@ -321,7 +324,8 @@ class RecedingHorizon:
         """Return the first window."""
         times = with_options(self._options, best_plan)
         measured = partial(self._from_measured, states)
-        return FirstWindow(self._planner, times, measured, self.free_final_time).of(self.scenario)
+        first = FirstWindow(self._planner, times, measured, self.free_final_time)
+        return first.of(resting_before(self.scenario))
 
     def _next(self, knot: int, states: FloatArray) -> Window:
         """Return a window after the first."""
@@ -331,28 +335,39 @@ class RecedingHorizon:
         left, unseen = tail.scenario, np.isnan(states).any(axis=1)
         if left.obstacles is not self.scenario.obstacles:  # an obstacle was seen again
             left = with_obstacles(left, self.scenario.obstacles)
-        positions, velocities = _split(_completed(states, tail.states(0)))
-        deviations = positions - tail.positions[:, 0], velocities - tail.velocities[:, 0]
-        tracking = renewed_tracking(
-            self.scenario, left, left if unseen.any() else None, self.latency
-        )
-        if exceeding(left, deviations, 0.0, 0.0, ROUNDING).any():
-            before = left.fleet.accelerations_before
-            left = left.from_states(left.grid, positions, velocities, before, tracking)
-        elif left.disturbance is not None:
-            around = unchecked(left.disturbance, tracking=tracking)
-            left = left.derived(disturbance=around, under_way=True)
+        planned = states_at(tail, 0)
+        measured = _completed(states, planned)
+        deviations = _split(measured - planned)
+        if left.smoothing is None:
+            left = self._from_states(left, measured, deviations, unseen.any())
         off = off_tube(tail.scenario, deviations, self.latency)
         plan_next = self._planner.next
         if self.free_final_time:
             free = free_ahead(self._free, self.scenario, left.grid)
             plan_next = partial(next_window, self._planner, free)
-        on_plan = not off.any()
+        on_plan = left.smoothing is not None or not off.any()
         window = plan_next(left, knot, tail, last=last, on_plan=on_plan, stop=stop)
         if left.disturbance is None or not off.any():
             return window
         names = tuple(left.vehicles[i].name for i in np.flatnonzero(off))
         return dataclasses.replace(window, off_tube=names)
+
+    def _from_states(
+        self,
+        left: Scenario,
+        measured: FloatArray,
+        deviations: tuple[FloatArray, FloatArray],
+        unseen: bool,
+    ) -> Scenario:
+        """Return the rest of a flight from measured states (N, 6), with a new error tube."""
+        tracking = renewed_tracking(self.scenario, left, left if unseen else None, self.latency)
+        if exceeding(left, deviations, 0.0, 0.0, ROUNDING).any():
+            before = left.fleet.accelerations_before
+            return left.from_states(left.grid, *_split(measured), before, tracking)
+        if left.disturbance is None:
+            return left
+        around = unchecked(left.disturbance, tracking=tracking)
+        return left.derived(disturbance=around, under_way=True)
 
     def _rest(self, plan: Plan, knot: int) -> Plan:
         """Return the rest of a window's plan or contingency, with the obstacles known by now."""

@@ -31,7 +31,11 @@ def free_ahead(free: Free, whole: Scenario, grid: Grid) -> Free:
         grid: grid of the rest.
     """
     return tuple(
-        tuple(one for one, each in zip(own, vehicle.waypoints, strict=True) if _ahead(each, grid))
+        tuple(
+            one
+            for one, each in zip(own, vehicle.waypoints, strict=True)
+            if _ahead(each, grid, whole.lead)
+        )
         for own, vehicle in zip(free, whole.vehicles, strict=True)
     )
 
@@ -44,7 +48,7 @@ def timed_as(whole: Scenario, rest: Scenario) -> Scenario:
         rest: scenario of a window's plan, whose waypoints are those ahead.
     """
     vehicles = tuple(
-        _replaced(vehicle, iter(own.waypoints), rest.grid)
+        _replaced(vehicle, iter(own.waypoints), rest.grid, rest.lead)
         for vehicle, own in zip(whole.vehicles, rest.vehicles, strict=True)
     )
     return with_waypoints(whole, vehicles)
@@ -73,7 +77,7 @@ def until(scenario: Scenario, grid: Grid, vehicles: tuple[Vehicle, ...]) -> Scen
         tracking = scenario.disturbance.tracking or own
     given = scenario.derived(vehicles=vehicles, fleet=fleet)
     starts = fleet.start_positions, fleet.start_velocities, fleet.accelerations_before
-    ended = given.from_states(grid, *starts, tracking)
+    ended = given.from_states(grid, *starts, tracking, fleet.flown)
     return ended.derived(under_way=scenario.under_way)
 
 
@@ -95,15 +99,17 @@ def sooner(vehicle: Vehicle, free: tuple[bool, ...], start: float, factor: float
     return unchecked(vehicle, waypoints=waypoints)
 
 
-def _replaced(vehicle: Vehicle, ahead: Iterator[Waypoint], grid: Grid) -> Vehicle:
+def _replaced(vehicle: Vehicle, ahead: Iterator[Waypoint], grid: Grid, lead: float) -> Vehicle:
     """Return a vehicle with other waypoints in place of those that lie ahead."""
-    waypoints = tuple(next(ahead) if _ahead(each, grid) else each for each in vehicle.waypoints)
+    waypoints = tuple(
+        next(ahead) if _ahead(each, grid, lead) else each for each in vehicle.waypoints
+    )
     return unchecked(vehicle, waypoints=waypoints)
 
 
-def _ahead(waypoint: Waypoint, grid: Grid) -> bool:
-    """Return whether a waypoint is passed during the rest of a flight."""
-    return waypoint.time is None or is_during_flight(waypoint.time, grid)
+def _ahead(waypoint: Waypoint, grid: Grid, lead: float) -> bool:
+    """Return whether a waypoint is passed in the rest of a flight, which begins a lead earlier."""
+    return waypoint.time is None or is_during_flight(waypoint.time, grid, lead)
 
 
 def _times(vehicle: Vehicle) -> list[float | None]:
