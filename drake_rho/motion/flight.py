@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Literal
+from collections.abc import Sequence
+from typing import Literal, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -117,6 +118,18 @@ class Flight(ShownInNotebooks, metaclass=Described):
     """the flown trajectories"""
     windows: tuple[Window, ...]
     """predictions of which the flight consists, in the order of time"""
+
+    @classmethod
+    def composed(cls, scenario: Scenario, windows: Sequence[Window]) -> Self:
+        """Return the flight of a scenario by windows, each flown until the next."""
+        ends = [*(window.first_knot for window in windows[1:]), scenario.grid.knots - 1]
+        flown = [
+            window.plan.accelerations[:, : end - window.first_knot]
+            for window, end in zip(windows, ends, strict=True)
+        ]
+        statistics = sum((window.statistics for window in windows), Statistics())
+        plan = Plan.from_accelerations(scenario, np.concatenate(flown, axis=1), statistics)
+        return cls(plan, tuple(windows))
 
     def __repr__(self) -> str:
         """Return '<Flight of paper: 4 vehicles, 50 knots, 10 windows, cost 17027.2 m²/s⁴>'."""

@@ -268,7 +268,7 @@ class Plan(ShownInNotebooks, metaclass=Described):
         """Return the scenario of the rest of the flight from `knot`, counted from 0.
 
         Goals and arrival time remain. The start is the planned state at the knot, with the
-        acceleration of the step before it. With a smoothing, the accelerations before remain those that its averages reach.
+        acceleration of the step before it. With a smoothing, its averages go on from those before.
 
         Raises:
             ValueError: no step begins at `knot`.

@@ -22,6 +22,7 @@ from drake_rho.simulation.closed_loop import OnePlan, adopted
 from drake_rho.simulation.diagram import simulated
 from drake_rho.simulation.feedback import Horizon
 from drake_rho.simulation.small_steps import in_small_steps
+from drake_rho.simulation.small_windows import as_flown
 from drake_rho.simulation.winds import Wind
 
 _EVERY = 5
@@ -116,7 +117,7 @@ def simulate(
         _check_no_windows(scenario.kind, replan_every, free_final_time, planner, fallback)
         plan = adopted(_disturbed(scenario.plan.scenario, disturbance), scenario.plan)
         horizon = OnePlan(in_small_steps(plan))
-    return simulated(horizon, winds.none() if wind is None else wind, plant, rng)
+    return simulated(as_flown(horizon), winds.none() if wind is None else wind, plant, rng)
 
 
 def _disturbed(scenario: Scenario, disturbance: Disturbance | None) -> Scenario:

@@ -12,7 +12,6 @@ import numpy.typing as npt
 
 from drake_rho.motion.flight import Flight, Window
 from drake_rho.motion.plan import Plan
-from drake_rho.motion.statistics import Statistics
 from drake_rho.planning.call.options import Options
 from drake_rho.planning.call.progress import Progress, tell
 from drake_rho.planning.call.time_limit import within_time
@@ -260,14 +259,7 @@ class RecedingHorizon:
         """
         if not self.windows:
             raise ValueError("windows: got none, expected at least one planned window")
-        ends = [*(window.first_knot for window in self.windows[1:]), self.scenario.grid.knots - 1]
-        flown = [
-            window.plan.accelerations[:, : end - window.first_knot]
-            for window, end in zip(self.windows, ends, strict=True)
-        ]
-        statistics = sum((window.statistics for window in self.windows), Statistics())
-        plan = Plan.from_accelerations(self.scenario, np.concatenate(flown, axis=1), statistics)
-        return Flight(plan, tuple(self.windows))
+        return Flight.composed(self.scenario, self.windows)
 
     def _checked(self, states: npt.ArrayLike) -> FloatArray:
         """Return states as an array, shape (N, 6), with rows of NaN for vehicles not seen."""
