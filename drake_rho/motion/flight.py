@@ -84,6 +84,16 @@ class Window(metaclass=Described):
         """Return the window with the statistics of what was done before its plan, too."""
         return self._with(self.plan.with_statistics(spent + self.plan.statistics))
 
+    def going_on(self, flown: FloatArray) -> Window:
+        """Return the window after what was flown, as `Scenario.going_on`."""
+
+        def after(plan: Plan) -> Plan:
+            return unchecked(plan, scenario=plan.scenario.going_on(flown))
+
+        stop = self.contingency and after(self.contingency)
+        own, reference = after(self.plan), after(self.reference)
+        return unchecked(self, plan=own, reference=reference, contingency=stop)
+
     def lasting(self, seconds: float) -> Window:
         """Return the window with another wall time [s], which includes that of the reference."""
         return self._with(self.plan.lasting(seconds))

@@ -22,7 +22,7 @@ from drake_rho.scenario.consistency import (
 from drake_rho.scenario.context import Context, context_of
 from drake_rho.scenario.described import ShownInNotebooks
 from drake_rho.scenario.disturbance import Disturbance, Tracking
-from drake_rho.scenario.errors import ScenarioError, one_of
+from drake_rho.scenario.errors import one_of
 from drake_rho.scenario.fields import FloatArray, Name, read_only, record, unchecked
 from drake_rho.scenario.fleet import Fleet
 from drake_rho.scenario.known_obstacles import active_during, known_at_start
@@ -156,11 +156,12 @@ class Scenario(ShownInNotebooks):
         if not under_way:
             warn_of_scales(self.fleet, self.bodies)
         self.check_ends(under_way=under_way)
-        check_waypoints(self.fleet, self.grid, self.bodies)
+        earlier = self.lead if under_way else 0.0
+        check_waypoints(self.fleet, self.grid, self.bodies, earlier)
         check_requirements(self.requirements, self.fleet, self.names, self.grid, under_way)
         if self.hold_at_goal:
             check_goals_at_rest(self.vehicles)
-        if self.smoothing is not None:
+        if self.smoothing is not None and not under_way:
             check_smoothing(
                 self.smoothing,
                 self.grid,
@@ -183,19 +184,6 @@ class Scenario(ShownInNotebooks):
         if self.smoothing is None or not clear_of:
             return 0.0
         return self.smoothing.margin(float(largest_accelerations(self.fleet).max()))
-
-    def check_stepwise(self, by: str) -> None:
-        """Check that plans are flown as planned, without a smoothing.
-
-        Args:
-            by: what flies or continues plans in motion, where averages would need what was before.
-
-        Raises:
-            ScenarioError: the scenario has a smoothing.
-        """
-        if self.smoothing is not None:
-            expected = f"none with {by}: averages of a plan begin at rest"
-            raise ScenarioError("smoothing", self.smoothing, expected)
 
     @property
     def lead(self) -> float:
@@ -260,6 +248,19 @@ class Scenario(ShownInNotebooks):
     def limits_of(self, vehicle: Vehicle) -> Limits:
         """Return a vehicle's limits: its own where it has them, else the scenario's."""
         return self.limits.overridden_by(vehicle.limits)
+
+    def going_on(self, flown: FloatArray) -> Scenario:
+        """Return the scenario after what was flown, which averages of a smoothing reach.
+
+        Args:
+            flown: accelerations of the steps before the first knot [m/s²], (N, REACHED, 3).
+        """
+        vehicles = tuple(
+            unchecked(each, start=unchecked(each.start, flown=own))
+            for each, own in zip(self.vehicles, read_only(flown), strict=True)
+        )
+        fleet = self._fleet_of(vehicles, self.separation)
+        return self.derived(vehicles=vehicles, fleet=fleet)
 
     def without_obstacles(self) -> Scenario:
         """Return the scenario without obstacles (the paper's Examples 1 and 3)."""

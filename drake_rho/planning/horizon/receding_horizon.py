@@ -331,7 +331,7 @@ class RecedingHorizon:
         measured = _completed(states, planned)
         deviations = _split(measured - planned)
         if left.smoothing is None:
-            left = self._from_states(left, measured, deviations, unseen.any())
+            left = self._from_states(left, measured, deviations, bool(unseen.any()))
         off = off_tube(tail.scenario, deviations, self.latency)
         plan_next = self._planner.next
         if self.free_final_time:

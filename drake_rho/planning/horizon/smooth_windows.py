@@ -18,7 +18,7 @@ from __future__ import annotations
 import numpy as np
 
 from drake_rho.motion.plan import Plan
-from drake_rho.scenario.fields import FloatArray, read_only, unchecked
+from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.parts import REACHED
 from drake_rho.scenario.records import Scenario
 
@@ -31,11 +31,7 @@ def resting_before(scenario: Scenario) -> Scenario:
     """
     if scenario.smoothing is None:
         return scenario
-    rest = read_only(np.zeros((REACHED, 3)))
-    vehicles = tuple(
-        unchecked(each, start=unchecked(each.start, flown=rest)) for each in scenario.vehicles
-    )
-    return scenario.derived(vehicles=vehicles)
+    return scenario.going_on(np.zeros((len(scenario.vehicles), REACHED, 3)))
 
 
 def states_at(plan: Plan, knot: int) -> FloatArray:
