@@ -73,7 +73,7 @@ def until(scenario: Scenario, grid: Grid, vehicles: tuple[Vehicle, ...]) -> Scen
     """
     fleet, tracking = scenario.fleet, None
     if scenario.disturbance is not None:
-        own = Tracking(scenario.grid.start, tube_of(scenario).gains)
+        own = Tracking(scenario.grid.start - scenario.lead, tube_of(scenario).gains)
         tracking = scenario.disturbance.tracking or own
     given = scenario.derived(vehicles=vehicles, fleet=fleet)
     starts = fleet.start_positions, fleet.start_velocities, fleet.accelerations_before
