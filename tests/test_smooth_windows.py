@@ -157,7 +157,9 @@ def test_options_of_windows() -> None:
         follows = np.linspace(begin, min(begin + 2.5, 8.0), 50)
         apart = window.contingency.at(follows).positions - window.plan.at(follows).positions
         assert np.abs(apart).max() < 1e-9 or begin > 5.0
-    early = rho.plan_rho(scenario, free_final_time=True)
+    limits = dataclasses.replace(LIMITS, max_jerk=4.0)
+    jerky = smooth(rho.Smoothing(0.5, 2), limits=limits)
+    early = rho.plan_rho(jerky, free_final_time=True)
     assert rho.verify(early).ok
     rest = early.windows[-1].plan.accelerations
     assert not rest[:, -1].any()
@@ -181,6 +183,7 @@ def test_a_flight_with_a_sphere_seen_too_late_stays_smooth(tmp_path: Path) -> No
         assert np.array_equal(own.plan.at(times).states, loaded.plan.at(times).states)
 
 
+@pytest.mark.slow
 def test_what_is_written_of_a_flight_is_its_average(tmp_path: Path) -> None:
     flight = rho.plan_rho(smooth(rho.Smoothing(0.5, 2)))
     lead = flight.scenario.lead
@@ -193,6 +196,7 @@ def test_what_is_written_of_a_flight_is_its_average(tmp_path: Path) -> None:
     assert "<html" in rho.viewer_page(flight)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("smoothing", SMOOTHINGS[::2], ids=str)
 def test_windows_in_wind_stay_in_one_tube_around_a_smooth_motion(
     smoothing: rho.Smoothing,
@@ -220,6 +224,7 @@ def test_windows_in_wind_stay_in_one_tube_around_a_smooth_motion(
     assert np.linalg.norm(np.diff(a, axis=0), axis=2).max() <= 1.1 * steepest
 
 
+@pytest.mark.slow
 def test_vehicles_off_their_tube_are_named_and_fly_on_smoothly() -> None:
     scenario = _windy(SMOOTHINGS[0])
 
@@ -234,6 +239,7 @@ def test_vehicles_off_their_tube_are_named_and_fly_on_smoothly() -> None:
     assert np.linalg.norm(np.diff(a, axis=0), axis=2).max() <= 1.1 * steepest
 
 
+@pytest.mark.slow
 def test_windows_are_planned_a_latency_before_their_averages_begin() -> None:
     scenario = _windy(SMOOTHINGS[2])
     horizon = rho.RecedingHorizon(scenario, replan_every=3, latency=0.25)

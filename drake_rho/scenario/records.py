@@ -294,9 +294,13 @@ class Scenario(ShownInNotebooks):
             for each in self.obstacles
         )
         vehicles = self.vehicles if vehicles is None else tuple(vehicles)
-        disturbance = self.disturbance and self.disturbance.for_grid(grid)
         return dataclasses.replace(
-            self, vehicles=vehicles, obstacles=obstacles, grid=grid, disturbance=disturbance
+            self,
+            vehicles=vehicles,
+            obstacles=obstacles,
+            grid=grid,
+            disturbance=self.disturbance and self.disturbance.for_grid(grid),
+            smoothing=self.smoothing and self.smoothing.for_grid(grid),
         )
 
     def without_separation(self) -> Scenario:

@@ -50,9 +50,10 @@ def simulate(
     is, with the feedback of its scenario. Without a disturbance there is no feedback, and `verify`
     notes this.
 
-    A plan with a smoothing is flown as averaged, in small steps of constant acceleration: the
-    simulation's scenario is that of these steps. Its feedback begins with the smooth motion and is
-    held for as many of them as its sample lasts.
+    With a smoothing, plans and windows are flown as averaged, in small steps of constant
+    acceleration: the simulation's scenario is that of these steps, from where windows begin where
+    their averages do. Feedback begins with the smooth motion and is held for as many of them as its
+    sample lasts.
 
     Args:
         scenario: scenario to fly, a receding horizon that has not begun, or the plan or flight to
@@ -79,7 +80,6 @@ def simulate(
         InfeasibleError: the first window has no plan.
         SolverError: the solvers fail numerically in the first window.
         ValueError: an argument is invalid.
-        ScenarioError: a scenario with a smoothing is given, not a plan of it.
 
     Examples:
         >>> scenario = rho.load_scenario("courier")

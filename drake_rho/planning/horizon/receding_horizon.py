@@ -69,6 +69,10 @@ class RecedingHorizon:
     The times of waypoints without one are found with the first window, by `plan`. They stay, but
     become earlier with the arrival.
 
+    With a smoothing, windows continue the plan and the tube of the window before: a window that
+    began at measured states would be a jump. A flight depends on what is planned up to
+    `Scenario.lead` later, so that windows are planned as much earlier.
+
     Args:
         scenario: to be flown.
         replan_every: d, the steps flown of each window; the last window has the remaining ones.
@@ -95,7 +99,7 @@ class RecedingHorizon:
 
     Attributes:
         scenario: as given, with newer maps, sightings and the times found for waypoints; with a
-            latency, what becomes known in flight does so that much later.
+            latency or a smoothing, what becomes known in flight does so that much later.
         replan_every: as given.
         free_final_time: as given.
         latency: number of samples of the feedback that last as long as the latency, or longer.
@@ -104,8 +108,7 @@ class RecedingHorizon:
     Raises:
         ValueError: `replan_every` is not a whole number of at least 1, the latency is longer than
             a window is flown, or the cost is to be bounded with a free final time.
-        ScenarioError: the scenario has a smoothing, or a vehicle moves at its goal and the final
-            time is free.
+        ScenarioError: a vehicle moves at its goal and the final time is free.
     """
 
     @checked
@@ -163,7 +166,8 @@ class RecedingHorizon:
     def planned(self, knot: int) -> FloatArray:
         """Return the states that the last window plans for a knot, shape (N, 6).
 
-        Before there is a window, these are the starts of the scenario.
+        Before there is a window, these are the starts of the scenario. With a smoothing they are
+        those of the averages `Scenario.lead` before the knot, when the next window is planned.
 
         Args:
             knot: counted from 0, not before the start of the last window.
@@ -196,6 +200,8 @@ class RecedingHorizon:
                 of NaN, or of numbers larger than in any flight, stands for a vehicle that was not
                 seen: its planned state is used, and the tube begins with the errors that it may
                 have there.
+                With a smoothing states are those `Scenario.lead` before this time, and tell only
+                which vehicles are off the tube.
             time: of a knot at which a step begins, after that of the previous window, on the
                 scenario's clock [s]. The first window starts at the first knot.
             map: newer map, if there is one, by which windows plan from now on: cells are added,

@@ -87,12 +87,12 @@ def sooner(vehicle: Vehicle, free: tuple[bool, ...], start: float, factor: float
     Args:
         vehicle: vehicle of a window.
         free: whether the time of each of its waypoints is found.
-        start: time of the first knot [s].
+        start: time of the first knot [s]; with a smoothing waypoints may be a little earlier.
         factor: part of the time since the first knot.
     """
     waypoints = tuple(
         unchecked(each, time=start + factor * (each.time - start))
-        if one and each.time is not None
+        if one and each.time is not None and each.time > start
         else each
         for one, each in zip(free, vehicle.waypoints, strict=True)
     )
