@@ -686,21 +686,6 @@ def test_widths_are_positive_and_averages_one_to_three(values: tuple[float, int]
         rho.Smoothing(*values)
 
 
-def test_what_flies_in_motion_refuses_smoothing() -> None:
-    scenario = smooth()
-    plan = rho.plan(scenario)
-    for call in (
-        lambda: rho.plan_rho(scenario),
-        lambda: rho.RecedingHorizon(scenario),
-        lambda: rho.simulate(scenario),
-    ):
-        with pytest.raises(rho.ScenarioError) as caught:
-            call()
-        assert caught.value.field == "smoothing"
-    with pytest.raises(ValueError, match="begin at rest"):
-        plan.remainder(3)
-
-
 @pytest.mark.parametrize("smoothing", [*slow(*SMOOTHINGS[:-1]), SMOOTHINGS[-1]], ids=str)
 def test_simulations_fly_the_smooth_motion(smoothing: rho.Smoothing) -> None:
     plan = rho.plan(smooth(smoothing))

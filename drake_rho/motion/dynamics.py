@@ -58,6 +58,8 @@ class Motion:
         accelerations: in the steps [m/s²], shape (..., K-1, 3).
         before: acceleration just before the first knot [m/s²], shape (..., 3); NaN where it is not
             given, so that the first knot has no jerk.
+        flown: accelerations of the steps before the first knot that averages reach [m/s²], shape
+            (..., REACHED, 3); None for motions that begin at rest.
     """
 
     step: float
@@ -65,6 +67,7 @@ class Motion:
     velocities: FloatArray
     accelerations: FloatArray
     before: FloatArray
+    flown: FloatArray | None = None
 
     @classmethod
     def from_start(cls, start: State, accelerations: FloatArray, step: float) -> Self:
@@ -76,13 +79,13 @@ class Motion:
     def from_starts(cls, fleet: Fleet, accelerations: FloatArray, step: float) -> Self:
         """Return the motions of a fleet from its starts with `accelerations`, (N, K-1, 3)."""
         p, v = roll_out(fleet.start_positions, fleet.start_velocities, accelerations, step)
-        return cls(step, p, v, accelerations, fleet.accelerations_before)
+        return cls(step, p, v, accelerations, fleet.accelerations_before, fleet.flown)
 
     def with_accelerations(self, accelerations: FloatArray) -> Motion:
         """Return the motions with other accelerations from the same starts."""
         p, v = self.positions[..., 0, :], self.velocities[..., 0, :]
         p, v = roll_out(p, v, accelerations, self.step)
-        return Motion(self.step, p, v, accelerations, self.before)
+        return Motion(self.step, p, v, accelerations, self.before, self.flown)
 
     def with_vehicles(self, vehicles: IntArray, accelerations: FloatArray) -> Motion:
         """Return the motions with other accelerations of some vehicles.
@@ -106,7 +109,7 @@ class Motion:
             start = self.positions[vehicles, 0], self.velocities[vehicles, 0]
             p[vehicles], v[vehicles] = roll_out(*start, accelerations, self.step)
             a[vehicles] = accelerations
-        return Motion(self.step, p, v, a, self.before)
+        return Motion(self.step, p, v, a, self.before, self.flown)
 
     def subdivided(self, pieces: int) -> Motion:
         """Return the same motions with each step divided into equal pieces.
@@ -128,7 +131,7 @@ class Motion:
             for each, last in zip(states, (self.positions, self.velocities), strict=True)
         )
         repeated = np.repeat(self.accelerations, pieces, axis=-2)
-        return Motion(self.step / pieces, positions, velocities, repeated, self.before)
+        return Motion(self.step / pieces, positions, velocities, repeated, self.before, self.flown)
 
     def of(self, vehicles: IntArray | slice) -> Motion:
         """Return the motions of some of the vehicles."""
@@ -138,6 +141,7 @@ class Motion:
             self.velocities[vehicles],
             self.accelerations[vehicles],
             self.before[vehicles],
+            None if self.flown is None else self.flown[vehicles],
         )
 
     def at(self, quantity: Quantity, times: npt.ArrayLike) -> FloatArray:

@@ -237,6 +237,8 @@ def _unpack_flight(
     )
     plan = _unpack("plan", content, maps)
     _check_windows(plan, windows)
+    if (smooth := plan.smooth()) is not None:
+        windows = tuple(each.going_on(smooth.flown_until(each.first_knot)) for each in windows)
     return Flight(plan, windows)
 
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Literal
+from collections.abc import Sequence
+from typing import Literal, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -83,6 +84,16 @@ class Window(metaclass=Described):
         """Return the window with the statistics of what was done before its plan, too."""
         return self._with(self.plan.with_statistics(spent + self.plan.statistics))
 
+    def going_on(self, flown: FloatArray) -> Window:
+        """Return the window after what was flown, as `Scenario.going_on`."""
+
+        def after(plan: Plan) -> Plan:
+            return unchecked(plan, scenario=plan.scenario.going_on(flown))
+
+        stop = self.contingency and after(self.contingency)
+        own, reference = after(self.plan), after(self.reference)
+        return unchecked(self, plan=own, reference=reference, contingency=stop)
+
     def lasting(self, seconds: float) -> Window:
         """Return the window with another wall time [s], which includes that of the reference."""
         return self._with(self.plan.lasting(seconds))
@@ -117,6 +128,18 @@ class Flight(ShownInNotebooks, metaclass=Described):
     """the flown trajectories"""
     windows: tuple[Window, ...]
     """predictions of which the flight consists, in the order of time"""
+
+    @classmethod
+    def composed(cls, scenario: Scenario, windows: Sequence[Window]) -> Self:
+        """Return the flight of a scenario by windows, each flown until the next."""
+        ends = [*(window.first_knot for window in windows[1:]), scenario.grid.knots - 1]
+        flown = [
+            window.plan.accelerations[:, : end - window.first_knot]
+            for window, end in zip(windows, ends, strict=True)
+        ]
+        statistics = sum((window.statistics for window in windows), Statistics())
+        plan = Plan.from_accelerations(scenario, np.concatenate(flown, axis=1), statistics)
+        return cls(plan, tuple(windows))
 
     def __repr__(self) -> str:
         """Return '<Flight of paper: 4 vehicles, 50 knots, 10 windows, cost 17027.2 m²/s⁴>'."""

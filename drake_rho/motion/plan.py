@@ -223,6 +223,7 @@ class Plan(ShownInNotebooks, metaclass=Described):
             self.velocities,
             self.accelerations,
             self.scenario.fleet.accelerations_before,
+            self.scenario.fleet.flown,
         )
 
     def smooth(self) -> SmoothMotion | None:
@@ -267,14 +268,11 @@ class Plan(ShownInNotebooks, metaclass=Described):
         """Return the scenario of the rest of the flight from `knot`, counted from 0.
 
         Goals and arrival time remain. The start is the planned state at the knot, with the
-        acceleration of the step before it.
+        acceleration of the step before it. With a smoothing, its averages go on from those before.
 
         Raises:
-            ValueError: no step begins at `knot`, or the scenario has a smoothing, which begins at
-                rest.
+            ValueError: no step begins at `knot`.
         """
-        if knot != 0 and self.scenario.smoothing is not None:
-            raise ValueError(f"knot: got {knot}, expected 0: with smoothing, flights begin at rest")
         if not 0 <= knot < self.scenario.grid.knots - 1:
             expected = f"0 to {self.scenario.grid.knots - 2}"
             raise ValueError(f"knot: got {knot}, expected {expected}")
@@ -286,6 +284,7 @@ class Plan(ShownInNotebooks, metaclass=Described):
             self._without_rounding("velocity", self.velocities[:, knot]),
             self._without_rounding("acceleration", self.accelerations[:, knot - 1]),
             tube_of(self.scenario).tracking if self.scenario.disturbance else None,
+            None if (smooth := self.smooth()) is None else smooth.flown_until(knot),
         )
 
     def _without_rounding(self, quantity: Quantity, values: FloatArray) -> FloatArray:

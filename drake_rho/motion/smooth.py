@@ -1,6 +1,7 @@
 """Smooth motions of plans: moving averages of positions, in closed form (`rho.Smoothing`).
 
-A plan is at rest before its first knot and after its last. Its acceleration is then a sum of steps,
+A plan is at rest before its first knot and after its last; that of a window goes on from what was
+flown before. Its acceleration is then a sum of steps,
 one at each knot, and all that averaging does to a step is within n w/2 of it. So the smooth motion
 is the plan's own, with the accelerations of the step at a time t displaced by n w²/24 a, plus one
 term for each knot that is nearer than n w/2. With the truncated powers
@@ -22,15 +23,11 @@ import numpy as np
 
 from drake_rho.motion.dynamics import Motion, response, step_at
 from drake_rho.scenario.fields import FloatArray, IntArray
-from drake_rho.scenario.parts import SAME_TIME, Grid, Quantity
+from drake_rho.scenario.parts import REACHED, SAME_TIME, Grid, Quantity
 from drake_rho.scenario.smoothing import Smoothing
 
 if TYPE_CHECKING:
     from pydrake.trajectories import PiecewisePolynomial
-
-_RESTING = 4
-"""Steps of rest with which a plan is extended on both sides: averages reach three half steps, and
-the knots beside them are looked at too."""
 
 _KNOTS = -1, 0, 1, 2
 """Knots that averages at a time may reach, relative to the one at which its step begins."""
@@ -62,7 +59,7 @@ class Polynomials:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class SmoothMotion:
-    """Moving averages of motions that begin and end at rest."""
+    """Moving averages of motions that end at rest, and begin at rest or in a flight."""
 
     motion: Motion
     """motions of N vehicles with piecewise constant accelerations"""
@@ -79,7 +76,7 @@ class SmoothMotion:
         whole = self._extended
         s = (elapsed - whole.step * k)[:, None]
         p, v, a = (
-            each[:, k + _RESTING]
+            each[:, k + REACHED]
             for each in (whole.positions, whole.velocities, whole.accelerations)
         )
         return (
@@ -91,16 +88,21 @@ class SmoothMotion:
     def each_at(self, vehicles: IntArray, times: FloatArray) -> FloatArray:
         """Return the position of one vehicle at each time since the first knot [s], (M, 3)."""
         added = corrections(self.smoothing, self.motion.step, times)
-        k = self._steps_of(times)[:, None] + _AROUND + _RESTING
+        k = self._steps_of(times)[:, None] + _AROUND + REACHED
         near = self._extended.accelerations[vehicles[:, None], k]
         own = self.motion.each_at("position", vehicles, times)
+        if (early := times < 0.0).any():
+            later = times[early] + REACHED * self.motion.step
+            own[early] = self._extended.each_at("position", vehicles[early], later)
         return np.asarray(own + np.einsum("mo,mox->mx", added, near))
 
     def polynomials(self) -> Polynomials:
         """Return the motions as polynomials of degree n + 2, which differ from piece to piece."""
         n, w, h = self.smoothing.times, self.smoothing.width, self.motion.step
-        knots = h * np.arange(self.motion.positions.shape[1])
+        first = 0 if self.motion.flown is None else -REACHED
+        knots = h * np.arange(first, self.motion.positions.shape[1])
         instants = np.unique(knots[:, None] + w * (np.arange(n + 1) - n / 2.0))
+        instants = instants[instants >= -n * w / 2.0 - SAME_TIME * h]
         instants = instants[np.append(True, np.diff(instants) > SAME_TIME * h)]
         half = np.diff(instants) / 2.0
         middles = instants[:-1] + half  # where each derivative has one value
@@ -116,12 +118,35 @@ class SmoothMotion:
 
     @cached_property
     def _extended(self) -> Motion:
-        """The motions with rest before and after."""
+        """The motions with what was flown, or rest, before, and with rest after."""
         own = self.motion
-        around = ((0, 0), (_RESTING, _RESTING), (0, 0))
+        if own.flown is not None:
+            return self._flown_on
+        around = ((0, 0), (REACHED, REACHED), (0, 0))
         p = np.pad(own.positions, around, mode="edge")
         v, a = np.pad(own.velocities, around), np.pad(own.accelerations, around)
         return Motion(own.step, p, v, a, own.before)
+
+    @property
+    def _flown_on(self) -> Motion:
+        """The motions with what was flown before and with rest after."""
+        own, after = self.motion, ((0, 0), (0, REACHED), (0, 0))
+        assert own.flown is not None  # noqa: S101  # the caller checks this
+        h, a = own.step, own.flown
+        v = own.velocities[:, :1] - h * np.cumsum(a[:, ::-1], axis=1)[:, ::-1]
+        moves = h * (v + h / 2.0 * a)
+        p = own.positions[:, :1] - np.cumsum(moves[:, ::-1], axis=1)[:, ::-1]
+        return Motion(
+            h,
+            np.concatenate([p, np.pad(own.positions, after, mode="edge")], axis=1),
+            np.concatenate([v, np.pad(own.velocities, after)], axis=1),
+            np.concatenate([a, np.pad(own.accelerations, after)], axis=1),
+            own.before,
+        )
+
+    def flown_until(self, knot: int) -> FloatArray:
+        """Return the accelerations before a knot that averages reach [m/s²], (N, REACHED, 3)."""
+        return np.asarray(self._extended.accelerations[:, knot : knot + REACHED])
 
     def _steps_of(self, elapsed: FloatArray) -> IntArray:
         """Return the numbers of the steps at times, negative before the first knot."""
@@ -139,7 +164,7 @@ class SmoothMotion:
         added = np.zeros((len(a), len(elapsed), 3))
         for knot in _KNOTS:
             at = k + knot
-            jumps = a[:, at + _RESTING] - a[:, at + _RESTING - 1]
+            jumps = a[:, at + REACHED] - a[:, at + REACHED - 1]
             weights = _of_knot(self.smoothing, order, elapsed - h * at, knot <= 0)
             added += weights[:, None] * jumps
         return added

@@ -157,8 +157,16 @@ def check_limits(fleet: Fleet, *, under_way: bool = False) -> None:
                 limit.check(f"{end}.{quantity}", values)
 
 
-def check_waypoints(fleet: Fleet, grid: Grid, obstacles: Sequence[Obstacle]) -> None:
+def check_waypoints(
+    fleet: Fleet, grid: Grid, obstacles: Sequence[Obstacle], earlier: float = 0.0
+) -> None:
     """Check that waypoints are during the flight, in position boxes and outside obstacles.
+
+    Args:
+        fleet: the vehicles.
+        grid: the grid.
+        obstacles: all obstacles.
+        earlier: time by which the motion of a window begins before the first knot [s].
 
     Raises:
         ScenarioError: a waypoint is not.
@@ -167,7 +175,7 @@ def check_waypoints(fleet: Fleet, grid: Grid, obstacles: Sequence[Obstacle]) -> 
         where = f"waypoints[{index}]"
         for i in np.flatnonzero(waypoints.present):
             time = float(waypoints.times[i])
-            if not is_during_flight(time, grid):
+            if not is_during_flight(time, grid, earlier):
                 expected = f"after {grid.start:g} s and before {grid.end:g} s"
                 raise ScenarioError(
                     f"vehicles[{i}].{where}.time", time, f"a time in the flight, {expected}"

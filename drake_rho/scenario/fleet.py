@@ -76,6 +76,15 @@ class Fleet:
         return np.array([np.full(3, np.nan) if each is None else each for each in given])
 
     @cached_property
+    def flown(self) -> FloatArray | None:
+        """Accelerations before the first knot that averages reach [m/s²], (N, REACHED, 3).
+
+        None for motions that begin at rest (`State.flown`).
+        """
+        flown = [each.start.flown for each in self._vehicles if each.start.flown is not None]
+        return np.array(flown) if len(flown) == len(self._vehicles) else None
+
+    @cached_property
     def goal_positions(self) -> FloatArray:
         """Goal positions p[K] [m], shape (N, 3)."""
         return np.array([vehicle.goal.position for vehicle in self._vehicles])

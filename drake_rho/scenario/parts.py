@@ -54,6 +54,10 @@ SAME_TIME = 1e-9
 """Part of a step, or of a sample of the feedback, by which two times may differ and still count as
 equal."""
 
+REACHED = 4
+"""Steps before the first knot and after the last that are looked at beside a smoothing: averages
+that begin up to one and a half steps early reach as far back again, and the knot before is seen."""
+
 _ROUNDINGS = 8.0
 """Multiple of the clock's rounding by which two times may differ and still count as equal: it
 covers sums of a few times and a user's own arithmetic."""
@@ -172,6 +176,15 @@ class State:
             velocity: npt.ArrayLike = ...,
             acceleration: npt.ArrayLike | None = None,
         ) -> None: ...
+
+    @cached_property
+    def flown(self) -> FloatArray | None:
+        """Accelerations of the steps before the first knot that averages reach, (REACHED, 3).
+
+        They are in m/s² and those of a flight in windows with a smoothing; None elsewhere, where
+        averages begin at rest.
+        """
+        return None
 
 
 @record

@@ -22,7 +22,7 @@ from drake_rho.scenario.consistency import (
 from drake_rho.scenario.context import Context, context_of
 from drake_rho.scenario.described import ShownInNotebooks
 from drake_rho.scenario.disturbance import Disturbance, Tracking
-from drake_rho.scenario.errors import ScenarioError, one_of
+from drake_rho.scenario.errors import one_of
 from drake_rho.scenario.fields import (
     Boolean,
     FloatArray,
@@ -163,11 +163,12 @@ class Scenario(ShownInNotebooks):
         if not under_way:
             warn_of_scales(self.fleet, self.bodies)
         self.check_ends(under_way=under_way)
-        check_waypoints(self.fleet, self.grid, self.bodies)
+        earlier = self.lead if under_way else 0.0
+        check_waypoints(self.fleet, self.grid, self.bodies, earlier)
         check_requirements(self.requirements, self.fleet, self.names, self.grid, under_way)
         if self.hold_at_goal:
             check_goals_at_rest(self.vehicles)
-        if self.smoothing is not None:
+        if self.smoothing is not None and not under_way:
             check_smoothing(
                 self.smoothing,
                 self.grid,
@@ -190,19 +191,6 @@ class Scenario(ShownInNotebooks):
         if self.smoothing is None or not clear_of:
             return 0.0
         return self.smoothing.margin(float(largest_accelerations(self.fleet).max()))
-
-    def check_stepwise(self, by: str) -> None:
-        """Check that plans are flown as planned, without a smoothing.
-
-        Args:
-            by: what flies or continues plans in motion, where averages would need what was before.
-
-        Raises:
-            ScenarioError: the scenario has a smoothing.
-        """
-        if self.smoothing is not None:
-            expected = f"none with {by}: averages of a plan begin at rest"
-            raise ScenarioError("smoothing", self.smoothing, expected)
 
     @property
     def lead(self) -> float:
@@ -268,6 +256,19 @@ class Scenario(ShownInNotebooks):
         """Return a vehicle's limits: its own where it has them, else the scenario's."""
         return self.limits.overridden_by(vehicle.limits)
 
+    def going_on(self, flown: FloatArray) -> Scenario:
+        """Return the scenario after what was flown, which averages of a smoothing reach.
+
+        Args:
+            flown: accelerations of the steps before the first knot [m/s²], (N, REACHED, 3).
+        """
+        vehicles = tuple(
+            unchecked(each, start=unchecked(each.start, flown=own))
+            for each, own in zip(self.vehicles, read_only(flown), strict=True)
+        )
+        fleet = self._fleet_of(vehicles, self.separation)
+        return self.derived(vehicles=vehicles, fleet=fleet)
+
     def without_obstacles(self) -> Scenario:
         """Return the scenario without obstacles (the paper's Examples 1 and 3)."""
         return self.derived(obstacles=())
@@ -300,9 +301,13 @@ class Scenario(ShownInNotebooks):
             for each in self.obstacles
         )
         vehicles = self.vehicles if vehicles is None else tuple(vehicles)
-        disturbance = self.disturbance and self.disturbance.for_grid(grid)
         return dataclasses.replace(
-            self, vehicles=vehicles, obstacles=obstacles, grid=grid, disturbance=disturbance
+            self,
+            vehicles=vehicles,
+            obstacles=obstacles,
+            grid=grid,
+            disturbance=self.disturbance and self.disturbance.for_grid(grid),
+            smoothing=self.smoothing and self.smoothing.for_grid(grid),
         )
 
     def without_separation(self) -> Scenario:
@@ -343,8 +348,11 @@ class Scenario(ShownInNotebooks):
         velocities: FloatArray,
         before: FloatArray,
         tracking: Tracking | None = None,
+        flown: FloatArray | None = None,
     ) -> Scenario:
         """Return the scenario from other states on another grid, without waypoints before it.
+
+        Averages of a smoothing begin `lead` before the grid, and so do waypoints.
 
         Args:
             grid: remainder of the flight.
@@ -352,20 +360,25 @@ class Scenario(ShownInNotebooks):
             velocities: at its first knot [m/s], shape (N, 3).
             before: accelerations just before the first knot [m/s²], shape (N, 3).
             tracking: plan that a feedback tracks since an earlier time, if there is one.
+            flown: accelerations of the steps before the first knot that averages reach [m/s²],
+                shape (N, REACHED, 3); none if averages begin at rest, or without a smoothing.
         """
         disturbance = self.disturbance and unchecked(self.disturbance, tracking=tracking)
         states = zip(read_only(positions), read_only(velocities), read_only(before), strict=True)
+        earlier = [None] * len(self.vehicles) if flown is None else read_only(flown)
         vehicles = tuple(
             unchecked(
                 vehicle,
-                start=unchecked(vehicle.start, position=p, velocity=v, acceleration=_known(a)),
+                start=unchecked(
+                    vehicle.start, position=p, velocity=v, acceleration=_known(a), flown=reached
+                ),
                 waypoints=tuple(
                     each
                     for each in vehicle.waypoints
-                    if each.time is None or is_during_flight(each.time, grid)
+                    if each.time is None or is_during_flight(each.time, grid, self.lead)
                 ),
             )
-            for vehicle, (p, v, a) in zip(self.vehicles, states, strict=True)
+            for vehicle, (p, v, a), reached in zip(self.vehicles, states, earlier, strict=True)
         )
         passed = grid.step * round((grid.start - self.grid.start) / grid.step)
         bodies = tuple(each.since(passed) for each in self.bodies_in_flight)

@@ -84,10 +84,16 @@ def check_times(vehicles: Sequence[Vehicle]) -> None:
                 raise ScenarioError(where, Description("none"), expected)
 
 
-def is_during_flight(time: float, grid: Grid) -> bool:
-    """Return whether a time on the scenario's clock [s] is strictly between first and last knot."""
+def is_during_flight(time: float, grid: Grid, earlier: float = 0.0) -> bool:
+    """Return whether a time on the scenario's clock is strictly between first and last knot.
+
+    Args:
+        time: the time [s].
+        grid: the grid.
+        earlier: time by which the motion begins before the first knot [s].
+    """
     least = max(_AT_ONCE * grid.step, grid.rounding)
-    return grid.start + least < time < grid.end - least
+    return grid.start - earlier + least < time < grid.end - least
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -20,6 +20,7 @@ from drake_rho.simulation import winds
 from drake_rho.simulation.estimates import EstimationErrors
 from drake_rho.simulation.feedback import Feedback
 from drake_rho.simulation.small_steps import in_small_steps
+from drake_rho.simulation.small_windows import as_flown
 from drake_rho.simulation.timeline import Timeline
 from drake_rho.simulation.winds import Wind, checked_wind
 
@@ -79,7 +80,7 @@ def fly(
         planner=planner,
         fallback=fallback,
     )
-    return flown(Feedback(horizon), wind, rng)
+    return flown(Feedback(as_flown(horizon)), wind, rng)
 
 
 def fly_plan(

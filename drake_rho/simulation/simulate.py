@@ -22,6 +22,7 @@ from drake_rho.simulation.closed_loop import OnePlan, adopted
 from drake_rho.simulation.diagram import simulated
 from drake_rho.simulation.feedback import Horizon
 from drake_rho.simulation.small_steps import in_small_steps
+from drake_rho.simulation.small_windows import as_flown
 from drake_rho.simulation.winds import Wind
 
 _EVERY = 5
@@ -49,9 +50,10 @@ def simulate(
     is, with the feedback of its scenario. Without a disturbance there is no feedback, and `verify`
     notes this.
 
-    A plan with a smoothing is flown as averaged, in small steps of constant acceleration: the
-    simulation's scenario is that of these steps. Its feedback begins with the smooth motion and is
-    held for as many of them as its sample lasts.
+    With a smoothing, plans and windows are flown as averaged, in small steps of constant
+    acceleration: the simulation's scenario is that of these steps, from where windows begin where
+    their averages do. Feedback begins with the smooth motion and is held for as many of them as its
+    sample lasts.
 
     Args:
         scenario: scenario to fly, a receding horizon that has not begun, or the plan or flight to
@@ -78,7 +80,6 @@ def simulate(
         InfeasibleError: the first window has no plan.
         SolverError: the solvers fail numerically in the first window.
         ValueError: an argument is invalid.
-        ScenarioError: a scenario with a smoothing is given, not a plan of it.
 
     Examples:
         >>> scenario = rho.load_scenario("courier")
@@ -119,7 +120,7 @@ def simulate(
         _check_no_windows(scenario.kind, replan_every, free_final_time, planner, fallback)
         plan = adopted(_disturbed(scenario.plan.scenario, disturbance), scenario.plan)
         horizon = OnePlan(in_small_steps(plan))
-    return simulated(horizon, winds.none() if wind is None else wind, plant, rng)
+    return simulated(as_flown(horizon), winds.none() if wind is None else wind, plant, rng)
 
 
 def _disturbed(scenario: Scenario, disturbance: Disturbance | None) -> Scenario:

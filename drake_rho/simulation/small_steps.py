@@ -11,6 +11,7 @@ from drake_rho.motion.plan import Plan
 from drake_rho.motion.scenario_tube import tube_of
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.parts import SAME_TIME, Grid
+from drake_rho.scenario.records import Scenario
 
 _PARTS = 32
 """Least number of steps in the width of an average."""
@@ -26,37 +27,67 @@ def in_small_steps(plan: Plan) -> Plan:
     With a disturbance a whole number of small steps is a sample of the feedback, so that the flight
     may end with less than a small step at the goal. The feedback is that of the plan's error tube.
     """
-    scenario, smoothing = plan.scenario, plan.scenario.smoothing
-    if smoothing is None:
+    scenario = plan.scenario
+    if scenario.smoothing is None:
         return plan
-    lasting, disturbance = scenario.grid.duration + 2.0 * scenario.lead, scenario.disturbance
-    if disturbance is None:
-        steps = math.ceil(lasting / smoothing.width * _PARTS)
-        step = lasting / steps
-    else:
+    step = small_step(scenario)
+    if scenario.disturbance is None:  # the flight is a whole number of steps
+        lasting = _lasting(scenario)
+        step = lasting / math.ceil(lasting / scenario.smoothing.width * _PARTS)
+    return averaged_in(small_scenario(scenario, step), plan)
+
+
+def small_step(scenario: Scenario) -> float:
+    """Return a small step, of which a sample of the feedback is a whole number [s]."""
+    assert scenario.smoothing is not None  # noqa: S101  # callers check this
+    sample = scenario.grid.step if scenario.disturbance is None else tube_of(scenario).sample
+    return sample / math.ceil(sample / scenario.smoothing.width * _PARTS)
+
+
+def small_scenario(scenario: Scenario, step: float) -> Scenario:
+    """Return a scenario with smoothing as one without, on a grid of small steps [s].
+
+    It begins when the smooth motion begins.
+    """
+    steps = math.ceil(_lasting(scenario) / step * (1.0 - SAME_TIME))
+    grid, disturbance = Grid(step, steps + 1, scenario.grid.start - scenario.lead), None
+    if scenario.disturbance is not None:
         tube = tube_of(scenario)
-        step = tube.sample / math.ceil(tube.sample / smoothing.width * _PARTS)
-        steps = math.ceil(lasting / step * (1.0 - SAME_TIME))
         disturbance = dataclasses.replace(
-            disturbance, feedback_every=tube.sample, tracking=tube.tracking
+            scenario.disturbance, feedback_every=tube.sample, tracking=tube.tracking
         )
-    grid = Grid(step, steps + 1, scenario.grid.start - scenario.lead)
-    elapsed = np.minimum(grid.elapsed, lasting) - scenario.lead
-    accelerations = np.diff(plan.sampled(elapsed).velocities, axis=1) / grid.step
-    stepwise = dataclasses.replace(scenario, grid=grid, smoothing=None, disturbance=disturbance)
-    first = Plan.from_accelerations(stepwise, accelerations, plan.statistics)
-    return Plan.from_accelerations(stepwise, accelerations + _closing(first), plan.statistics)
+    return dataclasses.replace(scenario, grid=grid, smoothing=None, disturbance=disturbance)
 
 
-def _closing(plan: Plan) -> FloatArray:
-    """Return the least change of accelerations that leads to the goals [m/s²], (N, K-1, 3)."""
-    fleet, grid = plan.scenario.fleet, plan.scenario.grid
+def averaged_in(small: Scenario, plan: Plan) -> Plan:
+    """Return a smooth motion as a plan of a scenario in small steps, which ends where it ends.
+
+    Args:
+        small: scenario in small steps, from where the smooth motion begins.
+        plan: plan with a smoothing.
+    """
+    lasting, lead, grid = _lasting(plan.scenario), plan.scenario.lead, small.grid
+    samples = plan.sampled(np.minimum(grid.elapsed, lasting) - lead)
+    accelerations = np.diff(samples.velocities, axis=1) / grid.step
+    first = Plan.from_accelerations(small, accelerations, plan.statistics)
+    ends = samples.positions[:, -1], samples.velocities[:, -1]
+    return Plan.from_accelerations(small, accelerations + _closing(first, *ends), plan.statistics)
+
+
+def _lasting(scenario: Scenario) -> float:
+    """Return how long a smooth motion lasts [s]."""
+    return scenario.grid.duration + 2.0 * scenario.lead
+
+
+def _closing(plan: Plan, positions: FloatArray, velocities: FloatArray) -> FloatArray:
+    """Return the least change of accelerations that leads to states (N, 3) [m/s²], (N, K-1, 3)."""
+    grid = plan.scenario.grid
     remaining = grid.duration - grid.step * (np.arange(grid.knots - 1) + 0.5)
     rows = grid.step * np.stack([remaining / grid.duration, np.ones(len(remaining))])
     missing = np.stack(
         [
-            (fleet.goal_positions - plan.positions[:, -1]) / grid.duration,
-            fleet.goal_velocities - plan.velocities[:, -1],
+            (positions - plan.positions[:, -1]) / grid.duration,
+            velocities - plan.velocities[:, -1],
         ]
     )
     weights = np.linalg.solve(rows @ rows.T, missing.reshape(2, -1)).reshape(missing.shape)

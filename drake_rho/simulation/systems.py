@@ -29,6 +29,7 @@ from drake_rho.scenario.parts import SAME_TIME
 from drake_rho.scenario.records import Scenario
 from drake_rho.simulation.estimates import EstimationErrors
 from drake_rho.simulation.feedback import Feedback, Horizon, Memory
+from drake_rho.simulation.small_windows import as_flown
 from drake_rho.simulation.timeline import Timeline
 from drake_rho.simulation.winds import Wind, checked_wind
 
@@ -57,7 +58,7 @@ class RecedingHorizonController(LeafSystem):
         super().__init__()
         if isinstance(horizon, Scenario):
             horizon = RecedingHorizon(horizon)
-        self._feedback = Feedback(horizon)
+        self._feedback = Feedback(as_flown(horizon))
         count = len(horizon.scenario.vehicles)
         self._states = self.DeclareVectorInputPort("states", 6 * count)
         self._memory = self.DeclareAbstractState(Value[object](self._feedback.start))

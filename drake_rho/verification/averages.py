@@ -4,7 +4,9 @@ The acceleration of a smooth motion is an average of the plan's, in which each s
 the weights that lies in it: a difference of two values of their sum up to a time, which for one,
 two or three averages is the distribution of as many uniform numbers. Between the instants at which
 these polynomials begin and end, it is a polynomial of degree n, found here from n + 1 of its
-values. Two integrations from rest at the start lead to velocities and positions.
+values. Two integrations lead to velocities and positions, from rest at the start or, in a window
+of a flight, from averages of the motion before: of positions and velocities, by Gauss' quadrature
+between the instants at which a polynomial begins, which is exact.
 """
 
 from __future__ import annotations
@@ -32,8 +34,10 @@ def averaged(trajectory: PiecewiseTrajectory) -> PiecewiseTrajectory:
     if scenario.smoothing is None:
         return trajectory
     n, step = scenario.smoothing.times, scenario.grid.step
-    corners = knots[:, None] + scenario.smoothing.width * (np.arange(n + 1) - n / 2.0)
-    instants = _distinct(np.unique(corners), knots, SAME_TIME * step)
+    offsets = scenario.smoothing.width * (np.arange(n + 1) - n / 2.0)
+    corners = np.unique(_with_flown(trajectory)[0][:, None] + offsets)
+    corners = corners[corners >= offsets[0] - SAME_TIME * step]
+    instants = _distinct(corners, knots, SAME_TIME * step)
     durations = np.diff(instants)
     nodes = (np.arange(n + 1) + 0.5) / (n + 1)
     times = (instants[:-1, None] + durations[:, None] * nodes).reshape(-1)
@@ -42,11 +46,10 @@ def averaged(trajectory: PiecewiseTrajectory) -> PiecewiseTrajectory:
     a = np.einsum("mi,njix->mnjx", powers, values)  # of powers of the part of a piece
     h, m = durations[:, None], np.arange(n + 1)[:, None, None, None]
     gained = h * np.sum(a / (m + 1.0), axis=0)
-    start = scenario.fleet.start_velocities[:, None]
-    v = np.concatenate([start, gained], axis=1).cumsum(axis=1)
+    positions, velocities = _begun(trajectory)
+    v = np.concatenate([velocities[:, None], gained], axis=1).cumsum(axis=1)
     moved = h * v[:, :-1] + h**2 * np.sum(a / ((m + 1.0) * (m + 2.0)), axis=0)
-    start = scenario.fleet.start_positions[:, None]
-    p = np.concatenate([start, moved], axis=1).cumsum(axis=1)
+    p = np.concatenate([positions[:, None], moved], axis=1).cumsum(axis=1)
     higher = [a[i] / ((i + 1.0) * (i + 2.0)) / h**i for i in range(1, n + 1)]
     return dataclasses.replace(
         trajectory,
@@ -71,16 +74,61 @@ def _distinct(corners: FloatArray, knots: FloatArray, same: float) -> FloatArray
 
 def _accelerations(trajectory: PiecewiseTrajectory, times: FloatArray) -> FloatArray:
     """Return averages of accelerations at times since the first knot [s], shape (N, M, 3)."""
-    smoothing, knots = trajectory.scenario.smoothing, trajectory.elapsed
+    smoothing = trajectory.scenario.smoothing
     assert smoothing is not None  # noqa: S101  # callers check this
-    steps = len(trajectory.durations)
+    knots, planned = _with_flown(trajectory)
+    steps = planned.shape[1]
     k = np.searchsorted(knots, times, side="right")[:, None] - 1 + _REACH
     during = (k >= 0) & (k < steps)  # accelerations are zero elsewhere
     k = np.clip(k, 0, steps - 1)
     passed = (times[:, None] - knots[k], times[:, None] - knots[k + 1])
     begun, ended = (_part_before(each / smoothing.width, smoothing.times) for each in passed)
     weights = np.where(during, begun - ended, 0.0)
-    return np.asarray(np.einsum("mr,nmrx->nmx", weights, trajectory.accelerations[:, k]))
+    return np.asarray(np.einsum("mr,nmrx->nmx", weights, planned[:, k]))
+
+
+def _with_flown(trajectory: PiecewiseTrajectory) -> tuple[FloatArray, FloatArray]:
+    """Return knots [s] and accelerations with those flown before, if any."""
+    knots, flown = trajectory.elapsed, trajectory.scenario.fleet.flown
+    if flown is None:
+        return knots, trajectory.accelerations
+    before = -trajectory.scenario.grid.step * np.arange(flown.shape[1], 0, -1)
+    accelerations = np.concatenate([flown, trajectory.accelerations], axis=1)
+    return np.append(before, knots), accelerations
+
+
+def _begun(trajectory: PiecewiseTrajectory) -> tuple[FloatArray, FloatArray]:
+    """Return positions and velocities at which smooth motions begin, (N, 3) each."""
+    scenario, smoothing = trajectory.scenario, trajectory.scenario.smoothing
+    p, v, a = scenario.fleet.start_positions, scenario.fleet.start_velocities, scenario.fleet.flown
+    if smoothing is None or a is None:
+        return p, v
+    h, n, w = scenario.grid.step, smoothing.times, smoothing.width
+    corners = -scenario.lead + w * (np.arange(n + 1) - n / 2.0)
+    knots = -h * np.arange(a.shape[1], 0, -1)
+    cuts = np.unique(np.append(corners, knots[(knots > corners[0]) & (knots < corners[-1])]))
+    nodes, parts = np.polynomial.legendre.leggauss(4)
+    half = np.diff(cuts)[:, None] / 2.0
+    times = (cuts[:-1, None] + half * (1.0 + nodes)).reshape(-1)
+    weights = (half * parts).reshape(-1) * _density((times + scenario.lead) / w, n) / w
+    # before the first knot: each step lasts from its begin, or from a time, until 0
+    since = np.maximum(times[:, None], knots)
+    acted = np.maximum(np.append(knots[1:], 0.0) - since, 0.0)
+    middle = (np.append(knots[1:], 0.0) + since) / 2.0
+    velocities = v[:, None] - np.einsum("mk,nkx->nmx", acted, a)
+    moved = np.einsum("mk,nkx->nmx", acted * (middle - times[:, None]), a)
+    positions = p[:, None] + times[:, None] * v[:, None] + moved
+    return np.einsum("m,nmx->nx", weights, positions), np.einsum("m,nmx->nx", weights, velocities)
+
+
+def _density(x: FloatArray, times: int) -> FloatArray:
+    """Return the weights of averages at x, in widths from their middle, for a width of 1."""
+    s = np.abs(x)
+    if times == 1:
+        return np.ones_like(s)
+    if times == 2:
+        return 1.0 - s
+    return np.where(s > 0.5, (1.5 - s) ** 2 / 2.0, 0.75 - s**2)
 
 
 def _part_before(x: FloatArray, times: int) -> FloatArray:

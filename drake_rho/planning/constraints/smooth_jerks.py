@@ -45,10 +45,15 @@ def smooth_jerks(scenario: Scenario) -> list[SmoothJerks]:
     assert smoothing is not None  # noqa: S101  # callers check this
     w, steps = smoothing.width, grid.knots - 1
     elapsed = grid.elapsed
+    end = SmoothJerks("end", "acceleration", -w, elapsed[-2:-1], steps - 1)
+    fleet = scenario.fleet
+    if fleet.flown is not None and not np.isnan(fleet.accelerations_before).any():
+        # the first change is from the step before, not from rest
+        return [SmoothJerks("inner", "jerk", w / grid.step, elapsed[:-1], 0), end]
     return [
         SmoothJerks("inner", "jerk", w / grid.step, elapsed[1:-1], 1),
         SmoothJerks("start", "acceleration", w, elapsed[:1], 0),
-        SmoothJerks("end", "acceleration", -w, elapsed[-2:-1], steps - 1),
+        end,
     ]
 
 

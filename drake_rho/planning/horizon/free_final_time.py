@@ -234,6 +234,8 @@ def shortened(scenario: Scenario, free: Free, steps: int, factor: float) -> Scen
 
 def _gentle_arrivals(scenario: Scenario, grid: Grid) -> list[KeepIn]:
     """Return requirements of last accelerations from which limits of jerks allow rest at once."""
+    if scenario.smoothing is not None:  # jerks of averages are limited up to rest already
+        return []
     last = (grid.end - grid.step / 2.0, grid.end)
     limits = {each.name: scenario.limits_of(each).max_jerk for each in scenario.vehicles}
     return [

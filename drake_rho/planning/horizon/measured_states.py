@@ -64,7 +64,7 @@ def tube_radii(tail: Scenario) -> tuple[float, float]:
     """Return the radii of the error tube at the start of a plan's rest [m, m/s]."""
     if tail.disturbance is None:
         return 0.0, 0.0
-    tube, now = tube_of(tail), tail.grid.start
+    tube, now = tube_of(tail), tail.grid.start - tail.lead
     return float(tube.position(now)), float(tube.velocity(now))
 
 

@@ -53,6 +53,9 @@ def plan_rho(
     to be avoided, the plan that violates its distance least is flown, and planning continues from
     there; `Flight.sightings` lists when which obstacle became known.
 
+    With a smoothing, the flight is the average of all windows' accelerations as one plan. Averages
+    reach ahead: what becomes known in flight is known to windows that begin `Scenario.lead` later.
+
     Args:
         scenario: to be flown.
         replan_every: d, the steps flown of each window; the last window has the remaining ones.
@@ -80,8 +83,7 @@ def plan_rho(
         OutOfTimeError: the time limit expired before the first window had a plan.
         SolverError: the solvers fail numerically in the first window, even with the fallback.
         ValueError: `replan_every` is not a whole number of at least 1.
-        ScenarioError: the scenario has a smoothing, with which windows would begin in motion, or a
-            vehicle moves at its goal and the final time is free.
+        ScenarioError: a vehicle moves at its goal and the final time is free.
 
     Examples:
         >>> flight = rho.plan_rho(rho.load_scenario("paper"), replan_every=5)

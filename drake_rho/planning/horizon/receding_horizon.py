@@ -12,7 +12,6 @@ import numpy.typing as npt
 
 from drake_rho.motion.flight import Flight, Window
 from drake_rho.motion.plan import Plan
-from drake_rho.motion.statistics import Statistics
 from drake_rho.planning.call.options import Options
 from drake_rho.planning.call.progress import Progress, tell
 from drake_rho.planning.call.time_limit import within_time
@@ -29,6 +28,7 @@ from drake_rho.planning.horizon.measured_states import (
 )
 from drake_rho.planning.horizon.newer_maps import SeenMaps, with_obstacles
 from drake_rho.planning.horizon.seen_again import Seen, seen_again
+from drake_rho.planning.horizon.smooth_windows import resting_before, states_at
 from drake_rho.planning.horizon.waypoints_ahead import free_ahead, free_of, timed_as
 from drake_rho.planning.horizon.windows import (
     Planner,
@@ -69,6 +69,10 @@ class RecedingHorizon:
     The times of waypoints without one are found with the first window, by `plan`. They stay, but
     become earlier with the arrival.
 
+    With a smoothing, windows continue the plan and the tube of the window before: a window that
+    began at measured states would be a jump. A flight depends on what is planned up to
+    `Scenario.lead` later, so that windows are planned as much earlier.
+
     Args:
         scenario: to be flown.
         replan_every: d, the steps flown of each window; the last window has the remaining ones.
@@ -95,7 +99,7 @@ class RecedingHorizon:
 
     Attributes:
         scenario: as given, with newer maps, sightings and the times found for waypoints; with a
-            latency, what becomes known in flight does so that much later.
+            latency or a smoothing, what becomes known in flight does so that much later.
         replan_every: as given.
         free_final_time: as given.
         latency: number of samples of the feedback that last as long as the latency, or longer.
@@ -104,8 +108,7 @@ class RecedingHorizon:
     Raises:
         ValueError: `replan_every` is not a whole number of at least 1, the latency is longer than
             a window is flown, or the cost is to be bounded with a free final time.
-        ScenarioError: the scenario has a smoothing, or a vehicle moves at its goal and the final
-            time is free.
+        ScenarioError: a vehicle moves at its goal and the final time is free.
     """
 
     @checked
@@ -128,15 +131,14 @@ class RecedingHorizon:
         whole = isinstance(replan_every, Integral)
         if not whole or replan_every < 1:
             raise ValueError(f"replan_every: got {replan_every!r}, expected a whole number >= 1")
-        scenario.check_stepwise("a receding horizon")
         if free_final_time:
             check_rest_at_goals(scenario)
             if bounded_cost:
                 expected = "False with a free final time, since earlier arrivals cost more"
                 raise ValueError(f"bounded_cost: got True, expected {expected}")
         self.latency = latency_in_samples(scenario, latency, int(replan_every))
-        self._ahead = latency
-        scenario = known_later(scenario, latency)
+        self._ahead = latency + scenario.lead
+        scenario = known_later(scenario, self._ahead)
         if reference is None:
             reference = free_reference if scenario.separation is None else tail_reference
         self.scenario, self.replan_every = scenario, int(replan_every)
@@ -165,7 +167,8 @@ class RecedingHorizon:
     def planned(self, knot: int) -> FloatArray:
         """Return the states that the last window plans for a knot, shape (N, 6).
 
-        Before there is a window, these are the starts of the scenario.
+        Before there is a window, these are the starts of the scenario. With a smoothing they are
+        those of the averages `Scenario.lead` before the knot, when the next window is planned.
 
         Args:
             knot: counted from 0, not before the start of the last window.
@@ -173,7 +176,7 @@ class RecedingHorizon:
         if not self.windows:
             return self.scenario.fleet.start_states
         last = self.windows[-1]
-        return last.plan.states(knot - last.first_knot)
+        return states_at(last.plan, knot - last.first_knot)
 
     @checked
     def step(
@@ -199,6 +202,8 @@ class RecedingHorizon:
                 of NaN, or of numbers larger than in any flight, stands for a vehicle that was not
                 seen: its planned state is used, and the tube begins with the errors that it may
                 have there.
+                With a smoothing states are those `Scenario.lead` before this time, and tell only
+                which vehicles are off the tube.
             time: of a knot at which a step begins, after that of the previous window, on the
                 scenario's clock [s]. The first window starts at the first knot.
             map: newer map, if there is one, by which windows plan from now on: cells are added,
@@ -263,14 +268,7 @@ class RecedingHorizon:
         """
         if not self.windows:
             raise ValueError("windows: got none, expected at least one planned window")
-        ends = [*(window.first_knot for window in self.windows[1:]), self.scenario.grid.knots - 1]
-        flown = [
-            window.plan.accelerations[:, : end - window.first_knot]
-            for window, end in zip(self.windows, ends, strict=True)
-        ]
-        statistics = sum((window.statistics for window in self.windows), Statistics())
-        plan = Plan.from_accelerations(self.scenario, np.concatenate(flown, axis=1), statistics)
-        return Flight(plan, tuple(self.windows))
+        return Flight.composed(self.scenario, self.windows)
 
     def _checked(self, states: npt.ArrayLike) -> FloatArray:
         """Return states as an array, shape (N, 6), with rows of NaN for vehicles not seen."""
@@ -306,8 +304,11 @@ class RecedingHorizon:
         """Return a scenario from measured states; itself if these are the starts.
 
         Starts are exact, and so are states equal to them. Other states are estimates, whose errors
-        the tube begins with. A vehicle that was not seen is taken to be at its start.
+        the tube begins with. A vehicle that was not seen is taken to be at its start. With a
+        smoothing, flights begin at rest at their starts.
         """
+        if scenario.smoothing is not None:
+            return scenario
         positions, velocities = _split(_completed(states, scenario.fleet.start_states))
         fleet, tolerance = scenario.fleet, TOLERANCE if scenario.disturbance is None else ROUNDING
         deviations = positions - fleet.start_positions, velocities - fleet.start_velocities
@@ -324,7 +325,8 @@ class RecedingHorizon:
         """Return the first window."""
         times = with_options(self._options, best_plan)
         measured = partial(self._from_measured, states)
-        return FirstWindow(self._planner, times, measured, self.free_final_time).of(self.scenario)
+        first = FirstWindow(self._planner, times, measured, self.free_final_time)
+        return first.of(resting_before(self.scenario))
 
     def _next(self, knot: int, states: FloatArray) -> Window:
         """Return a window after the first."""
@@ -334,28 +336,39 @@ class RecedingHorizon:
         left, unseen = tail.scenario, np.isnan(states).any(axis=1)
         if left.obstacles is not self.scenario.obstacles:  # an obstacle was seen again
             left = with_obstacles(left, self.scenario.obstacles)
-        positions, velocities = _split(_completed(states, tail.states(0)))
-        deviations = positions - tail.positions[:, 0], velocities - tail.velocities[:, 0]
-        tracking = renewed_tracking(
-            self.scenario, left, left if unseen.any() else None, self.latency
-        )
-        if exceeding(left, deviations, 0.0, 0.0, ROUNDING).any():
-            before = left.fleet.accelerations_before
-            left = left.from_states(left.grid, positions, velocities, before, tracking)
-        elif left.disturbance is not None:
-            around = unchecked(left.disturbance, tracking=tracking)
-            left = left.derived(disturbance=around, under_way=True)
+        planned = states_at(tail, 0)
+        measured = _completed(states, planned)
+        deviations = _split(measured - planned)
+        if left.smoothing is None:
+            left = self._from_states(left, measured, deviations, bool(unseen.any()))
         off = off_tube(tail.scenario, deviations, self.latency)
         plan_next = self._planner.next
         if self.free_final_time:
             free = free_ahead(self._free, self.scenario, left.grid)
             plan_next = partial(next_window, self._planner, free)
-        on_plan = not off.any()
+        on_plan = left.smoothing is not None or not off.any()
         window = plan_next(left, knot, tail, last=last, on_plan=on_plan, stop=stop)
         if left.disturbance is None or not off.any():
             return window
         names = tuple(left.vehicles[i].name for i in np.flatnonzero(off))
         return dataclasses.replace(window, off_tube=names)
+
+    def _from_states(
+        self,
+        left: Scenario,
+        measured: FloatArray,
+        deviations: tuple[FloatArray, FloatArray],
+        unseen: bool,
+    ) -> Scenario:
+        """Return the rest of a flight from measured states (N, 6), with a new error tube."""
+        tracking = renewed_tracking(self.scenario, left, left if unseen else None, self.latency)
+        if exceeding(left, deviations, 0.0, 0.0, ROUNDING).any():
+            before = left.fleet.accelerations_before
+            return left.from_states(left.grid, *_split(measured), before, tracking)
+        if left.disturbance is None:
+            return left
+        around = unchecked(left.disturbance, tracking=tracking)
+        return left.derived(disturbance=around, under_way=True)
 
     def _rest(self, plan: Plan, knot: int) -> Plan:
         """Return the rest of a window's plan or contingency, with the obstacles known by now."""

@@ -31,7 +31,11 @@ def free_ahead(free: Free, whole: Scenario, grid: Grid) -> Free:
         grid: grid of the rest.
     """
     return tuple(
-        tuple(one for one, each in zip(own, vehicle.waypoints, strict=True) if _ahead(each, grid))
+        tuple(
+            one
+            for one, each in zip(own, vehicle.waypoints, strict=True)
+            if _ahead(each, grid, whole.lead)
+        )
         for own, vehicle in zip(free, whole.vehicles, strict=True)
     )
 
@@ -44,7 +48,7 @@ def timed_as(whole: Scenario, rest: Scenario) -> Scenario:
         rest: scenario of a window's plan, whose waypoints are those ahead.
     """
     vehicles = tuple(
-        _replaced(vehicle, iter(own.waypoints), rest.grid)
+        _replaced(vehicle, iter(own.waypoints), rest.grid, rest.lead)
         for vehicle, own in zip(whole.vehicles, rest.vehicles, strict=True)
     )
     return with_waypoints(whole, vehicles)
@@ -69,11 +73,11 @@ def until(scenario: Scenario, grid: Grid, vehicles: tuple[Vehicle, ...]) -> Scen
     """
     fleet, tracking = scenario.fleet, None
     if scenario.disturbance is not None:
-        own = Tracking(scenario.grid.start, tube_of(scenario).gains)
+        own = Tracking(scenario.grid.start - scenario.lead, tube_of(scenario).gains)
         tracking = scenario.disturbance.tracking or own
     given = scenario.derived(vehicles=vehicles, fleet=fleet)
     starts = fleet.start_positions, fleet.start_velocities, fleet.accelerations_before
-    ended = given.from_states(grid, *starts, tracking)
+    ended = given.from_states(grid, *starts, tracking, fleet.flown)
     return ended.derived(under_way=scenario.under_way)
 
 
@@ -83,27 +87,29 @@ def sooner(vehicle: Vehicle, free: tuple[bool, ...], start: float, factor: float
     Args:
         vehicle: vehicle of a window.
         free: whether the time of each of its waypoints is found.
-        start: time of the first knot [s].
+        start: time of the first knot [s]; with a smoothing waypoints may be a little earlier.
         factor: part of the time since the first knot.
     """
     waypoints = tuple(
         unchecked(each, time=start + factor * (each.time - start))
-        if one and each.time is not None
+        if one and each.time is not None and each.time > start
         else each
         for one, each in zip(free, vehicle.waypoints, strict=True)
     )
     return unchecked(vehicle, waypoints=waypoints)
 
 
-def _replaced(vehicle: Vehicle, ahead: Iterator[Waypoint], grid: Grid) -> Vehicle:
+def _replaced(vehicle: Vehicle, ahead: Iterator[Waypoint], grid: Grid, lead: float) -> Vehicle:
     """Return a vehicle with other waypoints in place of those that lie ahead."""
-    waypoints = tuple(next(ahead) if _ahead(each, grid) else each for each in vehicle.waypoints)
+    waypoints = tuple(
+        next(ahead) if _ahead(each, grid, lead) else each for each in vehicle.waypoints
+    )
     return unchecked(vehicle, waypoints=waypoints)
 
 
-def _ahead(waypoint: Waypoint, grid: Grid) -> bool:
-    """Return whether a waypoint is passed during the rest of a flight."""
-    return waypoint.time is None or is_during_flight(waypoint.time, grid)
+def _ahead(waypoint: Waypoint, grid: Grid, lead: float) -> bool:
+    """Return whether a waypoint is passed in the rest of a flight, which begins a lead earlier."""
+    return waypoint.time is None or is_during_flight(waypoint.time, grid, lead)
 
 
 def _times(vehicle: Vehicle) -> list[float | None]:

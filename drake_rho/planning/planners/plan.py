@@ -120,7 +120,7 @@ def _with_given_times(
     def best(problem: Problem) -> Plan:
         return _iterated(problem, search.of_any_duration(problem, reference), kept_apart, search)
 
-    if scenario.smoothing_margin > 0.0:
+    if scenario.smoothing_margin > 0.0 and scenario.fleet.flown is None:
         again = partial(_from_similar, kept_apart, search)
         return with_own_margin(best, again, Problem.of(scenario))
     return with_finer_margins(best, Problem.of(scenario))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from functools import cached_property
 
 import numpy as np
 
@@ -71,8 +72,12 @@ class WaypointTimes:
     def __init__(self, scenario: Scenario, backend: Backend, progress: Progress | None) -> None:
         self._given, self._backend, self._progress = scenario, backend, progress
         self._waypoints = AllWaypoints.of(scenario.vehicles)
-        vehicles = self._waypoints.placed(scenario.vehicles, None)
-        self._without = dataclasses.replace(scenario, vehicles=vehicles)
+
+    @cached_property
+    def _without(self) -> Scenario:
+        """The scenario without waypoints."""
+        vehicles = self._waypoints.placed(self._given.vehicles, None)
+        return dataclasses.replace(self._given, vehicles=vehicles)
 
     @property
     def any_free(self) -> bool:

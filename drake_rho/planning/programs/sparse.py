@@ -116,8 +116,10 @@ class SparseRows:
             if rows.quantity == "acceleration":
                 return [(u + k, one)]
             return [(u + k, one), (np.where(k > 0, u + k - 1, -1), -one)]
-        k = np.minimum(step_at(rows.times, h), n - 1)
-        s = rows.times / h - k
+        # before the first knot, where only averages change, the plan is at its start
+        times = np.maximum(rows.times, 0.0)
+        k = np.minimum(step_at(times, h), n - 1)
+        s = times / h - k
         # knots count from 0; the first state variable belongs to knot 1
         velocities = np.where(k > 0, all_steps + u + k - 1, -1)
         if rows.quantity == "velocity":
