@@ -22,24 +22,27 @@ def latency_in_samples(scenario: Scenario, latency: float, replan_every: int) ->
     Raises:
         ValueError: the latency is negative, or too long.
     """
-    around = scenario.disturbance or Disturbance(0.0)
-    sample = around.sample(scenario.grid)
     period = replan_every * scenario.grid.step
     if not 0.0 <= latency <= period * (1.0 + SAME_TIME):  # also true for NaN
         expected = f"0 to {period:g} s, the time for which a window is flown"
         raise ValueError(f"latency: got {latency!r}, expected {expected}")
-    return math.ceil(latency / sample * (1.0 - SAME_TIME))
+    return math.ceil(latency / _sample(scenario) * (1.0 - SAME_TIME))
 
 
-def known_later(scenario: Scenario, latency: float) -> Scenario:
-    """Return the scenario in which what becomes known in flight does so a latency later [s].
+def known_later(scenario: Scenario, samples: int) -> Scenario:
+    """Return the scenario in which what becomes known in flight does so a latency later.
 
     A window is planned from what is known when planning begins.
+
+    Args:
+        scenario: scenario to fly.
+        samples: latency as a number of samples of the feedback.
     """
     start = max(scenario.grid.start, 0.0)
     late = [each for each in scenario.bodies if each.known_from > start]
-    if latency == 0.0 or not late:
+    if samples == 0 or not late:
         return scenario
+    latency = samples * _sample(scenario)
     obstacles = tuple(
         dataclasses.replace(
             each,
@@ -51,3 +54,9 @@ def known_later(scenario: Scenario, latency: float) -> Scenario:
         for each in scenario.obstacles
     )
     return dataclasses.replace(scenario, obstacles=obstacles)
+
+
+def _sample(scenario: Scenario) -> float:
+    """Return the time from one sample of the feedback to the next [s]."""
+    around = scenario.disturbance or Disturbance(0.0)
+    return around.sample(scenario.grid)

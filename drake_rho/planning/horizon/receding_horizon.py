@@ -135,7 +135,7 @@ class RecedingHorizon:
                 expected = "False with a free final time, since earlier arrivals cost more"
                 raise ValueError(f"bounded_cost: got True, expected {expected}")
         self.latency = latency_in_samples(scenario, latency, int(replan_every))
-        scenario = known_later(scenario, latency)
+        scenario = known_later(scenario, self.latency)
         if reference is None:
             reference = free_reference if scenario.separation is None else tail_reference
         self.scenario, self.replan_every = scenario, int(replan_every)
