@@ -158,7 +158,7 @@ def late(number: int) -> Late:
     except (InfeasibleError, SolverError, OutOfTimeError):
         return Late(number, count)
     windows = simulation.flight.windows
-    promised, elsewhere = _violations(drawn.scenario, simulation, drawn.horizon["latency"])
+    promised, elsewhere = _violations(drawn.scenario, simulation, horizon.latency)
     stops = [window.contingency for window in windows if window.contingency is not None]
     errors = np.maximum(simulation.errors() - 1e-9, 0.0)
     over = errors / np.maximum(simulation.radii(), 1e-9)[:, None]
@@ -188,22 +188,24 @@ def _promises_a_plan(window: rho.Window) -> bool:
 
 
 def _violations(
-    scenario: rho.Scenario, simulation: Simulation, latency: float
+    scenario: rho.Scenario, simulation: Simulation, latency: int
 ) -> tuple[float, float]:
     """Return the largest violations in windows that promise none, and in the others.
 
     Args:
         scenario: as it was before planning, so that it has what becomes known when it does.
         simulation: flight.
-        latency: time that planning a window takes [s].
+        latency: time that planning a window takes, in samples of the feedback.
     """
+    around = scenario.disturbance or rho.Disturbance(0.0)
+    ahead = latency * around.sample(scenario.grid)
     times, positions, velocities = finer(simulation)
     windows, grid = simulation.flight.windows, scenario.grid
     begins = grid.times[[window.first_knot for window in windows]]
     promising = np.array([_promises_a_plan(window) for window in windows])
     in_force = np.searchsorted(begins, times + 1e-9, side="right") - 1
     commanded = np.searchsorted(begins, simulation.times[:-1] + 1e-9, side="right") - 1
-    known_by = begins - latency * (np.arange(len(begins)) > 0)
+    known_by = begins - ahead * (np.arange(len(begins)) > 0)
     found = []
     for promises in (True, False):
         now, then = promising[in_force] == promises, promising[commanded] == promises
@@ -323,7 +325,7 @@ declared errors allow. Obstacles are known to a window from one latency before i
 {VIOLATED:g} of the scene's extent, or of a limit, is a violation. Broken: in a window that has a
 contingency, or a plan that is its own or the rest of the previous one. Broken elsewhere: in the
 other windows, which report that they have neither. Contingencies are also sampled with their whole
-tubes, flown or not. Times are wall times of windows without a fallback, with their contingencies."""
+tubes, flown or not. Times are wall times of windows without a fallback, contingencies included."""
 
 _LIMITATIONS = """\
 Limitations. Samples can miss violations between them. Wind and errors do not anticipate new

@@ -213,3 +213,14 @@ def test_errors_of_an_obstacle_grow_from_when_it_is_seen_not_from_when_a_plan_kn
     assert known.known_from == pytest.approx(seen + latency)
     times = np.linspace(0.0, 6.0, 25)
     np.testing.assert_allclose(known.uncertainty(times), late.uncertainty(times))
+
+
+@pytest.mark.parametrize("after", [-0.01, 0.01])
+def test_what_is_seen_after_planning_has_begun_is_known_to_the_next_window(after: float) -> None:
+    """A latency that is no whole number of samples counts as the next larger one."""
+    sample, second = STEP / PER_STEP, EVERY * STEP
+    begins = second - 9 * sample
+    scenario = scene(windy(), known_from=begins + after)
+    simulation = flown(Feedback(horizon(scenario, 8.2 * sample)), rho.winds.none(), None)
+    first = next(k for k, window in enumerate(simulation.windows) if window.learned)
+    assert first == (1 if after < 0.0 else 2)

@@ -140,7 +140,7 @@ class ByPlanRho(Method):
     solver: SolverName = "clarabel"
     """solver of the quadratic programs"""
     contingencies: bool = False
-    """whether windows have contingencies, which are flown where something seen late leaves no plan"""
+    """whether windows have contingencies, flown where something seen late leaves no plan"""
     bounded_cost: bool = False
     """whether no window costs more than the rest of the one before, moved to the measured states"""
     certify: bool = False
@@ -207,7 +207,7 @@ class BySimulate(Method):
     estimates: bool = True
     """whether estimated states have errors, within the bounds of the scenario's disturbance"""
     contingencies: bool = False
-    """whether windows have contingencies, which are flown where something seen late leaves no plan"""
+    """whether windows have contingencies, flown where something seen late leaves no plan"""
     bounded_cost: bool = False
     """whether no window costs more than the rest of the one before, moved to the measured states"""
     latency: Margin = 0.0

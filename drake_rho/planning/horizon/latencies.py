@@ -22,31 +22,51 @@ def latency_in_samples(scenario: Scenario, latency: float, replan_every: int) ->
     Raises:
         ValueError: the latency is negative, or too long.
     """
-    around = scenario.disturbance or Disturbance(0.0)
-    sample = around.sample(scenario.grid)
     period = replan_every * scenario.grid.step
     if not 0.0 <= latency <= period * (1.0 + SAME_TIME):  # also true for NaN
         expected = f"0 to {period:g} s, the time for which a window is flown"
         raise ValueError(f"latency: got {latency!r}, expected {expected}")
-    return math.ceil(latency / sample * (1.0 - SAME_TIME))
+    return math.ceil(latency / _sample(scenario) * (1.0 - SAME_TIME))
 
 
-def known_later(scenario: Scenario, latency: float) -> Scenario:
-    """Return the scenario in which what becomes known in flight does so a latency later [s].
+def time_ahead(scenario: Scenario, latency: int) -> float:
+    """Return the time by which windows are planned ahead [s].
+
+    With a smoothing, averages reach ahead by its lead.
+
+    Args:
+        scenario: scenario to fly.
+        latency: number of samples of the feedback.
+    """
+    return latency * _sample(scenario) + scenario.lead
+
+
+def known_later(scenario: Scenario, ahead: float) -> Scenario:
+    """Return the scenario in which what becomes known in flight does so later.
 
     A window is planned from what is known when planning begins. Errors of obstacles grow from when
     they were seen, as without a latency. What would become known after the end does so at the end.
+
+    Args:
+        scenario: scenario to fly.
+        ahead: time by which windows are planned ahead [s], as by `time_ahead`.
     """
     start, end = max(scenario.grid.start, 0.0), scenario.grid.end
     late = [each.known_from > start for each in scenario.bodies]
-    if latency == 0.0 or not any(late):
+    if ahead == 0.0 or not any(late):
         return scenario
     obstacles = tuple(
         dataclasses.replace(
-            each, known_from=min(each.known_from + latency, end), seen_at=each.errors_from
+            each, known_from=min(each.known_from + ahead, end), seen_at=each.errors_from
         )
         if isinstance(each, Obstacle) and is_late
         else each
         for each, is_late in zip(scenario.obstacles, late, strict=True)
     )
     return dataclasses.replace(scenario, obstacles=obstacles)
+
+
+def _sample(scenario: Scenario) -> float:
+    """Return the time from one sample of the feedback to the next [s]."""
+    around = scenario.disturbance or Disturbance(0.0)
+    return around.sample(scenario.grid)
