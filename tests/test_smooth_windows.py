@@ -95,8 +95,8 @@ def test_a_flight_depends_only_on_what_is_known(times: int) -> None:
     known = 1.2
     seen = rho.Obstacle(SPHERE, known_from=known)
     scenario = smooth(rho.Smoothing(0.5, times))
-    late = rho.plan_rho(dataclasses.replace(scenario, obstacles=[seen]), replan_every=1)
-    never = rho.plan_rho(dataclasses.replace(scenario, obstacles=[]), replan_every=1)
+    late = rho.plan_rho(dataclasses.replace(scenario, obstacles=(seen,)), replan_every=1)
+    never = rho.plan_rho(dataclasses.replace(scenario, obstacles=()), replan_every=1)
     before = np.linspace(-scenario.lead, known, 400)
     apart = np.abs(late.at(before).positions - never.at(before).positions).max()
     assert apart < 1e-6
@@ -265,7 +265,7 @@ def test_random_flights_in_windows_hold_at_every_instant(late: bool) -> None:
                     dataclasses.replace(each, known_from=float(time))
                     for each, time in zip(scenario.bodies, first, strict=True)
                 ]
-                scenario = dataclasses.replace(scenario, obstacles=seen)
+                scenario = dataclasses.replace(scenario, obstacles=tuple(seen))
             flight = rho.plan_rho(scenario, replan_every=int(rng.integers(1, 6)))
         except (rho.ScenarioError, rho.InfeasibleError):  # a start inside an obstacle, ...
             continue
