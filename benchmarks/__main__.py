@@ -38,7 +38,7 @@ DRAWN = {
     "time_fleets": 12,
     "flight_late": 2000,
 }
-"""Benchmarks of random fleets, worlds, links, flights, with their numbers: `run(seeds) -> Table`."""
+"""Benchmarks of random fleets, worlds, links, flights, and how many: `run(seeds) -> Table`."""
 
 MISSIONS = ("fleet_b3", "world_b6", "map_forests", "map_office", "time_bisection")
 """Benchmarks of missions in files: `run(folder) -> Table`."""
