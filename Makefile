@@ -39,7 +39,7 @@ bench-fleet: $(VENV)/.bench ## The same for fleets (forty minutes); MISSIONS=fol
 bench-world: $(VENV)/.bench ## The same for worlds (an hour); WORLDS=folder of the LSC-DR planner's
 	$(BIN)/python -m benchmarks --worlds $(if $(WORLDS),--missions "$(WORLDS)")
 
-bench-flight: $(VENV)/.bench .venv-crazyflow/.ready .venv-ampyc/.ready ## The same for wind (thirty minutes); MISSIONS as above
+bench-flight: $(VENV)/.bench .venv-crazyflow/.ready .venv-ampyc/.ready ## The same for wind (an hour); MISSIONS as above
 	$(BIN)/python -m benchmarks --flight $(if $(MISSIONS),--missions "$(MISSIONS)")
 
 bench-scale: $(VENV)/.bench ## The same for large fleets and campaigns

@@ -36,8 +36,9 @@ DRAWN = {
     "links_formation": 5,
     "links_corridors": 20,
     "time_fleets": 12,
+    "flight_late": 2000,
 }
-"""Benchmarks of random fleets, worlds and links, with the number of each: `run(seeds) -> Table`."""
+"""Benchmarks of random fleets, worlds, links, flights, and how many: `run(seeds) -> Table`."""
 
 MISSIONS = ("fleet_b3", "world_b6", "map_forests", "map_office", "time_bisection", "time_bounds")
 """Benchmarks of missions in files: `run(folder) -> Table`."""
@@ -56,10 +57,11 @@ FLIGHT = (
     "flight_window",
     "flight_closed_loop",
     "flight_loops",
+    "flight_late",
     "flight_clocks",
     "flight_quadrotor",
 )
-"""Benchmarks of wind, feedback, margins and windows: `run() -> Table`."""
+"""Benchmarks of wind, feedback, margins and windows; those in no `DRAWN` are `run() -> Table`."""
 
 FLOWN_MISSIONS = ("flight_crazyflow",)
 """Benchmarks of flown missions in files: `run(folder) -> Table`."""
@@ -99,7 +101,7 @@ def main() -> None:
             *DRAWN,
             *MISSIONS,
             *SWAPS,
-            *FLIGHT,
+            *(each for each in FLIGHT if each not in DRAWN),
             *FLOWN_MISSIONS,
             *SCALE,
             *(each for each in MAPS + TIMES if each not in (*MISSIONS, *DRAWN)),

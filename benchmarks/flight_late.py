@@ -22,9 +22,6 @@ from drake_rho.scenario.fields import FloatArray
 from drake_rho.simulation.closed_loop import flown
 from drake_rho.simulation.feedback import Feedback
 
-FLIGHTS = 3000
-"""Total number of scenes: over 20 000 windows, as some scenes have no plan at all."""
-
 _AT_ONCE = 10
 """Flights in a batch of a process."""
 
@@ -68,8 +65,8 @@ class Late:
     """wall times of the windows after the first, if none had the fallback [s]"""
 
 
-def run(flights: int = FLIGHTS) -> Table:
-    """Fly all flights on all cores."""
+def run(flights: int) -> Table:
+    """Fly scenes, as many as given, on all cores: ten windows each, about."""
     fresh = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(os.cpu_count(), mp_context=fresh) as processes:
         done = processes.map(late, range(flights), chunksize=_AT_ONCE)

@@ -264,26 +264,30 @@ def _wind(scenario: rho.Scenario, kind: str, rng: np.random.Generator) -> Wind:
             there = body.shape.center + displacement(body, np.array([time]))[0]
             way = unit_vectors((there - scenario.vehicles[0].start.position)[None])[0]
         case = rho.worst_case(scenario, way, time)
-        each = np.repeat(case.accelerations[:, None], count, axis=1)
-        own = [case.position_errors, case.velocity_errors, case.lost]
-        given = [np.repeat(values[:, None], count, axis=1) for values in own]
-        return Blowing(*given, case.switching_times, each)
-    times = grid.start + sample * np.arange(samples)
+        return Blowing(
+            np.repeat(case.position_errors[:, None], count, axis=1),
+            np.repeat(case.velocity_errors[:, None], count, axis=1),
+            np.repeat(case.lost[:, None], count, axis=1),
+            case.switching_times,
+            np.repeat(case.accelerations[:, None], count, axis=1),
+        )
+    times = grid.start + sample * np.arange(samples, dtype=np.float64)
+    each = np.zeros((samples, count, 3))
     if kind == "switching":
-        each = around.acceleration * signs[:, None, None] * ways
+        each = np.asarray(around.acceleration * signs[:, None, None] * ways)
     elif kind == "constant":
         each = np.broadcast_to(around.acceleration * ways, (samples, count, 3))
     elif kind == "gusts":
         begin, last = np.sort(rng.uniform(grid.start, grid.end, 2))
         blows = (times >= begin) & (times <= last)
-        each = around.acceleration * blows[:, None, None] * ways
+        each = np.asarray(around.acceleration * blows[:, None, None] * ways)
     else:
         each = rng.normal(size=(samples, count, 3))
         for j in range(1, samples):
             each[j] = 0.8 * each[j - 1] + 0.6 * each[j]
         lengths = np.linalg.norm(each, axis=2, keepdims=True)
-        each = around.acceleration * each / np.maximum(lengths, 1.0)
-    return Blowing(*estimates, times, np.asarray(each))
+        each = np.asarray(around.acceleration * each / np.maximum(lengths, 1.0))
+    return Blowing(*estimates, times, each)
 
 
 def _estimates(
@@ -304,8 +308,8 @@ def _estimates(
     if rng.integers(2):  # as many as may be lost, then one arrives
         lost = (np.arange(samples)[:, None] + rng.integers(0, most + 1, count)) % (most + 1) < most
     else:
-        drawn, lost = rng.uniform(size=(samples, count)) < 0.7, np.zeros((samples, count), bool)
+        losing, lost = rng.uniform(size=(samples, count)) < 0.7, np.zeros((samples, count), bool)
         for j in range(samples):
             run = lost[max(j - most, 0) : j].sum(axis=0) if j >= most else np.full(count, -1)
-            lost[j] = drawn[j] & (run < most)
+            lost[j] = losing[j] & (run < most)
     return around.position_error * errors[0], around.velocity_error * errors[1], lost

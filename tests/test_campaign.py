@@ -352,19 +352,24 @@ def test_methods_fly_with_contingencies_late_plans_and_bounded_costs(tmp_path: P
     ]
     study = small(1, scenarios=[{"name": "s", "scenario": scenario}], methods=methods, plans=True)
     results = rho.campaign(study, tmp_path / "runs.sqlite")
+
+    def windows_of(key: str) -> tuple[rho.Window, ...]:
+        flight = results.plan(key).flight
+        assert flight is not None
+        return flight.windows
+
     names = ("method", "key", "status", "without_contingency", "reason")
     rows = {name: rest for name, *rest in table(tmp_path / "runs.sqlite", names)}
     assert rows["without"][2] is None
     for name in ("with", "late", "calm"):
         key, status, missing, reason = rows[name]
         assert status == "solved", reason
-        windows = results.plan(key).flight.windows
+        windows = windows_of(key)
         assert missing == sum(window.contingency is None for window in windows) == 0
         assert all(window.cost_bound is not None for window in windows)
-    flown = {name: results.plan(rows[name][0]) for name in ("with", "late")}
     learned = {
-        name: next(each.first_knot for each in found.flight.windows if each.learned)
-        for name, found in flown.items()
+        name: next(each.first_knot for each in windows_of(rows[name][0]) if each.learned)
+        for name in ("with", "late")
     }
     assert learned == {"with": 8, "late": 12}
 

@@ -208,7 +208,7 @@ def test_a_horizon_that_has_begun_is_not_simulated() -> None:
 def test_errors_of_an_obstacle_grow_from_when_it_is_seen_not_from_when_a_plan_knows_it() -> None:
     shape, seen, latency = rho.Sphere([4, 0.2, 1], 0.6), 1.0, 0.6
     late = rho.Obstacle(shape, known_from=seen, position_error=0.1, velocity_error=0.2)
-    scenario = dataclasses.replace(scene(windy()), obstacles=[late])
+    scenario = dataclasses.replace(scene(windy()), obstacles=(late,))
     (known,) = horizon(scenario, latency).scenario.bodies
     assert known.known_from == pytest.approx(seen + latency)
     times = np.linspace(0.0, 6.0, 25)
