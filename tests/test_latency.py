@@ -157,17 +157,6 @@ def test_what_is_seen_late_is_known_one_latency_later() -> None:
     assert learned == {0.0: [2 * EVERY], 0.4: [3 * EVERY]}
 
 
-def test_errors_grow_from_when_an_obstacle_was_seen_not_from_when_it_is_planned_with() -> None:
-    drone = rho.Obstacle(
-        rho.Sphere([4, 5, 1], 0.2), known_from=1.5, position_error=0.1, velocity_error=0.3
-    )
-    seen = dataclasses.replace(scene(), obstacles=(drone,))
-    (later,) = horizon(seen, 0.4).scenario.bodies
-    assert later.known_from == 1.9
-    times = np.linspace(0.0, 6.0, 13)
-    np.testing.assert_array_equal(later.uncertainty(times), drone.uncertainty(times))
-
-
 def test_what_is_seen_too_late_for_a_window_is_known_at_the_end() -> None:
     (later,) = horizon(scene(known_from=5.9), 0.4).scenario.bodies
     assert later.known_from == scene().grid.end
