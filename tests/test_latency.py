@@ -213,3 +213,16 @@ def test_what_is_seen_after_planning_has_begun_is_known_to_the_next_window(after
     simulation = flown(Feedback(horizon(scenario, 8.2 * sample)), rho.winds.none(), None)
     first = next(k for k, window in enumerate(simulation.windows) if window.learned)
     assert first == (1 if after < 0.0 else 2)
+
+
+def test_a_flight_tells_what_it_met_before_a_window_knew_of_it() -> None:
+    """The sphere is known from 2.2 s on, but to no window that begins before 2.9 s."""
+    around = rho.Obstacle(rho.Sphere([4.2, 0, 1], 0.3), known_from=2.2)
+    vehicle = rho.Vehicle("v", rho.State([0, 0, 1]), rho.State([8, 0, 1]), radius=0.2)
+    limits = rho.Limits(max_acceleration=4.0)
+    scenario = rho.Scenario("met", rho.Grid.lasting(4.8, step=STEP), [vehicle], limits, [around])
+    late = rho.simulate(horizon(scenario, 0.7)).flight
+    assert late.scenario.bodies[0].known_from == 2.2
+    away = np.linalg.norm(late.at(np.linspace(2.2, 2.9, 200)).positions[0] - [4.2, 0, 1], axis=1)
+    assert away.min() < 0.4
+    assert not rho.verify(late).ok

@@ -5,7 +5,9 @@ from __future__ import annotations
 import dataclasses
 import math
 
+from drake_rho.planning.horizon.newer_maps import with_obstacles
 from drake_rho.scenario.disturbance import Disturbance
+from drake_rho.scenario.fields import unchecked
 from drake_rho.scenario.obstacles import Obstacle
 from drake_rho.scenario.parts import SAME_TIME
 from drake_rho.scenario.records import Scenario
@@ -64,6 +66,22 @@ def known_later(scenario: Scenario, ahead: float) -> Scenario:
         for each, is_late in zip(scenario.obstacles, late, strict=True)
     )
     return dataclasses.replace(scenario, obstacles=obstacles)
+
+
+def known_when_seen(scenario: Scenario, given: Scenario) -> Scenario:
+    """Return the scenario of a flight in which obstacles become known when they were declared to.
+
+    Args:
+        scenario: scenario of the windows, from `known_later`, with newer obstacles after the given.
+        given: scenario that was given.
+    """
+    old, newer = scenario.obstacles[: len(given.bodies)], scenario.obstacles[len(given.bodies) :]
+    obstacles = tuple(
+        unchecked(each, known_from=own.known_from) if isinstance(each, Obstacle) else each
+        for each, own in zip(old, given.bodies, strict=True)
+    )
+    same = all(one == other for one, other in zip(obstacles, old, strict=True))
+    return scenario if same else with_obstacles(scenario, (*obstacles, *newer))
 
 
 def _sample(scenario: Scenario) -> float:

@@ -19,7 +19,12 @@ from drake_rho.planning.call.wall_time import with_wall_time
 from drake_rho.planning.horizon.cost_bounds import cost_bound
 from drake_rho.planning.horizon.first_window import FirstWindow
 from drake_rho.planning.horizon.free_final_time import check_rest_at_goals, next_window
-from drake_rho.planning.horizon.latencies import known_later, latency_in_samples, time_ahead
+from drake_rho.planning.horizon.latencies import (
+    known_later,
+    known_when_seen,
+    latency_in_samples,
+    time_ahead,
+)
 from drake_rho.planning.horizon.measured_states import (
     ROUNDING,
     exceeding,
@@ -137,7 +142,7 @@ class RecedingHorizon:
                 expected = "False with a free final time, since earlier arrivals cost more"
                 raise ValueError(f"bounded_cost: got True, expected {expected}")
         self.latency = latency_in_samples(scenario, latency, int(replan_every))
-        self._ahead = time_ahead(scenario, self.latency)
+        self._given, self._ahead = scenario, time_ahead(scenario, self.latency)
         scenario = known_later(scenario, self._ahead)
         if reference is None:
             reference = free_reference if scenario.separation is None else tail_reference
@@ -268,7 +273,7 @@ class RecedingHorizon:
         """
         if not self.windows:
             raise ValueError("windows: got none, expected at least one planned window")
-        return Flight.composed(self.scenario, self.windows)
+        return Flight.composed(known_when_seen(self.scenario, self._given), self.windows)
 
     def _checked(self, states: npt.ArrayLike) -> FloatArray:
         """Return states as an array, shape (N, 6), with rows of NaN for vehicles not seen."""
