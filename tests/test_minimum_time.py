@@ -8,8 +8,11 @@ import numpy as np
 import pytest
 
 import drake_rho as rho
+from drake_rho.analysis.time_search import TimeSearch
 from drake_rho.cli.result_documents import Verified
+from drake_rho.planning.scp.timed import Timed
 from drake_rho.scenario.files import scenario_from_yaml, scenario_to_yaml
+from drake_rho.scenario.limits import GRAVITY
 from tests.scenarios import box, mapped, single, slow
 from tests.test_cli import run
 from tests.test_cli_json import read
@@ -430,3 +433,43 @@ def test_a_start_in_motion_and_a_bad_guess_of_the_step_do_no_harm(step: float) -
         grid=rho.Grid(step, 25),
     )
     assert least_time(scenario) == pytest.approx(4.035, rel=2e-3)
+
+
+@pytest.mark.parametrize("spare", [1e-1, 1e-2, 1e-3])
+def test_thrusts_just_above_hovering_leave_little_but_are_planned_with(spare: float) -> None:
+    """A horizontal acceleration a takes the thrust (a² + g²)^½; a dip first saves a little."""
+    thrust = GRAVITY + spare
+    a = np.sqrt(thrust**2 - GRAVITY**2)
+    vehicle = rho.Vehicle("v", rho.State([0, 0, 1]), rho.State([2, 0, 1]))
+    scenario = rho.Scenario("hover", rho.Grid(1.0, 25), [vehicle], rho.Limits(max_thrust=thrust))
+    plan = rho.plan_minimum_time(scenario)
+    level = 2.0 * np.sqrt(2.0 / a)
+    assert 0.9 * level <= plan.scenario.grid.duration <= level * (1.0 + 1e-6)
+    assert rho.verify(plan).ok
+    gate = rho.Waypoint(None, [1, 0.25, 1])
+    past = dataclasses.replace(
+        scenario, vehicles=(dataclasses.replace(vehicle, waypoints=(gate,)),)
+    )
+    passing = rho.plan_minimum_time(past)
+    assert rho.verify(passing).ok
+    assert passing.scenario.grid.duration >= plan.scenario.grid.duration
+
+
+def test_where_programs_are_too_inexact_the_plan_is_that_of_bisection(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    scenario = single(limits=FAST)
+    exact = rho.plan_minimum_time(scenario)
+    finished, calls = TimeSearch._finished, list[Timed]()
+
+    def first_one_violates(self: TimeSearch, best: Timed) -> rho.Plan:
+        calls.append(best)
+        if len(calls) == 1:
+            raise rho.SolverError("the motion that the solvers found violates constraints")
+        return finished(self, best)
+
+    monkeypatch.setattr(TimeSearch, "_finished", first_one_violates)
+    plan = rho.plan_minimum_time(scenario)
+    assert rho.verify(plan).ok
+    assert not plan.statistics.converged
+    assert 1.0 - 1e-9 <= plan.scenario.grid.duration / exact.scenario.grid.duration <= 1.02

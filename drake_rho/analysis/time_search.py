@@ -92,23 +92,42 @@ class TimeSearch:
         self._least = LeastTime(ROUGH, progress, steady=self._steady)
 
     def plan(self) -> Plan:
-        """Return the plan of least time."""
+        """Return the plan of least time.
+
+        Where solvers are too inexact for the limits, it is the one that bisection finds.
+        """
         scenario = self._scenario
         apart = scenario.separation is not None or Problem.of(scenario).has_links
         smooth = scenario.smoothing is not None
         bound = apart or smooth or scenario.avoided or scenario.requirements
         alone = TimesAlone(scenario, self._waypoints, self._backend, self._progress)
         free = self._steady and not bound
-        best = alone.motion(spare=free and not self._each)
+        each = alone.motion(spare=free and not self._each)
         self._least.statistics += alone.statistics
         self._bound = alone.bound
-        if not free:
-            best = self._together(best, apart)
-        if self._each:
-            least = LeastTime(ROUGH, self._progress, final_time=False)
-            best = as_soon_as_each_can(best, alone.durations, least, self._progress)
-            self._least.statistics += least.statistics
-        return self._finished(best)
+        best = each if free else self._together(each, apart)
+        try:
+            return self._finished(self._arriving(best, alone.durations))
+        except SolverError:
+            slower = self._by_bisection(each, coupled=False)
+            if slower is None:
+                raise
+            slower = dataclasses.replace(slower, converged=False)
+            return self._finished(self._arriving(slower, alone.durations))
+
+    def _arriving(self, best: Timed, alone: FloatArray) -> Timed:
+        """Return a motion in which vehicles arrive one by one, if that is asked for.
+
+        Args:
+            best: motion in which all arrive at the last knot.
+            alone: time that each vehicle takes at least [s], shape (N,).
+        """
+        if not self._each:
+            return best
+        least = LeastTime(ROUGH, self._progress, final_time=False)
+        best = as_soon_as_each_can(best, alone, least, self._progress)
+        self._least.statistics += least.statistics
+        return best
 
     def _together(self, alone: Timed, apart: bool) -> Timed:
         """Return the motion in the least time in which all arrive.

@@ -40,6 +40,9 @@ _SLOPES: dict[Quantity, tuple[float, float]] = {
 _BLOCK = 300
 """Number of variables in a block of the cost, whose Hessian is dense."""
 
+_CLOSE = 0.9
+"""Least g / f for which a cone is transformed."""
+
 _PART = 1e-6
 """Part of a time by which it is changed to differentiate bounds."""
 
@@ -235,7 +238,8 @@ class FreeTimeProgram:
         matrix = transform @ self._matrix[own]
         matrix = matrix + csc_array(hstack([csc_array((4 * count, len(self._x))), grown]))
         constant = offsets.reshape(-1) - grown.sum(axis=1) - transform @ self._needed[own]
-        self._add_lorentz(matrix, constant, self._variables)
+        boosts = bsr_array((boosts_of(cones), each[:-1], each))
+        self._add_lorentz(boosts @ matrix, boosts @ constant, self._variables)
 
     def add_passing(self) -> None:
         """Add that vehicles pass the waypoints."""
@@ -278,6 +282,29 @@ class FreeTimeProgram:
             accelerations = accelerations + (y - 1.0) * self._drift.accelerations
         changes = x[columns + 2 : columns + 2 + len(self._passing)]
         return FreeTime(accelerations, y, changes, solution.solver, solution.seconds)
+
+
+def boosts_of(cones: Cones) -> FloatArray:
+    """Return Lorentz transformations of cones, (R, 4, 4), after which balls begin at zero.
+
+    A ball of radius f around an origin at the distance g < f from zero, as that of thrusts, is a
+    cone of values of the size of f, beside which accelerations may be small. In the frame that
+    moves with g / f the value zero is the middle of the cone, whose height is (f² - g²)^½. Others
+    stay as they are.
+    """
+    boosts: FloatArray = np.tile(np.eye(4), (len(cones), 1, 1))
+    origins = cones.constraint.sets.origins[cones.vehicles]
+    away = np.linalg.norm(origins, axis=1)
+    ball = ~cones.matrices[:, 0].any(axis=1) & (away < cones.constants)
+    ball &= away > _CLOSE * cones.constants
+    speeds, along = away[ball] / cones.constants[ball], -origins[ball] / away[ball, None]
+    growth = cones.constants[ball] / np.sqrt(
+        (cones.constants[ball] - away[ball]) * (cones.constants[ball] + away[ball])
+    )
+    mixed = -(growth * speeds)[:, None] * along
+    boosts[ball, 0, 0], boosts[ball, 0, 1:], boosts[ball, 1:, 0] = growth, mixed, mixed
+    boosts[ball, 1:, 1:] += (growth - 1.0)[:, None, None] * along[:, :, None] * along[:, None]
+    return boosts
 
 
 def bound_rates(rows: HalfSpaces) -> FloatArray:
