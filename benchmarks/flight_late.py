@@ -279,7 +279,7 @@ def _breach(
 
 
 def _in_tube(stop: rho.Plan) -> float:
-    """Return the largest violation by a contingency with its tube, at dense samples.
+    """Return the largest violation of what is known by a contingency with its tube, by samples.
 
     Two vehicles are taken to be further apart by both radii in metres that downwash does not
     scale, which a factor of 1 makes exact; only such pairs count with another factor.
@@ -299,7 +299,7 @@ def _in_tube(stop: rho.Plan) -> float:
     return _breach(
         scenario,
         (times, positions, velocities),
-        np.full(len(times), np.inf),
+        np.full(len(times), grid.start + 1e-9),
         tube.position(times),
         tube.velocity(times),
     )
