@@ -334,7 +334,7 @@ def test_tables_fit_a_terminal_and_have_full_lines_in_a_pipe(columns: str) -> No
         lines = re.sub(r"\x1b\[[0-9;?]*[a-zA-Z]", "", ran.stdout).splitlines()
         return [line.rstrip() for line in lines]
 
-    explained = "Explain why a scenario has no plan and what would make it feasible."
+    explained = "Explain why there is no plan, or which limits make a plan so long."
     assert f"  diagnose   {explained}" in printed("")
     on_terminal = printed("", FORCE_COLOR="1")
     assert max(map(len, on_terminal)) <= int(columns)

@@ -94,7 +94,6 @@ def test_too_many_vehicles_are_an_error_that_says_how_many_fit() -> None:
     [
         (lambda: draw(0), "n"),
         (lambda: draw(2.5), "n"),  # type: ignore[arg-type]  # what is tested
-        (lambda: draw(True), "n"),
         (lambda: draw(2, step=0.3), "step"),
         (lambda: draw(2, duration=-1.0), "duration"),
         (lambda: rho.flight_cube(0.0), "volume"),
@@ -109,6 +108,11 @@ def test_invalid_arguments_are_refused(make: Callable[[], object], field: str) -
     with pytest.raises(rho.ScenarioError) as caught:
         make()
     assert caught.value.field.startswith(field)
+
+
+def test_true_is_no_number() -> None:
+    with pytest.raises(TypeError, match="n: got True, expected a number"):
+        draw(True)
 
 
 @pytest.mark.parametrize("n", [1, 2, 5, 10])

@@ -199,7 +199,6 @@ def test_the_same_seed_draws_the_same_and_more_obstacles_extend_it(
         (lambda: swap(1, step=0.3), "step"),
         (lambda: swap(1, vehicles=300), "scenario.vehicles"),
         (lambda: field(-1), "obstacles"),
-        (lambda: field(True), "obstacles"),
         (lambda: field(1, max_velocity=0.0), "max_velocity"),
         (lambda: field(1, max_acceleration=float("nan")), "max_acceleration"),
         (lambda: field(1, max_step=-1.0), "max_step"),
