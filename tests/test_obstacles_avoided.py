@@ -7,7 +7,6 @@ import dataclasses
 import pickle
 from collections.abc import Callable
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 import pytest
@@ -182,8 +181,8 @@ def test_the_deepest_instants_agree_with_dense_samples(seed: int, kind: str, mov
     motion = Motion.from_start(
         rho.State(2 * rng.normal(size=3), rng.normal(size=3)), rng.normal(size=(8, 3)), step
     )
-    parts: tuple[Any, ...] = dataclasses.astuple(motion)[1:]
-    motions = Motion(step, *(None if each is None else each[None] for each in parts))
+    parts = (each for each in dataclasses.astuple(motion)[1:] if each is not None)
+    motions = Motion(step, *(each[None] for each in parts))
     below = np.array([rng.uniform(-0.2, 0.5)])
     pieces = pieces_near(motions, obstacle.since(start), np.maximum(below, 0.0))
     tolerances = np.full(len(pieces.owners), shape.tolerance)
