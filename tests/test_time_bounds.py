@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 from pathlib import Path
 
-import cvxpy as cp
 import numpy as np
 import pytest
 
@@ -109,6 +108,7 @@ def _place(motion: Motion, T: float, longest: float, rng: np.random.Generator) -
 
 def _has_motion(scenario: rho.Scenario, T: float) -> bool:
     """Return whether CVXPY finds a motion in a given time, with accelerations as unknowns."""
+    cp = pytest.importorskip("cvxpy")  # of the bench extra, which tests do without
     vehicle, limits = scenario.vehicles[0], scenario.limits
     n = scenario.grid.knots - 1
     h, a = T / n, cp.Variable((n, 3))
