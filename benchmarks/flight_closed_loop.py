@@ -21,7 +21,7 @@ from benchmarks.tables import Cell, Goal, Table
 from benchmarks.windy_worlds import WORLDS
 from drake_rho.motion.simulation import Simulation
 from drake_rho.planning.errors import InfeasibleError, SolverError
-from drake_rho.planning.horizon.windows import Planner
+from drake_rho.planning.horizon.interfaces import Planner
 from drake_rho.simulation.closed_loop import fly, fly_plan
 from drake_rho.simulation.winds import Wind
 

@@ -44,9 +44,9 @@ if TYPE_CHECKING:
     from drake_rho.planning.call.options import Options
     from drake_rho.planning.constraints.coupling import coupled, decoupled, grouped
     from drake_rho.planning.errors import InfeasibleError, OutOfTimeError, SolverError
+    from drake_rho.planning.horizon.interfaces import free_reference, tail_reference
     from drake_rho.planning.horizon.plan_rho import plan_rho
     from drake_rho.planning.horizon.receding_horizon import RecedingHorizon
-    from drake_rho.planning.horizon.windows import free_reference, tail_reference
     from drake_rho.planning.planners.assignment import assign_goals
     from drake_rho.planning.planners.convex import plan_convex
     from drake_rho.planning.planners.plan import plan, plan_scp
@@ -258,7 +258,7 @@ _NAMES = {
     "drake_rho.planning.horizon.plan_rho": ("plan_rho",),
     "drake_rho.planning.horizon.receding_horizon": ("RecedingHorizon",),
     "drake_rho.planning.scp.sequential_convex": ("scp_step",),
-    "drake_rho.planning.horizon.windows": ("free_reference", "tail_reference"),
+    "drake_rho.planning.horizon.interfaces": ("free_reference", "tail_reference"),
     "drake_rho.scenario.errors": (
         "DrakeRhoError",
         "DrakeRhoWarning",

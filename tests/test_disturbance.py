@@ -15,6 +15,7 @@ import drake_rho as rho
 from drake_rho.motion.scenario_tube import tube_of
 from drake_rho.scenario.disturbance import Tracking
 from drake_rho.scenario.files import scenario_from_yaml, scenario_to_json, scenario_to_yaml
+from drake_rho.scenario.rest_of_flight import from_states
 from drake_rho.simulation.closed_loop import fly
 from tests.scenarios import single
 
@@ -141,7 +142,7 @@ def test_derived_scenarios_keep_the_disturbance(paper: rho.Scenario) -> None:
         scenario.without_obstacles(),
         scenario.without_separation(),
         scenario.of_vehicles([0]),
-        scenario.from_states(scenario.grid.from_knot(3), fleet.start_positions, zeros, zeros),
+        from_states(scenario, scenario.grid.from_knot(3), fleet.start_positions, zeros, zeros),
     )
     assert all(each.disturbance == EVERY_FIELD for each in made)
     alone = dataclasses.replace(single(), disturbance=EVERY_FIELD)

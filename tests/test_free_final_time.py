@@ -13,7 +13,7 @@ import drake_rho as rho
 from drake_rho import cli
 from drake_rho.motion.flown import Flown
 from drake_rho.planning.horizon.free_final_time import arrival_steps
-from drake_rho.planning.horizon.windows import Planner
+from drake_rho.planning.horizon.interfaces import Planner
 from drake_rho.simulation.closed_loop import fly
 
 LIMITS = rho.Limits(max_speed=3.0, max_acceleration=3.0)

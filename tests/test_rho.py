@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from pydrake.solvers import SolverInterface
 
 import drake_rho as rho
-from drake_rho.planning.horizon.windows import Planner
+from drake_rho.planning.horizon.interfaces import Planner
 from drake_rho.planning.minimum_effort import Changes
 from drake_rho.planning.programs import parallel as blocks
 from drake_rho.planning.programs.reduced import programs_of

@@ -18,6 +18,7 @@ from drake_rho.scenario.files import (
     scenario_to_yaml,
 )
 from drake_rho.scenario.records import TOLERANCE
+from drake_rho.scenario.rest_of_flight import from_states
 from tests.tolerances import ROUNDING
 
 GRID = rho.Grid(1.0, 5)
@@ -150,7 +151,7 @@ def test_states_reached_by_a_plan_are_not_checked_again() -> None:
     scenario = swarm(apart(2), apart(2)[::-1], rho.Separation(5.0))
     middle = np.full((2, 3), 5.0)
     still = np.zeros((2, 3))
-    begun = scenario.from_states(rho.Grid(1.0, 3), middle, still, still)
+    begun = from_states(scenario, rho.Grid(1.0, 3), middle, still, still)
     assert begun.separation == scenario.separation
     with pytest.raises(rho.ScenarioError, match="a1 at least 5 m from a0"):
         begun.check_ends()

@@ -20,6 +20,7 @@ from drake_rho.motion.scenario_tube import tube_of
 from drake_rho.scenario.disturbance import Tracking
 from drake_rho.scenario.fields import FloatArray, unchecked
 from drake_rho.scenario.limits import GRAVITY
+from drake_rho.scenario.rest_of_flight import from_states
 from tests.scenarios import box, single
 from tests.shapes import KINDS, random_shape
 from tests.test_obstacles_verified import by_hand, places, random_case
@@ -133,7 +134,7 @@ def _flight(rng: np.random.Generator, plan: rho.Plan, size: float) -> rho.Flight
             tracking = _tracking(grid.start, tracking.gains, errors)
         p, v = plan.positions[:, knot:], plan.velocities[:, knot:]
         before = np.zeros_like(p[:, 0])
-        scenario = plan.scenario.from_states(grid, p[:, 0], v[:, 0], before, tracking)
+        scenario = from_states(plan.scenario, grid, p[:, 0], v[:, 0], before, tracking)
         here = rho.Plan(scenario, p, v, plan.accelerations[:, knot:])
         windows.append(rho.Window(knot, here, here))
     return rho.Flight(plan, tuple(windows))

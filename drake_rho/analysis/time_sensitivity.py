@@ -64,7 +64,8 @@ class SensitivityAnalysis:
         if least < (1.0 - _LONGER) * self._timed.duration:
             raise ValueError(
                 f"plan: got one of {self._timed.duration:.6g} s, near which there is one of about "
-                f"{least:.6g} s, expected a plan of `plan_minimum_time`"
+                f"{least:.6g} s, expected a plan of least time (`plan_minimum_time`, `drake-rho "
+                "fastest`)"
             )
         self._without = least
 

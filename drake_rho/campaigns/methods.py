@@ -22,9 +22,9 @@ from drake_rho.motion.flown import Flown
 from drake_rho.motion.plan import Plan
 from drake_rho.planning.call.options import Options
 from drake_rho.planning.constraints.coupling import CouplingName
+from drake_rho.planning.horizon.interfaces import free_reference, tail_reference
 from drake_rho.planning.horizon.plan_rho import plan_rho
 from drake_rho.planning.horizon.receding_horizon import RecedingHorizon
-from drake_rho.planning.horizon.windows import free_reference, tail_reference
 from drake_rho.planning.planners.convex import plan_convex
 from drake_rho.planning.planners.plan import plan as best_plan
 from drake_rho.planning.programs.backend import SolverName

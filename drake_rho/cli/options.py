@@ -10,7 +10,7 @@ import typer
 
 from drake_rho.planning.call.options import DEFAULTS, Options
 from drake_rho.planning.call.progress import Progress
-from drake_rho.planning.horizon.windows import Planner, free_reference, tail_reference
+from drake_rho.planning.horizon.interfaces import Planner, free_reference, tail_reference
 from drake_rho.planning.planners.convex import plan_convex
 from drake_rho.planning.planners.plan import plan as best_plan
 from drake_rho.scenario.files import library

@@ -15,6 +15,7 @@ from drake_rho.motion.statistics import Statistics
 from drake_rho.scenario.described import Described, ShownInNotebooks
 from drake_rho.scenario.fields import FloatArray, unchecked
 from drake_rho.scenario.records import Scenario
+from drake_rho.scenario.rest_of_flight import going_on
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -85,10 +86,10 @@ class Window(metaclass=Described):
         return self._with(self.plan.with_statistics(spent + self.plan.statistics))
 
     def going_on(self, flown: FloatArray) -> Window:
-        """Return the window after what was flown, as `Scenario.going_on`."""
+        """Return the window after what was flown, which averages of a smoothing reach."""
 
         def after(plan: Plan) -> Plan:
-            return unchecked(plan, scenario=plan.scenario.going_on(flown))
+            return unchecked(plan, scenario=going_on(plan.scenario, flown))
 
         stop = self.contingency and after(self.contingency)
         own, reference = after(self.plan), after(self.reference)

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from drake_rho.motion.costs import cost_of
 from drake_rho.motion.dynamics import Motion
+from drake_rho.motion.remainders import remainder
 from drake_rho.motion.samples import Samples, times_of
 from drake_rho.motion.scenario_tube import tube_of
 from drake_rho.motion.smooth import Polynomials, SmoothMotion
@@ -19,7 +20,7 @@ from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.consistency import check_goals_at_rest
 from drake_rho.scenario.described import Described, ShownInNotebooks
 from drake_rho.scenario.fields import FloatArray, IntArray, read_only, unchecked
-from drake_rho.scenario.parts import MOST_KNOTS, SAME_TIME, Quantity
+from drake_rho.scenario.parts import MOST_KNOTS, SAME_TIME
 from drake_rho.scenario.records import Scenario
 from drake_rho.scenario.shapes.base import TOLERANCE
 
@@ -264,45 +265,6 @@ class Plan(ShownInNotebooks, metaclass=Described):
         vehicle = self.scenario.index_of(name)
         return self.polynomials().trajectory(vehicle, self.scenario.grid.start)
 
-    def remainder(self, knot: int) -> Scenario:
-        """Return the scenario of the rest of the flight from `knot`, counted from 0.
-
-        Goals and arrival time remain. The start is the planned state at the knot, with the
-        acceleration of the step before it. With a smoothing, its averages go on from those before.
-
-        Raises:
-            ValueError: no step begins at `knot`.
-        """
-        if not 0 <= knot < self.scenario.grid.knots - 1:
-            expected = f"0 to {self.scenario.grid.knots - 2}"
-            raise ValueError(f"knot: got {knot}, expected {expected}")
-        if knot == 0:
-            return self.scenario
-        return self.scenario.from_states(
-            self.scenario.grid.from_knot(knot),
-            self._without_rounding("position", self.positions[:, knot]),
-            self._without_rounding("velocity", self.velocities[:, knot]),
-            self._without_rounding("acceleration", self.accelerations[:, knot - 1]),
-            tube_of(self.scenario).tracking if self.scenario.disturbance else None,
-            None if (smooth := self.smooth()) is None else smooth.flown_until(knot),
-        )
-
-    def _without_rounding(self, quantity: Quantity, values: FloatArray) -> FloatArray:
-        """Return the vehicles' values, projected to their limits where within the tolerance.
-
-        A value that violates a limit by more remains unchanged.
-        """
-        fleet = self.scenario.fleet
-        if (bounds := fleet.bounds(quantity)) is not None:
-            nearest = np.minimum(np.maximum(values, bounds.lower), bounds.upper)
-            values = np.where(np.abs(values - nearest) <= bounds.tolerances, nearest, values)
-        for limit in fleet.norms.values():
-            if limit.kind.quantity == quantity:
-                excess = limit.sets.excess(np.arange(len(values)), values)
-                satisfied = excess <= limit.sets.tolerances
-                values = np.where(satisfied[:, None], limit.sets.nearest(values), values)
-        return values
-
     @checked
     def holding(self, seconds: float) -> Plan:
         """Return the plan continued at rest: vehicles hold at their goals for a time after the end.
@@ -346,10 +308,14 @@ class Plan(ShownInNotebooks, metaclass=Described):
         )
 
     def tail(self, knot: int) -> Plan:
-        """Return the rest of the plan from `knot`, counted from 0, as a separate plan."""
+        """Return the rest of the plan from `knot`, counted from 0, as a separate plan.
+
+        Raises:
+            ValueError: no step begins at `knot`.
+        """
         return unchecked(
             self,
-            scenario=self.remainder(knot),
+            scenario=remainder(self.scenario, self.motion(), knot),
             positions=self.positions[:, knot:],
             velocities=self.velocities[:, knot:],
             accelerations=self.accelerations[:, knot:],

@@ -21,16 +21,9 @@ from drake_rho.scenario.consistency import (
 )
 from drake_rho.scenario.context import Context, context_of
 from drake_rho.scenario.described import ShownInNotebooks
-from drake_rho.scenario.disturbance import Disturbance, Tracking
+from drake_rho.scenario.disturbance import Disturbance
 from drake_rho.scenario.errors import one_of
-from drake_rho.scenario.fields import (
-    Boolean,
-    FloatArray,
-    Name,
-    read_only,
-    record,
-    unchecked,
-)
+from drake_rho.scenario.fields import Boolean, Name, record, unchecked
 from drake_rho.scenario.fleet import Fleet
 from drake_rho.scenario.known_obstacles import active_during, known_at_start
 from drake_rho.scenario.limits import Limits
@@ -49,7 +42,6 @@ from drake_rho.scenario.shapes.quadrics import Ellipsoid, Sphere
 from drake_rho.scenario.shapes.unbounded import Cone, HalfSpace
 from drake_rho.scenario.smoothing import Smoothing, check_smoothing, largest_accelerations
 from drake_rho.scenario.tracks import Track
-from drake_rho.scenario.waypoints import is_during_flight
 from drake_rho.scenario.worlds import Obstacles
 
 __all__ = [
@@ -146,11 +138,9 @@ class Scenario(ShownInNotebooks):
     @cached_property
     def fleet(self) -> Fleet:
         """Vehicles as arrays."""
-        return self._fleet_of(self.vehicles, self.separation)
-
-    def _fleet_of(self, vehicles: Sequence[Vehicle], apart: Separation | None) -> Fleet:
-        distance = 0.0 if apart is None else apart.distance
-        return Fleet(self.grid, vehicles, self.limits, distance, [body for _, body in self.avoided])
+        distance = 0.0 if self.separation is None else self.separation.distance
+        bodies = [body for _, body in self.avoided]
+        return Fleet(self.grid, self.vehicles, self.limits, distance, bodies)
 
     @model_validator(mode="after")
     def _consistent(self, info: ValidationInfo[Context | None]) -> Self:
@@ -256,19 +246,6 @@ class Scenario(ShownInNotebooks):
         """Return a vehicle's limits: its own where it has them, else the scenario's."""
         return self.limits.overridden_by(vehicle.limits)
 
-    def going_on(self, flown: FloatArray) -> Scenario:
-        """Return the scenario after what was flown, which averages of a smoothing reach.
-
-        Args:
-            flown: accelerations of the steps before the first knot [m/s²], (N, REACHED, 3).
-        """
-        vehicles = tuple(
-            unchecked(each, start=unchecked(each.start, flown=own))
-            for each, own in zip(self.vehicles, read_only(flown), strict=True)
-        )
-        fleet = self._fleet_of(vehicles, self.separation)
-        return self.derived(vehicles=vehicles, fleet=fleet)
-
     def without_obstacles(self) -> Scenario:
         """Return the scenario without obstacles (the paper's Examples 1 and 3)."""
         return self.derived(obstacles=())
@@ -312,7 +289,7 @@ class Scenario(ShownInNotebooks):
 
     def without_separation(self) -> Scenario:
         """Return the scenario without a separation."""
-        return self.derived(separation=None, fleet=self._fleet_of(self.vehicles, None))
+        return self.derived(separation=None)
 
     def with_disturbance(self, disturbance: Disturbance | None) -> Scenario:
         """Return the scenario with another disturbance, which has to fit the grid."""
@@ -334,66 +311,8 @@ class Scenario(ShownInNotebooks):
     def of_vehicles(self, indices: Sequence[int]) -> Scenario:
         """Return the scenario of some of its vehicles only, not validated again."""
         vehicles = tuple(self.vehicles[index] for index in indices)
-        fleet, names = (
-            self._fleet_of(vehicles, self.separation),
-            [vehicle.name for vehicle in vehicles],
-        )
-        requirements = parts_for(self.requirements, names)
-        return self.derived(vehicles=vehicles, fleet=fleet, requirements=requirements)
-
-    def from_states(
-        self,
-        grid: Grid,
-        positions: FloatArray,
-        velocities: FloatArray,
-        before: FloatArray,
-        tracking: Tracking | None = None,
-        flown: FloatArray | None = None,
-    ) -> Scenario:
-        """Return the scenario from other states on another grid, without waypoints before it.
-
-        Averages of a smoothing begin `lead` before the grid, and so do waypoints.
-
-        Args:
-            grid: remainder of the flight.
-            positions: at its first knot [m], shape (N, 3).
-            velocities: at its first knot [m/s], shape (N, 3).
-            before: accelerations just before the first knot [m/s²], shape (N, 3).
-            tracking: plan that a feedback tracks since an earlier time, if there is one.
-            flown: accelerations of the steps before the first knot that averages reach [m/s²],
-                shape (N, REACHED, 3); none if averages begin at rest, or without a smoothing.
-        """
-        disturbance = self.disturbance and unchecked(self.disturbance, tracking=tracking)
-        states = zip(read_only(positions), read_only(velocities), read_only(before), strict=True)
-        earlier = [None] * len(self.vehicles) if flown is None else read_only(flown)
-        vehicles = tuple(
-            unchecked(
-                vehicle,
-                start=unchecked(
-                    vehicle.start, position=p, velocity=v, acceleration=_known(a), flown=reached
-                ),
-                waypoints=tuple(
-                    each
-                    for each in vehicle.waypoints
-                    if each.time is None or is_during_flight(each.time, grid, self.lead)
-                ),
-            )
-            for vehicle, (p, v, a), reached in zip(self.vehicles, states, earlier, strict=True)
-        )
-        passed = grid.step * round((grid.start - self.grid.start) / grid.step)
-        bodies = tuple(each.since(passed) for each in self.bodies_in_flight)
-        known = known_at_start(self.bodies, bodies, grid)
-        avoided = [body for _, body in active_during(known, grid)]
-        fleet = self.fleet.started_at(grid, vehicles, positions, velocities, before, avoided)
-        return self.derived(
-            grid=grid,
-            vehicles=vehicles,
-            fleet=fleet,
-            disturbance=disturbance,
-            bodies_in_flight=bodies,
-            known=known,
-            under_way=True,
-        )
+        requirements = parts_for(self.requirements, [vehicle.name for vehicle in vehicles])
+        return self.derived(vehicles=vehicles, requirements=requirements)
 
     @cached_property
     def held(self) -> tuple[int, ...]:
@@ -417,11 +336,6 @@ class Scenario(ShownInNotebooks):
         if name not in self.names:
             raise ValueError(f"vehicle: got {name!r}, expected {one_of(self.names, name)}")
         return self.names.index(name)
-
-
-def _known(acceleration: FloatArray) -> FloatArray | None:
-    """Return an acceleration before the start, or None if it is NaN, as where there was none."""
-    return None if np.isnan(acceleration).any() else acceleration
 
 
 _COMPUTED_FROM: dict[str, set[str]] = {

@@ -9,8 +9,8 @@ import numpy as np
 from drake_rho.motion.flight import Flight, Window
 from drake_rho.motion.plan import Plan
 from drake_rho.motion.simulation import Simulation
+from drake_rho.planning.horizon.interfaces import Planner
 from drake_rho.planning.horizon.receding_horizon import RecedingHorizon
-from drake_rho.planning.horizon.windows import Planner
 from drake_rho.planning.planners.convex import plan_convex
 from drake_rho.planning.planners.plan import plan as best_plan
 from drake_rho.scenario.errors import ScenarioError

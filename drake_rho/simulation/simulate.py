@@ -11,8 +11,8 @@ from drake_rho.motion.flight import Flight
 from drake_rho.motion.plan import Plan
 from drake_rho.motion.simulation import Simulation
 from drake_rho.planning.call.progress import Progress
+from drake_rho.planning.horizon.interfaces import Planner
 from drake_rho.planning.horizon.receding_horizon import RecedingHorizon
-from drake_rho.planning.horizon.windows import Planner
 from drake_rho.planning.planners.convex import plan_convex
 from drake_rho.planning.planners.plan import plan as best_plan
 from drake_rho.scenario.arguments import checked

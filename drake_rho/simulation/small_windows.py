@@ -10,6 +10,7 @@ import dataclasses
 from typing import Any
 
 from drake_rho.motion.flight import Flight, Window
+from drake_rho.motion.remainders import remainder
 from drake_rho.planning.horizon.latencies import known_later
 from drake_rho.scenario.disturbance import Disturbance
 from drake_rho.scenario.fields import FloatArray
@@ -84,7 +85,7 @@ class SmallWindows:
         if not self.windows:
             return self.scenario
         last = self.windows[-1]
-        return last.plan.remainder(knot - last.first_knot)
+        return remainder(last.plan.scenario, last.plan.motion(), knot - last.first_knot)
 
     @property
     def flight(self) -> Flight:

@@ -12,6 +12,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from drake_rho.motion.plan import Plan
+from drake_rho.motion.remainders import remainder
 from drake_rho.motion.scenario_tube import tube_of
 from drake_rho.planning.errors import InfeasibleError, SolverError
 from drake_rho.planning.planners.convex import plan_convex
@@ -142,7 +143,7 @@ def _resting(plan: Plan, knot: int, rests: FloatArray, steps: int) -> Scenario:
         steps: number of steps to these places.
     """
     window = plan.scenario
-    left = plan.remainder(knot)
+    left = remainder(window, plan.motion(), knot)
     grid: Grid = window.grid.from_knot(knot, steps)
     fleet = left.fleet.started_at(
         grid,

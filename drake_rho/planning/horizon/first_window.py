@@ -9,8 +9,9 @@ from drake_rho.motion.flight import Window
 from drake_rho.motion.statistics import Statistics
 from drake_rho.planning.errors import InfeasibleError, OutOfTimeError, SolverError
 from drake_rho.planning.horizon.free_final_time import arrival_steps, arriving
+from drake_rho.planning.horizon.interfaces import Planner
 from drake_rho.planning.horizon.waypoints_ahead import free_of, timed_as, until
-from drake_rho.planning.horizon.windows import Planner, WindowPlanner
+from drake_rho.planning.horizon.windows import WindowPlanner
 from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.records import Scenario
 

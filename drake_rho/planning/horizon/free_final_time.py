@@ -18,8 +18,9 @@ from drake_rho.motion.flight import Window
 from drake_rho.motion.plan import Plan
 from drake_rho.motion.statistics import Statistics
 from drake_rho.planning.errors import InfeasibleError, OutOfTimeError, SolverError
+from drake_rho.planning.horizon.interfaces import Planner
 from drake_rho.planning.horizon.waypoints_ahead import Free, sooner, until, with_waypoints
-from drake_rho.planning.horizon.windows import Planner, WindowPlanner
+from drake_rho.planning.horizon.windows import WindowPlanner
 from drake_rho.planning.programs.backend import Solver
 from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.fields import FloatArray

@@ -1,4 +1,4 @@
-"""Deviations of measured states from planned ones, and the bounds that the error tube gives."""
+"""Scenarios from measured states, which deviate from planned ones within the error tube."""
 
 from __future__ import annotations
 
@@ -8,32 +8,95 @@ import numpy as np
 
 from drake_rho.motion.scenario_tube import tube_of
 from drake_rho.scenario.disturbance import Tracking
-from drake_rho.scenario.fields import BoolArray, FloatArray
+from drake_rho.scenario.fields import BoolArray, FloatArray, unchecked
 from drake_rho.scenario.records import TOLERANCE, Grid, Scenario
+from drake_rho.scenario.rest_of_flight import from_states
 
-ROUNDING = 1e-9
+_ROUNDING = 1e-9
 """Relative difference, in scales of the motion, below which a state counts as that of the plan. It
 covers the rounding errors of integration."""
 
 
-def renewed_tracking(
-    whole: Scenario, left: Scenario, unseen: Scenario | None, ahead: int = 0
+def from_measured(scenario: Scenario, states: FloatArray) -> Scenario:
+    """Return a scenario from measured states; itself if these are the starts.
+
+    Starts are exact, and so are states equal to them. Other states are estimates, whose errors the
+    tube begins with. With a smoothing, flights begin at rest at their starts.
+
+    Args:
+        scenario: to be flown.
+        states: positions [m] and velocities [m/s], shape (N, 6). A vehicle with a row of NaN was
+            not seen, and is taken to be at its start.
+    """
+    if scenario.smoothing is not None:
+        return scenario
+    fleet, tolerance = scenario.fleet, TOLERANCE if scenario.disturbance is None else _ROUNDING
+    away = deviations(states, fleet.start_states)
+    if not exceeding(scenario, away, 0.0, 0.0, tolerance).any():
+        return scenario
+    moved = _from_states(scenario, scenario, states, fleet.start_states, ahead=0)
+    return moved.derived(under_way=False)  # there is no previous plan
+
+
+def continued(
+    left: Scenario, whole: Scenario, states: FloatArray, planned: FloatArray, ahead: int
+) -> Scenario:
+    """Return the rest of a flight from measured states, with a new error tube.
+
+    With a smoothing it continues the previous plan in its tube.
+
+    Args:
+        left: rest of the flight from the planned states.
+        whole: scenario of the whole flight, whose feedback continues.
+        states: positions [m] and velocities [m/s], shape (N, 6). A vehicle with a row of NaN was
+            not seen, and is taken to be where it was planned to be.
+        planned: states of the previous plan, shape (N, 6).
+        ahead: number of samples by which states are predicted, as in `estimate_errors`.
+    """
+    if left.smoothing is not None:
+        return left
+    if exceeding(left, deviations(states, planned), 0.0, 0.0, _ROUNDING).any():
+        return _from_states(left, whole, states, planned, ahead)
+    if left.disturbance is None:
+        return left
+    tracking = _renewed_tracking(whole, left, states, ahead)
+    around = unchecked(left.disturbance, tracking=tracking)
+    return left.derived(disturbance=around, under_way=True)
+
+
+def deviations(states: FloatArray, planned: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return by how much positions [m] and velocities [m/s] deviate, shape (N, 3) each.
+
+    Args:
+        states: measured, shape (N, 6); of vehicles that were not seen, NaN, which deviate by 0.
+        planned: shape (N, 6).
+    """
+    return _split(_completed(states, planned) - planned)
+
+
+def _from_states(
+    left: Scenario, whole: Scenario, states: FloatArray, planned: FloatArray, ahead: int
+) -> Scenario:
+    """Return a scenario from measured states, or from planned ones of vehicles not seen."""
+    tracking = _renewed_tracking(whole, left, states, ahead)
+    before = left.fleet.accelerations_before
+    return from_states(left, left.grid, *_split(_completed(states, planned)), before, tracking)
+
+
+def _renewed_tracking(
+    whole: Scenario, left: Scenario, states: FloatArray, ahead: int
 ) -> Tracking | None:
     """Return the tracking of a plan for the rest of a flight: a new tube, the same feedback.
 
-    Args:
-        whole: scenario of the whole flight, whose feedback continues.
-        left: rest of it.
-        unseen: rest of the previous plan's scenario, if a vehicle was not seen. Such a vehicle may
-            be anywhere in the previous tube, so the new tube, which is common to all vehicles,
-            begins with at least the radii of the previous one.
-        ahead: number of samples by which states are predicted, as in `estimate_errors`.
+    A vehicle that was not seen may be anywhere in the previous tube, so that the new tube, which is
+    common to all vehicles, begins with at least the radii of the previous one.
     """
     if left.disturbance is None:
         return None
     first = estimate_errors(whole, ahead)
-    if unseen is not None:
-        first = max(first[0], tube_radii(unseen)[0]), max(first[1], tube_radii(unseen)[1])
+    if np.isnan(states).any():
+        before = tube_radii(left)
+        first = max(first[0], before[0]), max(first[1], before[1])
     tube = tube_of(whole)
     return Tracking(left.grid.start, tube.gains, *first, tube.measurements.predicted)
 
@@ -107,3 +170,13 @@ def exceeding(
     fast = np.linalg.norm(deviations[1], axis=1) > velocity + tolerance * fleet.scale("velocity")
     either: BoolArray = far | fast
     return either
+
+
+def _completed(states: FloatArray, planned: FloatArray) -> FloatArray:
+    """Return states with planned values for vehicles that were not seen, shape (N, 6)."""
+    return np.asarray(np.where(np.isnan(states), planned, states))
+
+
+def _split(states: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return positions [m] and velocities [m/s], (N, 3) each."""
+    return states[:, :3], states[:, 3:]

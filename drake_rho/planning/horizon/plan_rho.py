@@ -7,11 +7,11 @@ from drake_rho.planning.call.options import Options
 from drake_rho.planning.call.progress import Progress
 from drake_rho.planning.call.time_limit import with_time_limit
 from drake_rho.planning.call.wall_time import with_wall_time
-from drake_rho.planning.horizon.receding_horizon import RecedingHorizon
-from drake_rho.planning.horizon.windows import (
+from drake_rho.planning.horizon.interfaces import (
     Planner,
     Reference,
 )
+from drake_rho.planning.horizon.receding_horizon import RecedingHorizon
 from drake_rho.planning.planners.convex import plan_convex
 from drake_rho.planning.planners.plan import plan as best_plan
 from drake_rho.planning.programs.backend import Solver, SolverName

@@ -19,6 +19,13 @@ from drake_rho.planning.call.wall_time import with_wall_time
 from drake_rho.planning.horizon.cost_bounds import cost_bound
 from drake_rho.planning.horizon.first_window import FirstWindow
 from drake_rho.planning.horizon.free_final_time import check_rest_at_goals, next_window
+from drake_rho.planning.horizon.interfaces import (
+    Planner,
+    Reference,
+    free_reference,
+    tail_reference,
+    with_options,
+)
 from drake_rho.planning.horizon.latencies import (
     known_later,
     known_when_seen,
@@ -26,37 +33,27 @@ from drake_rho.planning.horizon.latencies import (
     time_ahead,
 )
 from drake_rho.planning.horizon.measured_states import (
-    ROUNDING,
-    exceeding,
+    continued,
+    deviations,
+    from_measured,
     off_tube,
-    renewed_tracking,
 )
 from drake_rho.planning.horizon.newer_maps import SeenMaps, with_obstacles
 from drake_rho.planning.horizon.seen_again import Seen, seen_again
 from drake_rho.planning.horizon.smooth_windows import resting_before, states_at
+from drake_rho.planning.horizon.step_arguments import knot_at, states_of
 from drake_rho.planning.horizon.waypoints_ahead import free_ahead, free_of, timed_as
-from drake_rho.planning.horizon.windows import (
-    Planner,
-    Reference,
-    WindowPlanner,
-    free_reference,
-    tail_reference,
-    with_options,
-)
+from drake_rho.planning.horizon.windows import WindowPlanner
 from drake_rho.planning.planners.convex import plan_convex
 from drake_rho.planning.planners.plan import plan as best_plan
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs.backend import Backend, Solver, SolverName
 from drake_rho.planning.scp.violations import violations_of
 from drake_rho.scenario.arguments import checked
-from drake_rho.scenario.clock import clock_number, clock_time
-from drake_rho.scenario.fields import LARGEST, FloatArray, unchecked
+from drake_rho.scenario.fields import FloatArray, unchecked
 from drake_rho.scenario.maps.map import Map
-from drake_rho.scenario.records import TOLERANCE, Scenario
+from drake_rho.scenario.records import Scenario
 from drake_rho.system.threads import single_threaded_blas
-
-_CLOCK = 1e-4
-"""Largest difference of a caller's time from a knot, in steps. It allows for the caller's clock."""
 
 
 class RecedingHorizon:
@@ -248,7 +245,7 @@ class RecedingHorizon:
     @single_threaded_blas()
     def _window(self, states: npt.ArrayLike, time: float) -> Window:
         """Return the next window; see `step`."""
-        measured = self._checked(states)
+        measured = states_of(self.scenario, states)
         knot = self._knot(time)
         number = knot // self.replan_every + 1
         tell(self._progress, f"window {number} of {len(self.knots)}")
@@ -275,61 +272,17 @@ class RecedingHorizon:
             raise ValueError("windows: got none, expected at least one planned window")
         return Flight.composed(known_when_seen(self.scenario, self._given), self.windows)
 
-    def _checked(self, states: npt.ArrayLike) -> FloatArray:
-        """Return states as an array, shape (N, 6), with rows of NaN for vehicles not seen."""
-        count = len(self.scenario.vehicles)
-        array = np.array(states, dtype=np.float64)
-        if array.shape != (count, 6):
-            raise ValueError(f"states: got shape {array.shape}, expected {(count, 6)}")
-        unseen = np.isnan(array).all(axis=1)
-        wrong = ~np.isfinite(array).all(axis=1) & ~unseen
-        if wrong.any():
-            vehicle = self.scenario.vehicles[int(np.argmax(wrong))].name
-            expected = f"finite numbers for {vehicle}, or NaN in its whole row if it was not seen"
-            raise ValueError(f"states: got {array.tolist()}, expected {expected}")
-        array[(np.abs(array) > LARGEST).any(axis=1)] = np.nan  # no flight has such states
-        return array
-
     def _knot(self, time: float) -> int:
         """Return the number of the knot at a time."""
-        grid, last = self.scenario.grid, -1
-        if self.windows:
-            last = self.windows[-1].first_knot
-        steps = (time - grid.start) / grid.step
-        knot = round(steps) if np.isfinite(steps) else -1
-        most = grid.knots - 2 if self.windows else 0
-        off = abs(steps - knot) * grid.step
-        if not last < knot <= most or off > max(_CLOCK * grid.step, grid.rounding):
-            first, end = (grid.times[min(k, grid.knots - 1)] for k in (last + 1, most))
-            expected = f"the time of a knot from {clock_number(first)} to {clock_time(end)}"
-            raise ValueError(f"time: got {time!r}, expected {expected}")
-        return knot
-
-    def _from_measured(self, states: FloatArray, scenario: Scenario) -> Scenario:
-        """Return a scenario from measured states; itself if these are the starts.
-
-        Starts are exact, and so are states equal to them. Other states are estimates, whose errors
-        the tube begins with. A vehicle that was not seen is taken to be at its start. With a
-        smoothing, flights begin at rest at their starts.
-        """
-        if scenario.smoothing is not None:
-            return scenario
-        positions, velocities = _split(_completed(states, scenario.fleet.start_states))
-        fleet, tolerance = scenario.fleet, TOLERANCE if scenario.disturbance is None else ROUNDING
-        deviations = positions - fleet.start_positions, velocities - fleet.start_velocities
-        if not exceeding(scenario, deviations, 0.0, 0.0, tolerance).any():
-            return scenario
-        unseen = np.isnan(states).any()
-        tracking = renewed_tracking(scenario, scenario, scenario if unseen else None)
-        moved = scenario.from_states(
-            scenario.grid, positions, velocities, fleet.accelerations_before, tracking
-        )
-        return moved.derived(under_way=False)  # there is no previous plan
+        grid = self.scenario.grid
+        if not self.windows:
+            return knot_at(grid, time, range(1))
+        return knot_at(grid, time, range(self.windows[-1].first_knot + 1, grid.knots - 1))
 
     def _first(self, states: FloatArray) -> Window:
         """Return the first window."""
         times = with_options(self._options, best_plan)
-        measured = partial(self._from_measured, states)
+        measured = partial(from_measured, states=states)
         first = FirstWindow(self._planner, times, measured, self.free_final_time)
         return first.of(resting_before(self.scenario))
 
@@ -338,15 +291,12 @@ class RecedingHorizon:
         last = self.windows[-1]
         tail = self._rest(last.plan, knot - last.first_knot)
         stop = last.contingency and self._rest(last.contingency, knot - last.first_knot)
-        left, unseen = tail.scenario, np.isnan(states).any(axis=1)
+        left = tail.scenario
         if left.obstacles is not self.scenario.obstacles:  # an obstacle was seen again
             left = with_obstacles(left, self.scenario.obstacles)
         planned = states_at(tail, 0)
-        measured = _completed(states, planned)
-        deviations = _split(measured - planned)
-        if left.smoothing is None:
-            left = self._from_states(left, measured, deviations, bool(unseen.any()))
-        off = off_tube(tail.scenario, deviations, self.latency)
+        off = off_tube(tail.scenario, deviations(states, planned), self.latency)
+        left = continued(left, self.scenario, states, planned, self.latency)
         plan_next = self._planner.next
         if self.free_final_time:
             free = free_ahead(self._free, self.scenario, left.grid)
@@ -358,23 +308,6 @@ class RecedingHorizon:
         names = tuple(left.vehicles[i].name for i in np.flatnonzero(off))
         return dataclasses.replace(window, off_tube=names)
 
-    def _from_states(
-        self,
-        left: Scenario,
-        measured: FloatArray,
-        deviations: tuple[FloatArray, FloatArray],
-        unseen: bool,
-    ) -> Scenario:
-        """Return the rest of a flight from measured states (N, 6), with a new error tube."""
-        tracking = renewed_tracking(self.scenario, left, left if unseen else None, self.latency)
-        if exceeding(left, deviations, 0.0, 0.0, ROUNDING).any():
-            before = left.fleet.accelerations_before
-            return left.from_states(left.grid, *_split(measured), before, tracking)
-        if left.disturbance is None:
-            return left
-        around = unchecked(left.disturbance, tracking=tracking)
-        return left.derived(disturbance=around, under_way=True)
-
     def _rest(self, plan: Plan, knot: int) -> Plan:
         """Return the rest of a window's plan or contingency, with the obstacles known by now."""
         tail = plan.tail(knot)
@@ -382,16 +315,6 @@ class RecedingHorizon:
             return tail
         # a newer map was seen
         return unchecked(tail, scenario=with_obstacles(tail.scenario, self._due))
-
-
-def _completed(states: FloatArray, predicted: FloatArray) -> FloatArray:
-    """Return states with predicted values for vehicles that were not seen, shape (N, 6)."""
-    return np.asarray(np.where(np.isnan(states), predicted, states))
-
-
-def _split(states: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return positions [m] and velocities [m/s], (N, 3) each."""
-    return states[:, :3], states[:, 3:]
 
 
 def _with_sightings(window: Window, before: Window) -> Window:

@@ -21,6 +21,7 @@ from drake_rho.motion.plan import Plan
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.parts import REACHED
 from drake_rho.scenario.records import Scenario
+from drake_rho.scenario.rest_of_flight import going_on
 
 
 def resting_before(scenario: Scenario) -> Scenario:
@@ -31,7 +32,7 @@ def resting_before(scenario: Scenario) -> Scenario:
     """
     if scenario.smoothing is None:
         return scenario
-    return scenario.going_on(np.zeros((len(scenario.vehicles), REACHED, 3)))
+    return going_on(scenario, np.zeros((len(scenario.vehicles), REACHED, 3)))
 
 
 def states_at(plan: Plan, knot: int) -> FloatArray:

@@ -9,6 +9,7 @@ from drake_rho.scenario.disturbance import Tracking
 from drake_rho.scenario.fields import unchecked
 from drake_rho.scenario.parts import Grid, Vehicle, Waypoint
 from drake_rho.scenario.records import Scenario
+from drake_rho.scenario.rest_of_flight import from_states
 from drake_rho.scenario.waypoints import is_during_flight
 
 Free = tuple[tuple[bool, ...], ...]
@@ -77,7 +78,7 @@ def until(scenario: Scenario, grid: Grid, vehicles: tuple[Vehicle, ...]) -> Scen
         tracking = scenario.disturbance.tracking or own
     given = scenario.derived(vehicles=vehicles, fleet=fleet)
     starts = fleet.start_positions, fleet.start_velocities, fleet.accelerations_before
-    ended = given.from_states(grid, *starts, tracking, fleet.flown)
+    ended = from_states(given, grid, *starts, tracking, fleet.flown)
     return ended.derived(under_way=scenario.under_way)
 
 

@@ -9,63 +9,21 @@ window flies the plan that violates the scenario least.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
-from functools import partial
-from typing import Protocol
 
 from drake_rho.motion.flight import Window
 from drake_rho.motion.plan import Plan
-from drake_rho.planning.call.options import Options
 from drake_rho.planning.constraints.tightening import NO_SLACK, missing_slack
 from drake_rho.planning.errors import InfeasibleError, OutOfTimeError, SolverError
 from drake_rho.planning.horizon.contingencies import as_part_of, contingency
 from drake_rho.planning.horizon.fallbacks import least_violation, moved
+from drake_rho.planning.horizon.interfaces import Planner, Reference
 from drake_rho.planning.horizon.waypoints_ahead import with_waypoints
-from drake_rho.planning.planners.convex import plan_convex
-from drake_rho.planning.planners.plan import plan, plan_scp
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs.backend import Solver
 from drake_rho.planning.scp.violations import violations_of
-from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.clock import clock_time
 from drake_rho.scenario.records import Scenario
 from drake_rho.verification.holds import first_violation
-
-
-class Planner(Protocol):
-    """Interface of planners for `plan_rho`: `plan_convex`, `plan_scp`, or another function."""
-
-    def __call__(
-        self, scenario: Scenario, *, reference: Plan | None, solver: Solver | None
-    ) -> Plan:
-        """Return a plan for `scenario`, found from `reference`."""
-        ...
-
-
-Reference = Callable[[Scenario, Plan | None, Solver | None], Plan | None]
-"""Function for the motion around which a window is linearised.
-
-Its arguments are the window's scenario, the rest of the previous prediction (None in the first
-window) and the solver. It returns a motion of the same vehicles on the same grid, or None for the
-planners' own reference."""
-
-
-@checked
-def free_reference(scenario: Scenario, tail: Plan | None, solver: Solver | None) -> None:
-    """Return None, for the paper's reference: each window's own solution without the obstacles.
-
-    Planners use this reference if they are given none.
-    """
-
-
-@checked
-def tail_reference(scenario: Scenario, tail: Plan | None, solver: Solver | None) -> Plan | None:
-    """Return the rest of the previous prediction; in the first window, the paper's reference.
-
-    The tail meets every constraint of the window, so there is always a plan, up to rounding.
-    """
-    return tail
-
 
 _BEFORE = "it is violated before vehicles could brake"
 """Reason why a window whose plan violates constraints has no contingency."""
@@ -186,23 +144,40 @@ class WindowPlanner:
                 window = _too_dear(window.plan, followed)
         cut = isinstance(window, OutOfTimeError)
         spent = dataclasses.replace(window.statistics, cut=window.statistics.cut or cut)
+        reason = str(window)
         if holds:
             plan = tail.with_statistics(spent)
-            return Window(first_knot, plan, plan, infeasible=str(window), kept=True)
-        reason, none_found = str(window), ""
+            return Window(first_knot, plan, plan, infeasible=reason, kept=True)
+        without = Window(first_knot, followed.with_statistics(spent), followed, reason)
+        return self._without_plan(without, tail if on_plan else None, stop)
+
+    def _without_plan(self, window: Window, tail: Plan | None, stop: Plan | None) -> Window:
+        """Return a window that flies a contingency or, if there is none, what violates least.
+
+        Args:
+            window: with the rest of the previous prediction, moved, and the reason why it has no
+                plan.
+            tail: the same rest as it was planned; None if a vehicle is off its tube.
+            stop: rest of the previous window's contingency; None without one.
+        """
+        followed, spent, none_found = window.reference, window.plan.statistics, ""
         if self.braking_after is not None:
-            in_tube = stop is not None and on_plan and first_violation(stop) is None
+            around = followed
             try:
-                found = stop if in_tube and stop else contingency(followed, 0, self.solver)
+                if tail is not None and stop is not None and first_violation(stop) is None:
+                    found, around = stop, tail
+                else:
+                    found = contingency(followed, 0, self.solver)
             except _FAILURES as error:
                 none_found = str(error)
             else:
-                around = tail if in_tube else followed
                 plan = as_part_of(found, around.scenario).with_statistics(spent)
-                return Window(first_knot, plan, plan, reason, stopping=True, contingency=found)
+                return dataclasses.replace(
+                    window, plan=plan, reference=plan, contingency=found, stopping=True
+                )
         plan = least_violation(followed, self.solver)
         plan = plan.with_statistics(spent + plan.statistics)
-        return Window(first_knot, plan, plan, reason, no_contingency=none_found)
+        return dataclasses.replace(window, plan=plan, reference=plan, no_contingency=none_found)
 
     def with_contingency(self, window: Window) -> Window:
         """Return a window with a contingency, or with the reason why there is none.
@@ -342,14 +317,3 @@ def _new_obstacles(tail: Plan, last: Window) -> list[int]:
     """Return the numbers of the obstacles that became known since the last window."""
     before = {number for number, _ in last.plan.scenario.known}
     return [number for number, _ in tail.scenario.known if number not in before]
-
-
-def with_options(options: Options | None, planner: Planner) -> Planner:
-    """Return a planner with options, if it is one of this package's.
-
-    The time limit is left out, since it applies to the whole flight or step.
-    """
-    if options is None or planner not in (plan, plan_scp, plan_convex):
-        return planner
-    ours: Planner = partial(planner, options=dataclasses.replace(options, time_limit=None))
-    return ours

@@ -11,23 +11,20 @@ around a motion that meets every constraint, its solution does so as well and ta
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from typing import NamedTuple
 
 import numpy as np
 
-from drake_rho.motion.dynamics import Motion, roll_out
 from drake_rho.motion.statistics import Statistics
 from drake_rho.planning.call.progress import Progress, tell
 from drake_rho.planning.call.time_limit import check_time
-from drake_rho.planning.constraints.base import VIOLATED, Constraint, HalfSpaces
 from drake_rho.planning.errors import OutOfTimeError, SolverError
-from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs.backend import Backend
-from drake_rho.planning.programs.free_time import LITTLE_EFFORT, POWERS, FreeTimePrograms, power_of
-from drake_rho.planning.programs.free_time_program import bound_rates
-from drake_rho.planning.programs.free_times import NO_CHANGE, Change, FreeTime
+from drake_rho.planning.programs.free_time import LITTLE_EFFORT, FreeTimePrograms
+from drake_rho.planning.programs.free_times import NO_CHANGE, Change
+from drake_rho.planning.scp.free_time_rows import near_rows, violated_rows
 from drake_rho.planning.scp.timed import Timed
 from drake_rho.scenario.errors import Description, ScenarioError
 
@@ -36,9 +33,6 @@ _ROUNDS = 60
 
 _MISSED = 1e-4
 """Part of a motion's length by which no solution misses a waypoint at a time that stays."""
-
-_NEAR = 0.1
-"""Distance of a motion from a row, as a part of the quantity's scale, up to which it is kept."""
 
 _MOST = 200
 """Largest number of iterations."""
@@ -267,68 +261,3 @@ class LeastTime:
                 key = each.constraint.key
                 rows[key] = rows[key].union(each) if key in rows else each
         raise SolverError(f"rows were still violated after {_ROUNDS} rounds")
-
-
-def violated_rows(
-    constraints: Sequence[Constraint], found: FreeTime, problem: Problem
-) -> list[HalfSpaces]:
-    """Return the rows that a solution violates at the knots, or else those between them.
-
-    Args:
-        constraints: constraints around the reference.
-        found: solution of the program.
-        problem: problem of the program.
-    """
-    motions = {each: in_its_time(found, problem, each) for each in POWERS.values()}
-    every = np.arange(len(problem))
-    for between in (False, True):
-        rows = [
-            each.violated_rows(motions[power_of(each)], every, between=between)
-            for each in constraints
-            if not between or each.searches > 0
-        ]
-        if more := [left for each in rows if len(left := still_violated(each, found, problem))]:
-            return more
-    return []
-
-
-def still_violated(rows: HalfSpaces, found: FreeTime, problem: Problem) -> HalfSpaces:
-    """Return the violated rows without those that hold where obstacles and tracks are by then.
-
-    Args:
-        rows: rows that a solution violates with obstacles where they are at the program's times.
-        found: solution of the program.
-        problem: problem of the program.
-    """
-    later = bound_rates(rows) * (found.factor - 1.0)
-    if not later.any():
-        return rows
-    margins = rows.margins(in_its_time(found, problem, power_of(rows.constraint))) - later
-    return rows.select(margins < -VIOLATED * rows.tolerances)
-
-
-def near_rows(rows: Iterable[HalfSpaces], found: FreeTime, problem: Problem) -> list[HalfSpaces]:
-    """Return the rows that a solution nearly meets with equality, for the next program."""
-    near = list[HalfSpaces]()
-    for each in rows:
-        quantity = each.constraint.quantity
-        margins = each.margins(in_its_time(found, problem, power_of(each.constraint)))
-        scale = problem.scenario.fleet.scale(quantity)[each.vehicles]
-        near.append(each.select(margins < _NEAR * scale))
-    return [each for each in near if len(each) > 0]
-
-
-def in_its_time(found: FreeTime, problem: Problem, power: float) -> Motion:
-    """Return a motion with the step of a program whose values of a quantity are those in its time.
-
-    Args:
-        found: solution of the program.
-        problem: problem of the program.
-        power: power of y by which values that are to be compared with limits are divided.
-    """
-    divisor = found.factor**power
-    fleet, step = problem.scenario.fleet, problem.scenario.grid.step
-    velocities = (1.0 + found.factor) / 2.0 * fleet.start_velocities  # as it is linearised
-    p, v = roll_out(fleet.start_positions, velocities, found.accelerations, step)
-    before = fleet.accelerations_before * found.factor / divisor
-    return Motion(step, p, v / divisor, found.accelerations / divisor, before)

@@ -1,0 +1,60 @@
+"""Scenarios of the rest of a planned flight."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from drake_rho.motion.dynamics import Motion
+from drake_rho.motion.scenario_tube import tube_of
+from drake_rho.motion.smooth import SmoothMotion
+from drake_rho.scenario.fields import FloatArray
+from drake_rho.scenario.fleet import Fleet
+from drake_rho.scenario.parts import Quantity
+from drake_rho.scenario.records import Scenario
+from drake_rho.scenario.rest_of_flight import from_states
+
+
+def remainder(scenario: Scenario, motion: Motion, knot: int) -> Scenario:
+    """Return the scenario of the rest of a planned flight.
+
+    Goals and arrival time remain. The start is the planned state at the knot, with the acceleration
+    of the step before it. With a smoothing, its averages go on from those before.
+
+    Args:
+        scenario: of a flight, or of its rest.
+        motion: planned for it, arrays of shape (N, ..., 3).
+        knot: first knot, counted from 0.
+
+    Raises:
+        ValueError: no step begins at the knot.
+    """
+    grid, smoothing = scenario.grid, scenario.smoothing
+    if not 0 <= knot < grid.knots - 1:
+        raise ValueError(f"knot: got {knot}, expected 0 to {grid.knots - 2}")
+    if knot == 0:
+        return scenario
+    return from_states(
+        scenario,
+        grid.from_knot(knot),
+        _without_rounding(scenario.fleet, "position", motion.positions[:, knot]),
+        _without_rounding(scenario.fleet, "velocity", motion.velocities[:, knot]),
+        _without_rounding(scenario.fleet, "acceleration", motion.accelerations[:, knot - 1]),
+        tube_of(scenario).tracking if scenario.disturbance else None,
+        None if smoothing is None else SmoothMotion(motion, smoothing).flown_until(knot),
+    )
+
+
+def _without_rounding(fleet: Fleet, quantity: Quantity, values: FloatArray) -> FloatArray:
+    """Return the vehicles' values, projected to their limits where within the tolerance.
+
+    A value that violates a limit by more remains unchanged.
+    """
+    if (bounds := fleet.bounds(quantity)) is not None:
+        nearest = np.minimum(np.maximum(values, bounds.lower), bounds.upper)
+        values = np.where(np.abs(values - nearest) <= bounds.tolerances, nearest, values)
+    for limit in fleet.norms.values():
+        if limit.kind.quantity == quantity:
+            excess = limit.sets.excess(np.arange(len(values)), values)
+            satisfied = excess <= limit.sets.tolerances
+            values = np.where(satisfied[:, None], limit.sets.nearest(values), values)
+    return values

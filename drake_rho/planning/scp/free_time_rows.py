@@ -1,0 +1,86 @@
+"""Rows of programs with a free final time that their solutions violate, or nearly meet.
+
+Solutions are motions in the time around which the program is written. Limits hold for them in their
+own time: positions, velocities and accelerations are scaled by powers of the change of time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+from drake_rho.motion.dynamics import Motion, roll_out
+from drake_rho.planning.constraints.base import VIOLATED, Constraint, HalfSpaces
+from drake_rho.planning.problem import Problem
+from drake_rho.planning.programs.free_time import POWERS, power_of
+from drake_rho.planning.programs.free_time_program import bound_rates
+from drake_rho.planning.programs.free_times import FreeTime
+
+_NEAR = 0.1
+"""Distance of a motion from a row, as a part of the quantity's scale, up to which it is kept."""
+
+
+def violated_rows(
+    constraints: Sequence[Constraint], found: FreeTime, problem: Problem
+) -> list[HalfSpaces]:
+    """Return the rows that a solution violates at the knots, or else those between them.
+
+    Args:
+        constraints: constraints around the reference.
+        found: solution of the program.
+        problem: problem of the program.
+    """
+    motions = {each: _in_its_time(found, problem, each) for each in POWERS.values()}
+    every = np.arange(len(problem))
+    for between in (False, True):
+        rows = [
+            each.violated_rows(motions[power_of(each)], every, between=between)
+            for each in constraints
+            if not between or each.searches > 0
+        ]
+        if more := [left for each in rows if len(left := _still_violated(each, found, problem))]:
+            return more
+    return []
+
+
+def _still_violated(rows: HalfSpaces, found: FreeTime, problem: Problem) -> HalfSpaces:
+    """Return the violated rows without those that hold where obstacles and tracks are by then.
+
+    Args:
+        rows: rows that a solution violates with obstacles where they are at the program's times.
+        found: solution of the program.
+        problem: problem of the program.
+    """
+    later = bound_rates(rows) * (found.factor - 1.0)
+    if not later.any():
+        return rows
+    margins = rows.margins(_in_its_time(found, problem, power_of(rows.constraint))) - later
+    return rows.select(margins < -VIOLATED * rows.tolerances)
+
+
+def near_rows(rows: Iterable[HalfSpaces], found: FreeTime, problem: Problem) -> list[HalfSpaces]:
+    """Return the rows that a solution nearly meets with equality, for the next program."""
+    near = list[HalfSpaces]()
+    for each in rows:
+        quantity = each.constraint.quantity
+        margins = each.margins(_in_its_time(found, problem, power_of(each.constraint)))
+        scale = problem.scenario.fleet.scale(quantity)[each.vehicles]
+        near.append(each.select(margins < _NEAR * scale))
+    return [each for each in near if len(each) > 0]
+
+
+def _in_its_time(found: FreeTime, problem: Problem, power: float) -> Motion:
+    """Return a motion with the step of a program whose values of a quantity are those in its time.
+
+    Args:
+        found: solution of the program.
+        problem: problem of the program.
+        power: power of y by which values that are to be compared with limits are divided.
+    """
+    divisor = found.factor**power
+    fleet, step = problem.scenario.fleet, problem.scenario.grid.step
+    velocities = (1.0 + found.factor) / 2.0 * fleet.start_velocities  # as it is linearised
+    p, v = roll_out(fleet.start_positions, velocities, found.accelerations, step)
+    before = fleet.accelerations_before * found.factor / divisor
+    return Motion(step, p, v / divisor, found.accelerations / divisor, before)

@@ -1,0 +1,90 @@
+"""Scenarios of the rest of a flight, which begin at states that it has reached.
+
+These are not checked: a flight may have left the limits, and the previous plan may be continued.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from drake_rho.scenario.disturbance import Tracking
+from drake_rho.scenario.fields import FloatArray, read_only, unchecked
+from drake_rho.scenario.known_obstacles import active_during, known_at_start
+from drake_rho.scenario.parts import Grid
+from drake_rho.scenario.records import Scenario
+from drake_rho.scenario.waypoints import is_during_flight
+
+
+def from_states(
+    scenario: Scenario,
+    grid: Grid,
+    positions: FloatArray,
+    velocities: FloatArray,
+    before: FloatArray,
+    tracking: Tracking | None = None,
+    flown: FloatArray | None = None,
+) -> Scenario:
+    """Return a scenario from other states on another grid, without waypoints before it.
+
+    Averages of a smoothing begin `lead` before the grid, and so do waypoints.
+
+    Args:
+        scenario: of a flight, or of its rest.
+        grid: remainder of the flight.
+        positions: at its first knot [m], shape (N, 3).
+        velocities: at its first knot [m/s], shape (N, 3).
+        before: accelerations just before the first knot [m/s²], shape (N, 3).
+        tracking: plan that a feedback tracks since an earlier time, if there is one.
+        flown: accelerations of the steps before the first knot that averages reach [m/s²],
+            shape (N, REACHED, 3); none if averages begin at rest, or without a smoothing.
+    """
+    disturbance = scenario.disturbance and unchecked(scenario.disturbance, tracking=tracking)
+    states = zip(read_only(positions), read_only(velocities), read_only(before), strict=True)
+    earlier = [None] * len(scenario.vehicles) if flown is None else read_only(flown)
+    vehicles = tuple(
+        unchecked(
+            vehicle,
+            start=unchecked(
+                vehicle.start, position=p, velocity=v, acceleration=_known(a), flown=reached
+            ),
+            waypoints=tuple(
+                each
+                for each in vehicle.waypoints
+                if each.time is None or is_during_flight(each.time, grid, scenario.lead)
+            ),
+        )
+        for vehicle, (p, v, a), reached in zip(scenario.vehicles, states, earlier, strict=True)
+    )
+    passed = grid.step * round((grid.start - scenario.grid.start) / grid.step)
+    bodies = tuple(each.since(passed) for each in scenario.bodies_in_flight)
+    known = known_at_start(scenario.bodies, bodies, grid)
+    avoided = [body for _, body in active_during(known, grid)]
+    fleet = scenario.fleet.started_at(grid, vehicles, positions, velocities, before, avoided)
+    return scenario.derived(
+        grid=grid,
+        vehicles=vehicles,
+        fleet=fleet,
+        disturbance=disturbance,
+        bodies_in_flight=bodies,
+        known=known,
+        under_way=True,
+    )
+
+
+def going_on(scenario: Scenario, flown: FloatArray) -> Scenario:
+    """Return a scenario after what was flown, which averages of a smoothing reach.
+
+    Args:
+        scenario: of a flight, or of its rest.
+        flown: accelerations of the steps before the first knot [m/s²], (N, REACHED, 3).
+    """
+    vehicles = tuple(
+        unchecked(each, start=unchecked(each.start, flown=own))
+        for each, own in zip(scenario.vehicles, read_only(flown), strict=True)
+    )
+    return scenario.derived(vehicles=vehicles)
+
+
+def _known(acceleration: FloatArray) -> FloatArray | None:
+    """Return an acceleration before the start, or None if it is NaN, as where there was none."""
+    return None if np.isnan(acceleration).any() else acceleration
