@@ -295,7 +295,7 @@ def _in_tube(stop: rho.Plan) -> float:
     velocities = np.moveaxis(v + s * a, 0, 1)
     times = grid.start + elapsed
     if scenario.separation is not None and scenario.separation.downwash != 1.0:
-        scenario = dataclasses.replace(scenario, separation=None)
+        scenario = scenario.without_separation()  # not validated: more may be seen later
     return _breach(
         scenario,
         (times, positions, velocities),
