@@ -36,7 +36,7 @@ DRAWN = {
     "links_formation": 5,
     "links_corridors": 20,
     "time_fleets": 12,
-    "flight_late": 2000,
+    "flight_late": 2300,
 }
 """Benchmarks of random fleets, worlds, links, flights, and how many: `run(seeds) -> Table`."""
 
