@@ -49,7 +49,7 @@ _SEARCHES = 2
 _ROUGHLY = 3e-3
 """Relative fall of the final time at which motions along different paths are compared."""
 
-_SLOWER = 0.0, 1e-8, 1e-7, 1e-6, 1e-5
+_SLOWER = 0.0, 1e-8, 1e-7, 1e-6, 1e-5, 1e-4
 """Parts by which a final time is increased until the motion meets every limit despite rounding."""
 
 _ROUNDS = 3
@@ -292,29 +292,39 @@ class TimeSearch:
             InfeasibleError: vehicles have to hold at their goals, and cannot from this time on.
             SolverError: the motion violates a constraint.
         """
-        plan = self._met(best)
-        if plan is None:
-            least = LeastTime(Backend(), self._progress, steady=self._steady)
-            slower = (best.lasting((1.0 + each) * best.duration) for each in _SLOWER)
-            found = (least.at_same_times(each) for each in (best, *islice(slower, 1, None)))
-            exact = next((each for each in found if each is not None), best)
-            plan = self._met(exact)
-            for _ in range(_ROUNDS if plan is None and self._scenario.smoothing else 0):
-                exact = least.at_same_times(exact) or exact
-                if (plan := self._met(exact)) is not None:
-                    break
-            self._least.statistics += least.statistics
-            plan = plan or self._plan(exact)
-            if not (verify(plan).ok or missing_slack_at_rest(plan.scenario)):
-                raise SolverError(
-                    "the motion that the solvers found does not meet every constraint"
-                )
+        plan = self._met(best) or self._in_little_more_time(best)
         if conflicts := missing_slack_at_rest(plan.scenario):
             raise InfeasibleError(conflicts, scenario=plan.scenario, because=CANNOT_HOLD)
         statistics = dataclasses.replace(
             self._least.statistics, converged=best.converged, time_bound=self._bound
         )
         return plan.with_statistics(statistics)
+
+    def _in_little_more_time(self, best: Timed) -> Plan:
+        """Return a motion near another as a plan, in as little more time as it takes.
+
+        Raises:
+            SolverError: it violates a constraint.
+        """
+        least = LeastTime(Backend(), self._progress, steady=self._steady)
+        exact = best
+        try:
+            for part in _SLOWER:
+                slower = best.lasting((1.0 + part) * best.duration) if part > 0.0 else best
+                for _ in range(1 + _ROUNDS if self._scenario.smoothing else 1):
+                    if (found := least.near(slower)) is None:
+                        break
+                    exact = slower = found
+                    if (plan := self._met(exact)) is not None:
+                        return plan
+                if self._steady and exact is not best:  # the final time was free already
+                    break
+        finally:
+            self._least.statistics += least.statistics
+        plan = self._plan(exact)
+        if not (verify(plan).ok or missing_slack_at_rest(plan.scenario)):
+            raise SolverError("the motion that the solvers found does not meet every constraint")
+        return plan
 
     def _met(self, best: Timed) -> Plan | None:
         """Return a motion as a plan, slower by a few roundings if necessary; None if it is none."""

@@ -50,6 +50,9 @@ the least factor from one to the next."""
 _CORRECTIONS = 2
 """Largest number of second-order corrections of waypoint times in one iteration."""
 
+_NEARBY = 1e-3
+"""Part of the final time by which corrected times may be others, if nothing else is said."""
+
 _CURVATURES = 0.2, 5.0
 """Least and largest part of the estimated curvatures."""
 
@@ -117,7 +120,7 @@ class LeastTime:
                 after, predicted, moved, bent = (
                     self._with_moved_times(best, reach, curvature) if moves else self._again(best)
                 )
-                fall = -predicted if after is None else self._fall(best, after)
+                fall = -abs(predicted) if after is None else self._fall(best, after)
                 if after is not None and fall > 0.0:
                     best = after
                 if converged := max(fall, predicted) <= tolerance:
@@ -145,6 +148,31 @@ class LeastTime:
     def at_same_times(self, timed: Timed) -> Timed | None:
         """Return a motion around another with the same times; None also if solvers fail."""
         return self._tried(timed, self._same_times)
+
+    def near(self, guess: Timed, reach: float = _NEARBY) -> Timed | None:
+        """Return a motion that meets every constraint, with times like those of a guess.
+
+        If the final time does not give way, the error of the linearisation may leave no motion with
+        exactly these times, however small it is: legs in the least time have none to spare. So
+        times of waypoints are corrected around the guess, in the same final time.
+
+        Args:
+            guess: motion to linearise around, such as the solution of a linearised program.
+            reach: part of the final time by which times of waypoints may change.
+        """
+        after = self.at_same_times(guess)
+        if self._same_times != NO_CHANGE or np.all(guess.passing.given):
+            return after
+        change = Change(NO_CHANGE.final, reach * guess.duration)
+        for _ in range(_CORRECTIONS):
+            if after is not None:
+                break
+            again = self._tried(guess, change)
+            if again is None or not again.passing.is_in_order:
+                break
+            guess = again
+            after = self.at_same_times(guess)
+        return after
 
     def linearised(self, timed: Timed, reach: float, curvature: float = 0.0) -> Timed | None:
         """Return the solution of one linearised program; None if there is none or solvers fail.
@@ -185,33 +213,8 @@ class LeastTime:
         # the relative change of the final time is half of that of y
         bent = curvature * float(best.passing.curvatures(best.duration) @ changes**2) / 4.0
         predicted = self._fall(best, guess) - bent
-        after = self._corrected(guess, reach) if predicted > CONVERGED else None
+        after = self.near(guess, reach) if predicted > CONVERGED else None
         return _Iteration(after, predicted, moved, bent)
-
-    def _corrected(self, guess: Timed, reach: float) -> Timed | None:
-        """Return a motion that meets every constraint, with times like those of a guess.
-
-        If the final time does not give way, the error of the linearisation may leave no motion with
-        exactly these times, however small it is: legs in the least time have none to spare. So
-        times of waypoints are corrected around the guess, in the same final time.
-
-        Args:
-            guess: solution of a linearised program.
-            reach: part of the final time by which times of waypoints may change.
-        """
-        after = self._tried(guess, self._same_times)
-        if self._same_times != NO_CHANGE or np.all(guess.passing.given):
-            return after
-        change = Change(NO_CHANGE.final, reach * guess.duration)
-        for _ in range(_CORRECTIONS):
-            if after is not None:
-                break
-            again = self._tried(guess, change)
-            if again is None or not again.passing.is_in_order:
-                break
-            guess = again
-            after = self._tried(guess, self._same_times)
-        return after
 
     def _with_same_times(self, timed: Timed) -> Timed | None:
         """Return a motion around another that passes waypoints at the same parts of the time."""
