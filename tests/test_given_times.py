@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import drake_rho as rho
+from tests.scenarios import slow
 
 SPEED, ACCELERATION = 1.0, 0.5
 """Largest speed [m/s] and acceleration [m/s²] of each component."""
@@ -25,7 +26,7 @@ def flight(places: np.ndarray, times: list[float | None], step: float) -> rho.Sc
     return rho.Scenario("times", rho.Grid(step, 41), [vehicle], LIMITS)
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", [*range(2), *slow(*range(2, 8))])
 def test_after_the_last_given_time_a_line_is_flown_at_full_speed(seed: int) -> None:
     """With time to spare before it, T is t + d / v + v / (2 a), but for a step that brakes less.
 
@@ -48,7 +49,7 @@ def test_after_the_last_given_time_a_line_is_flown_at_full_speed(seed: int) -> N
     assert plan.statistics.converged
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", [*range(2), *slow(2, 3, 4)])
 def test_no_plan_in_less_time_is_found_otherwise(seed: int) -> None:
     rng = np.random.default_rng([7, seed])
     places = rng.uniform([0.0, 0.0, 0.0], [20.0, 20.0, 5.0], (4, 3))
@@ -61,3 +62,41 @@ def test_no_plan_in_less_time_is_found_otherwise(seed: int) -> None:
     shorter = flight(places, times, grid.step)
     with pytest.raises((rho.InfeasibleError, rho.ScenarioError)):
         rho.plan(shorter)
+
+
+@pytest.mark.parametrize("seed", [*range(3), *slow(*range(3, 10))])
+def test_where_a_motion_is_known_there_is_a_plan_and_none_takes_longer(seed: int) -> None:
+    """The motion passes every waypoint when the least time without given times does, 1 % later."""
+    rng = np.random.default_rng([11, seed])
+    places = rng.uniform([0.0, 0.0, 0.0], [15.0, 15.0, 4.0], (int(rng.integers(4, 7)), 3))
+    free = flight(places, [None] * (len(places) - 2), step=1.0)
+    known = rho.plan_minimum_time(free).scenario
+    found = [each.time or 0.0 for each in known.vehicles[0].waypoints]
+    times = [1.01 * each if rng.integers(2) else None for each in found]
+    mixed = flight(places, times, step=1.01 * known.grid.step)
+    assert rho.verify(rho.plan(mixed)).ok
+    plan = rho.plan_minimum_time(mixed)
+    assert rho.verify(plan).ok
+    assert plan.scenario.grid.duration <= mixed.grid.duration
+
+
+@pytest.mark.parametrize("seed", [2, *slow(13, 20, 26)])
+def test_waypoints_on_the_way_cost_nothing_if_their_times_are_free(seed: int) -> None:
+    """A line is flown forwards, so it passes every place between start and goal at some time."""
+    rng = np.random.default_rng(seed)
+    count = int(rng.integers(1, 5))
+    x = np.concatenate([[0.0], np.cumsum(rng.uniform(2.0, 10.0, count + 1))])
+    places = np.stack([x, np.zeros_like(x), np.ones_like(x)], axis=1)
+    duration = float(rng.uniform(1.3, 3.0) * x[-1])
+    known = int(rng.integers(count))
+    part = np.clip(x[known + 1] / x[-1] + rng.uniform(-0.15, 0.2), 0.2, 0.8)
+    times: list[float | None] = [None] * count
+    times[known] = float(duration * part)
+    speed, acceleration = 1.9 * x[-1] / duration, 20.0 * x[-1] / duration**2
+    limits = rho.Limits(max_speed=speed, max_acceleration=acceleration)
+    both = dataclasses.replace(flight(places, times, duration / 40), limits=limits)
+    ends = places[[0, known + 1, -1]]
+    alone = dataclasses.replace(
+        flight(ends, times[known : known + 1], duration / 40), limits=limits
+    )
+    assert rho.plan(both).cost == pytest.approx(rho.plan(alone).cost, rel=1e-5)

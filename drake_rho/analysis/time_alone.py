@@ -14,7 +14,7 @@ from drake_rho.planning.call.progress import Progress, tell
 from drake_rho.planning.errors import InfeasibleError, SolverError
 from drake_rho.planning.planners.first_plan import first_plan
 from drake_rho.planning.planners.related import is_steady
-from drake_rho.planning.planners.waypoint_times import GAP, passing_of
+from drake_rho.planning.planners.waypoint_times import GAP, in_least_time, passing_of
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs.backend import Backend
 from drake_rho.planning.programs.free_times import Passing
@@ -30,6 +30,9 @@ which they may change at first in the second."""
 
 _LONGER = 1.0, 1e3, 1e6
 """Multiples of the scenario's step from which a motion is sought, should the guess be too small."""
+
+_LATER = 1.0, 2.0, 4.0, 8.0
+"""Multiples of the scenario's final time in which a motion is sought, if waypoints have times."""
 
 _AT_ONCE = 1e-6
 """Part of the scenario's step that a vehicle takes for a step that stays where it is."""
@@ -81,8 +84,8 @@ class TimesAlone:
     def motion(self, *, spare: bool = False) -> Timed:
         """Return the motions in least time without obstacles, other vehicles and requirements.
 
-        Vehicles that take less time than the slowest one fly slower. Waypoints with given times are
-        left out as well: it is a first guess of times.
+        Vehicles that take less time than the slowest one fly slower. If waypoints have given times,
+        it is not the least time, but one in which there is such a motion.
 
         Args:
             spare: whether those that have time to spare reduce their effort.
@@ -96,10 +99,9 @@ class TimesAlone:
             requirements=(),
             smoothing=None,
         )
+        if self._waypoints.given.any():
+            return self._with_given_times(free)
         passing = passing_of(self._waypoints, free, free.grid)
-        if passing.given.any():
-            accelerations = Problem.of(free).effort.motion.accelerations
-            return Timed(free, free.grid.step, accelerations, passing)
         each = [self._one(free, passing, i) for i in range(len(free.vehicles))]
         self.durations = np.array([one.duration if one.converged else 0.0 for one in each])
         if not any(one.accelerations.any() for one in each):
@@ -118,6 +120,24 @@ class TimesAlone:
         converged = all(one.converged for one in each)
         return Timed(free, slowest.step, accelerations, passing, converged=converged)
 
+    def _with_given_times(self, free: Scenario) -> Timed:
+        """Return a motion that meets limits and passes waypoints at given times, if one is found.
+
+        Args:
+            free: scenario without obstacles and other vehicles.
+        """
+        starts = list[Timed]()
+        for longer in _LATER:
+            grid = dataclasses.replace(free.grid, step=longer * free.grid.step)
+            passing = passing_of(self._waypoints, free, grid)
+            accelerations = Problem.of(free.ending_with(grid)).effort.motion.accelerations
+            starts.append(Timed(free, grid.step, accelerations, passing))
+            with suppress(SolverError):
+                found, least = in_least_time(starts[-1], ROUGH, self._progress)
+                if least <= found.duration:
+                    return found
+        return starts[0]
+
     def _one(self, free: Scenario, passing: Passing, number: int) -> Timed:
         """Return the motion of one vehicle in its least time.
 
@@ -129,8 +149,7 @@ class TimesAlone:
         scenario, own = free.of_vehicles([number]), passing.vehicles == number
         for longer in _LONGER:
             grid = dataclasses.replace(scenario.grid, step=longer * scenario.grid.step)
-            factor = longer if not passing.given.any() else 1.0
-            later = dataclasses.replace(passing.of(own), times=factor * passing.times[own])
+            later = dataclasses.replace(passing.of(own), times=longer * passing.times[own])
             found = None
             with suppress(SolverError):
                 found = self._from_guess(scenario.ending_with(grid), later)

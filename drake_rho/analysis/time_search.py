@@ -145,7 +145,9 @@ class TimeSearch:
         elif changes_with_time(scenario):
             best = self._by_bisection(alone)
         if best is None:
-            best = self._shorter(alone.duration, self._from_first_plans(alone))
+            given = self._waypoints.given.any()
+            low = latest(scenario, alone.passing) if given else alone.duration
+            best = self._shorter(low, self._from_first_plans(alone))
         return best
 
     def _along_paths(self, alone: Timed) -> Timed | None:
@@ -188,7 +190,7 @@ class TimeSearch:
     def _from_first_plans(self, alone: Timed) -> Timed:
         """Return a motion in least time near a first plan in more time."""
         failures = list[Exception]()
-        for longer in _LONGER:
+        for longer in (1.0, *_LONGER) if self._waypoints.given.any() else _LONGER:
             try:
                 found = self._from_first_plan(alone, longer * alone.duration)
             except (InfeasibleError, SolverError, ScenarioError) as error:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from contextlib import suppress
 from functools import cached_property
 
 import numpy as np
@@ -60,6 +61,40 @@ def passing_of(waypoints: AllWaypoints, scenario: Scenario, grid: Grid) -> Passi
     )
 
 
+def in_least_time(start: Timed, backend: Backend, progress: Progress | None) -> tuple[Timed, float]:
+    """Return a motion with waypoints where a flight in the least time has them, if it can.
+
+    In that flight given times are as early in proportion. So if its final time is at most that of
+    the motion, the same motion flown slower meets every limit, and passes waypoints at given times.
+
+    Args:
+        start: motion in a final time, to linearise around first.
+        backend: the solver and its settings.
+        progress: called with the final time after each iteration.
+
+    Returns:
+        The motion in the final time of `start`, which is returned if none is found, and the final
+        time of that flight, infinite then [s].
+    """
+    passing = start.passing
+    none = np.zeros(len(passing), dtype=bool)
+    scaled = dataclasses.replace(passing, given=none, in_proportion=passing.given)
+    fast = None
+    with suppress(ScenarioError):  # nothing bounds the time
+        search = LeastTime(backend, progress)
+        fast = search.around(dataclasses.replace(start, passing=scaled), _ROUGHLY)
+    if fast is None:
+        return start, np.inf
+    slower = start.duration / fast.duration
+    times = np.where(passing.given, passing.times, fast.passing.times * slower)
+    motion = dataclasses.replace(
+        start,
+        accelerations=fast.accelerations / slower**2,
+        passing=dataclasses.replace(passing, times=times),
+    )
+    return motion, fast.duration
+
+
 class WaypointTimes:
     """Search for the times of a scenario's free waypoints at which the cost is least.
 
@@ -98,23 +133,8 @@ class WaypointTimes:
         effort, grid = Problem.of(scenario).effort, scenario.grid
         passing = passing_of(self._waypoints, scenario, grid)
         start = Timed(scenario, grid.step, effort.motion.accelerations, passing)
-        return self._timed(self._best(self._in_least_time(start)))
-
-    def _in_least_time(self, start: Timed) -> Timed:
-        """Return a motion with waypoints where a flight in the least time has them, if it can."""
-        if start.passing.given.any():
-            return start
-        try:
-            fast = LeastTime(self._backend, self._progress).around(start, _ROUGHLY)
-        except ScenarioError:  # nothing bounds the time
-            return start
-        if fast is None:
-            return start
-        slower = start.duration / fast.duration
-        passing = dataclasses.replace(start.passing, times=np.asarray(fast.passing.times * slower))
-        return dataclasses.replace(
-            start, accelerations=fast.accelerations / slower**2, passing=passing
-        )
+        fast, _ = in_least_time(start, self._backend, self._progress)
+        return self._timed(self._best(fast))
 
     def _best(self, start: Timed) -> Timed:
         search = LeastTime(self._backend, self._progress, final_time=False)

@@ -127,7 +127,7 @@ class FreeTimeProgram:
         program.AddBoundingBoxConstraint(*ends, self._time)
         if len(passing) == 0:
             return
-        reach = np.where(passing.given, 0.0, change.waypoints)
+        reach = np.where(passing.may_change, change.waypoints, 0.0)
         low = np.maximum(-reach, np.minimum(passing.least - passing.times, 0.0))
         high = np.minimum(reach, np.maximum(T - passing.least - passing.times, 0.0))
         program.AddBoundingBoxConstraint(low, high, self._changes)

@@ -51,6 +51,9 @@ class Passing:
     """least time between two waypoints of a vehicle, and from its start and goal [s]"""
     averaged: Smoothing | None = None
     """moving averages that pass the waypoints; None if motions themselves do"""
+    in_proportion: BoolArray | None = None
+    """mask of the waypoints whose times are always the same part of the final time, shape (W,);
+    None for none"""
 
     def __len__(self) -> int:
         """Return the number of waypoints, W."""
@@ -70,7 +73,14 @@ class Passing:
             self.given[mask],
             self.least,
             self.averaged,
+            None if self.in_proportion is None else self.in_proportion[mask],
         )
+
+    @property
+    def may_change(self) -> BoolArray:
+        """Mask of the waypoints whose part of the final time a program may change, shape (W,)."""
+        free = ~self.given
+        return free if self.in_proportion is None else free & ~self.in_proportion
 
     def lasting(self, duration: float, before: float) -> Passing:
         """Return the waypoints of another final time, with free ones at the same parts of it.
