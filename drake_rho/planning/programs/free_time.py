@@ -80,6 +80,7 @@ class FreeTimePrograms:
         """Return the largest limit of accelerations [m/s²]; 0 without any.
 
         Motions in the least time are often at their limits. In this unit their values are about 1.
+        Of a ball around an origin away from zero, as of thrusts, it is that perpendicular to it.
         """
         limits = [0.0]
         for rows in self._boxes:
@@ -87,7 +88,9 @@ class FreeTimePrograms:
                 limits.append(float(np.abs(rows.bounds).max(initial=0.0)))
         for cones in self._cones:
             if cones.constraint.quantity == "acceleration":
-                limits.append(float(cones.constants.max()))
+                away = np.linalg.norm(cones.constraint.sets.origins[cones.vehicles], axis=1)
+                spare = (cones.constants - away) * (cones.constants + away)
+                limits.append(float(np.sqrt(np.maximum(spare, 0.0)).max()))
         return max(limits)
 
     def solve(

@@ -217,13 +217,36 @@ class LeastTime:
         return _Iteration(after, predicted, moved, bent)
 
     def _with_same_times(self, timed: Timed) -> Timed | None:
-        """Return a motion around another that passes waypoints at the same parts of the time."""
-        return self._solve(timed, self._same_times)
+        """Return a motion around another that passes waypoints at the same parts of the time.
+
+        In a final time that is far from that of the program its solution is too inexact.
+        """
+        change = self._same_times
+        after = self._solve(timed, change)
+        if after is not None and self._misses(after, change) and timed.reference is None:
+            after = self._solve(timed.lasting(after.duration), change)
+        return None if after is None or self._misses(after, change) else after
+
+    def _misses(self, after: Timed, change: Change) -> bool:
+        """Return whether the solution of a program misses a waypoint at a time that stays.
+
+        Solvers may take equations that contradict each other for met.
+
+        Args:
+            after: motion with the times of the solution.
+            change: by how much times might change.
+        """
+        same = change.final[0] == 1.0
+        exact = change.waypoints == 0.0 and (same or self._steady)
+        if after.passing_averaged.averaged is not None:  # their width does not change with y
+            exact = exact and same
+        return exact and after.missed > _MISSED
 
     def _tried(self, timed: Timed, change: Change) -> Timed | None:
         """Return the motion in least time around another; None also if solvers fail."""
         with suppress(SolverError):
-            return self._solve(timed, change)
+            after = self._solve(timed, change)
+            return None if after is None or self._misses(after, change) else after
         return None
 
     @property
@@ -282,12 +305,7 @@ class LeastTime:
                 solver_seconds=found.seconds,
             )
             if not more:
-                after = timed.after(found, near_rows(rows.values(), found, problem))
-                same = change.final[0] == 1.0
-                exact = change.waypoints == 0.0 and (same or self._steady)
-                exact &= same or passing.averaged is None  # their width does not change with y
-                # solvers may take equations that contradict each other for met
-                return None if exact and after.missed > _MISSED else after
+                return timed.after(found, near_rows(rows.values(), found, problem))
             for each in more:
                 key = each.constraint.key
                 rows[key] = rows[key].union(each) if key in rows else each
