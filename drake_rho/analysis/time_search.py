@@ -56,6 +56,10 @@ _ROUNDS = 3
 """Number of programs that are solved to more digits. With a smoothing waypoints are exact in the
 time around which a program is written, and averages are as wide in any other."""
 
+_SPARE = 1e-3
+"""Part by which a time in which plans are sought first is longer than the least time of a vehicle
+alone: at that itself there is at most one motion, around which programs take very long."""
+
 _WORTHWHILE = 0.01
 """Part of the final time that has to be possible to gain for another search."""
 
@@ -184,8 +188,8 @@ class TimeSearch:
         return self._shortest([partial(self._least.around, start), partial(_same, start)])
 
     def _at(self, like: Timed, factor: float) -> Scenario:
-        """Return the scenario with waypoints, in a multiple of the final time of a motion."""
-        return self._scaled(like, factor * like.duration)[0].scenario
+        """Return the scenario with waypoints, in a multiple of little more time than a motion's."""
+        return self._scaled(like, factor * (1.0 + _SPARE) * like.duration)[0].scenario
 
     def _from_first_plans(self, alone: Timed) -> Timed:
         """Return a motion in least time near a first plan in more time."""
