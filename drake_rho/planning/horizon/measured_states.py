@@ -12,6 +12,9 @@ from drake_rho.scenario.fields import BoolArray, FloatArray, unchecked
 from drake_rho.scenario.records import TOLERANCE, Grid, Scenario
 from drake_rho.scenario.rest_of_flight import from_states
 
+Deviations = tuple[FloatArray, FloatArray]
+"""Deviations of positions [m] and velocities [m/s], shape (N, 3) each."""
+
 _ROUNDING = 1e-9
 """Relative difference, in scales of the motion, below which a state counts as that of the plan. It
 covers the rounding errors of integration."""
@@ -31,15 +34,22 @@ def from_measured(scenario: Scenario, states: FloatArray) -> Scenario:
     if scenario.smoothing is not None:
         return scenario
     fleet, tolerance = scenario.fleet, TOLERANCE if scenario.disturbance is None else _ROUNDING
-    away = deviations(states, fleet.start_states)
+    measured, away = deviations(states, fleet.start_states)
     if not exceeding(scenario, away, 0.0, 0.0, tolerance).any():
         return scenario
-    moved = _from_states(scenario, scenario, states, fleet.start_states, ahead=0)
+    tracking = _renewed_tracking(scenario, scenario, states, ahead=0)
+    before = fleet.accelerations_before
+    moved = from_states(scenario, scenario.grid, *_split(measured), before, tracking)
     return moved.derived(under_way=False)  # there is no previous plan
 
 
 def continued(
-    left: Scenario, whole: Scenario, states: FloatArray, planned: FloatArray, ahead: int
+    left: Scenario,
+    whole: Scenario,
+    states: FloatArray,
+    measured: FloatArray,
+    away: Deviations,
+    ahead: int,
 ) -> Scenario:
     """Return the rest of a flight from measured states, with a new error tube.
 
@@ -48,39 +58,39 @@ def continued(
     Args:
         left: rest of the flight from the planned states.
         whole: scenario of the whole flight, whose feedback continues.
-        states: positions [m] and velocities [m/s], shape (N, 6). A vehicle with a row of NaN was
-            not seen, and is taken to be where it was planned to be.
-        planned: states of the previous plan, shape (N, 6).
+        states: positions [m] and velocities [m/s], shape (N, 6), with NaN for vehicles not seen.
+        measured: the same with planned values for these, from `deviations`.
+        away: deviations of these from planned values, from `deviations`.
         ahead: number of samples by which states are predicted, as in `estimate_errors`.
     """
     if left.smoothing is not None:
         return left
-    if exceeding(left, deviations(states, planned), 0.0, 0.0, _ROUNDING).any():
-        return _from_states(left, whole, states, planned, ahead)
-    if left.disturbance is None:
+    moves = exceeding(left, away, 0.0, 0.0, _ROUNDING).any()
+    if not moves and left.disturbance is None:
         return left
     tracking = _renewed_tracking(whole, left, states, ahead)
-    around = unchecked(left.disturbance, tracking=tracking)
-    return left.derived(disturbance=around, under_way=True)
+    if moves:
+        before = left.fleet.accelerations_before
+        return from_states(left, left.grid, *_split(measured), before, tracking)
+    return left.derived(
+        disturbance=left.disturbance and unchecked(left.disturbance, tracking=tracking),
+        under_way=True,
+    )
 
 
-def deviations(states: FloatArray, planned: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return by how much positions [m] and velocities [m/s] deviate, shape (N, 3) each.
+def deviations(states: FloatArray, planned: FloatArray) -> tuple[FloatArray, Deviations]:
+    """Return measured states, and by how much they deviate from planned ones.
 
     Args:
-        states: measured, shape (N, 6); of vehicles that were not seen, NaN, which deviate by 0.
+        states: measured, shape (N, 6), with NaN for vehicles that were not seen.
         planned: shape (N, 6).
+
+    Returns:
+        The states with planned values for vehicles that were not seen, shape (N, 6), and the
+        deviations of positions [m] and velocities [m/s], shape (N, 3) each.
     """
-    return _split(_completed(states, planned) - planned)
-
-
-def _from_states(
-    left: Scenario, whole: Scenario, states: FloatArray, planned: FloatArray, ahead: int
-) -> Scenario:
-    """Return a scenario from measured states, or from planned ones of vehicles not seen."""
-    tracking = _renewed_tracking(whole, left, states, ahead)
-    before = left.fleet.accelerations_before
-    return from_states(left, left.grid, *_split(_completed(states, planned)), before, tracking)
+    measured = np.asarray(np.where(np.isnan(states), planned, states))
+    return measured, _split(measured - planned)
 
 
 def _renewed_tracking(
@@ -131,25 +141,23 @@ def tube_radii(tail: Scenario) -> tuple[float, float]:
     return float(tube.position(now)), float(tube.velocity(now))
 
 
-def off_tube(
-    tail: Scenario, deviations: tuple[FloatArray, FloatArray], ahead: int = 0
-) -> BoolArray:
+def off_tube(tail: Scenario, away: Deviations, ahead: int = 0) -> BoolArray:
     """Return which vehicles deviate by more than the tube and the errors of the estimate allow.
 
     Args:
         tail: scenario of the rest of the previous plan.
-        deviations: estimated less planned positions [m] and velocities [m/s], shape (N, 3) each.
+        away: estimated less planned positions [m] and velocities [m/s], shape (N, 3) each.
         ahead: number of samples by which states are predicted, as in `estimate_errors`.
     """
-    if not (deviations[0].any() or deviations[1].any()):
-        return np.zeros(len(deviations[0]), dtype=bool)
+    if not (away[0].any() or away[1].any()):
+        return np.zeros(len(away[0]), dtype=bool)
     (position, velocity), estimate = tube_radii(tail), estimate_errors(tail, ahead)
-    return exceeding(tail, deviations, position + estimate[0], velocity + estimate[1])
+    return exceeding(tail, away, position + estimate[0], velocity + estimate[1])
 
 
 def exceeding(
     scenario: Scenario,
-    deviations: tuple[FloatArray, FloatArray],
+    away: Deviations,
     position: float,
     velocity: float,
     tolerance: float = TOLERANCE,
@@ -158,25 +166,20 @@ def exceeding(
 
     Args:
         scenario: with the scales of the motions.
-        deviations: of positions [m] and velocities [m/s], shape (N, 3) each.
+        away: deviations of positions [m] and velocities [m/s], shape (N, 3) each.
         position: radius of positions [m].
         velocity: radius of velocities [m/s].
         tolerance: in scales of the motions.
     """
-    if not (deviations[0].any() or deviations[1].any()):
-        return np.zeros(len(deviations[0]), dtype=bool)
+    if not (away[0].any() or away[1].any()):
+        return np.zeros(len(away[0]), dtype=bool)
     fleet = scenario.fleet
-    far = np.linalg.norm(deviations[0], axis=1) > position + tolerance * fleet.scale("position")
-    fast = np.linalg.norm(deviations[1], axis=1) > velocity + tolerance * fleet.scale("velocity")
+    far = np.linalg.norm(away[0], axis=1) > position + tolerance * fleet.scale("position")
+    fast = np.linalg.norm(away[1], axis=1) > velocity + tolerance * fleet.scale("velocity")
     either: BoolArray = far | fast
     return either
 
 
-def _completed(states: FloatArray, planned: FloatArray) -> FloatArray:
-    """Return states with planned values for vehicles that were not seen, shape (N, 6)."""
-    return np.asarray(np.where(np.isnan(states), planned, states))
-
-
-def _split(states: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _split(states: FloatArray) -> Deviations:
     """Return positions [m] and velocities [m/s], (N, 3) each."""
     return states[:, :3], states[:, 3:]

@@ -233,7 +233,9 @@ class RecedingHorizon:
             self._knot(time)  # an impossible time changes nothing
         if map is not None:
             self.scenario = self._maps.seen(self.scenario, map, time)
-        self.scenario, due = seen_again(self.scenario, sightings or {}, time, self._ahead)
+        due = self.scenario
+        if sightings:
+            self.scenario, due = seen_again(self.scenario, sightings, time, self._ahead)
         self._due = due.obstacles
         with within_time(self._time_limit):
             self.windows.append(self._window(states, time))
@@ -250,7 +252,8 @@ class RecedingHorizon:
         number = knot // self.replan_every + 1
         tell(self._progress, f"window {number} of {len(self.knots)}")
         window = self._next(knot, measured) if self.windows else self._first(measured)
-        self.scenario = timed_as(self.scenario, window.plan.scenario)
+        if any(map(any, self._free)):
+            self.scenario = timed_as(self.scenario, window.plan.scenario)
         window = self._planner.with_contingency(window)
         if self._planner.bounded_cost:
             bound = cost_bound(window.plan, self.replan_every, self.latency)
@@ -294,9 +297,9 @@ class RecedingHorizon:
         left = tail.scenario
         if left.obstacles is not self.scenario.obstacles:  # an obstacle was seen again
             left = with_obstacles(left, self.scenario.obstacles)
-        planned = states_at(tail, 0)
-        off = off_tube(tail.scenario, deviations(states, planned), self.latency)
-        left = continued(left, self.scenario, states, planned, self.latency)
+        measured, away = deviations(states, states_at(tail, 0))
+        off = off_tube(tail.scenario, away, self.latency)
+        left = continued(left, self.scenario, states, measured, away, self.latency)
         plan_next = self._planner.next
         if self.free_final_time:
             free = free_ahead(self._free, self.scenario, left.grid)
