@@ -8,19 +8,14 @@ from contextlib import suppress
 from functools import partial
 from itertools import islice
 
-import numpy as np
-
 from drake_rho.analysis.early_arrivals import as_soon_as_each_can
 from drake_rho.analysis.time_alone import TimesAlone, in_no_time
+from drake_rho.analysis.timed_plans import TimedPlans
 from drake_rho.analysis.trials import Trials, durations
 from drake_rho.motion.plan import Plan
 from drake_rho.planning.call.options import Options
 from drake_rho.planning.call.progress import Progress, tell
-from drake_rho.planning.constraints.tightening import (
-    CANNOT_HOLD,
-    enlarged_by_margins,
-    missing_slack_at_rest,
-)
+from drake_rho.planning.constraints.tightening import enlarged_by_margins
 from drake_rho.planning.errors import InfeasibleError, SolverError
 from drake_rho.planning.path_search.initial_guesses import paths_on_grids
 from drake_rho.planning.planners.first_plan import FirstPlan, plan_near
@@ -28,13 +23,11 @@ from drake_rho.planning.planners.related import changes_with_time, is_steady
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs.backend import Backend
 from drake_rho.planning.scp.least_time import ROUGH, LeastTime
-from drake_rho.planning.scp.subproblem import Subproblem
 from drake_rho.planning.scp.timed import Timed, latest
 from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.records import Grid, Scenario
 from drake_rho.scenario.waypoints import AllWaypoints
-from drake_rho.verification.verify import verify
 
 _LONGER = 1.3, 2.0, 4.0, 8.0
 """Multiples of the least time without obstacles and other vehicles in which a first plan is sought,
@@ -48,13 +41,6 @@ _SEARCHES = 2
 
 _ROUGHLY = 3e-3
 """Relative fall of the final time at which motions along different paths are compared."""
-
-_SLOWER = 0.0, 1e-8, 1e-7, 1e-6, 1e-5, 1e-4
-"""Parts by which a final time is increased until the motion meets every limit despite rounding."""
-
-_ROUNDS = 3
-"""Number of programs that are solved to more digits. With a smoothing waypoints are exact in the
-time around which a program is written, and averages are as wide in any other."""
 
 _SPARE = 1e-3
 """Part by which a time in which plans are sought first is longer than the least time of a vehicle
@@ -88,12 +74,13 @@ class TimeSearch:
     ) -> None:
         self._each = each
         self._bound: float | None = None
-        self._waypoints, self._given = AllWaypoints.of(scenario.vehicles), scenario
+        self._waypoints = AllWaypoints.of(scenario.vehicles)
         vehicles = self._waypoints.placed(scenario.vehicles, None)
         self._scenario = scenario.ending_with(grid, vehicles)
         self._backend, self._progress, self._options = backend, progress, options
         self._steady = is_steady(self._scenario) and not self._waypoints.given.any()
         self._least = LeastTime(ROUGH, progress, steady=self._steady)
+        self._plans = TimedPlans(scenario, self._waypoints, progress, steady=self._steady)
 
     def plan(self) -> Plan:
         """Return the plan of least time.
@@ -258,7 +245,7 @@ class TimeSearch:
             duration = max(duration, smoothing.width * steps * (1.0 + 1e-9))
         duration = max(duration, latest(self._scenario, like.passing) * (1.0 + 1e-9))
         scaled = dataclasses.replace(like.lasting(duration), scenario=self._scenario)
-        return Problem.of(self._timed(scaled.grid, scaled.passing.times)), scaled
+        return Problem.of(self._plans.scenario(scaled.grid, scaled.passing.times)), scaled
 
     def _from_near(self, like: Timed, duration: float) -> Timed | None:
         """Return a motion in the least time from a plan near another, in a given time [s]."""
@@ -283,70 +270,17 @@ class TimeSearch:
         first = search.of(problem) if quick else search.of_any_duration(problem)
         return self._least.around(dataclasses.replace(timed, accelerations=first.accelerations))
 
-    def _timed(self, grid: Grid, times: FloatArray) -> Scenario:
-        """Return the scenario on a grid, with waypoints at times since the first knot [s], (W,)."""
-        vehicles = self._waypoints.placed(self._given.vehicles, grid.start + times)
-        return self._given.ending_with(grid, vehicles)
-
     def _finished(self, best: Timed) -> Plan:
-        """Return a motion as a plan.
-
-        Limits that rounding exceeds are met by a motion that is slower by a few roundings, or by
-        that of a program that is solved to more digits, with a little more time if there is none.
+        """Return a motion as a plan with the statistics of the whole search.
 
         Raises:
             InfeasibleError: vehicles have to hold at their goals, and cannot from this time on.
             SolverError: the motion violates a constraint.
         """
-        plan = self._met(best) or self._in_little_more_time(best)
-        if conflicts := missing_slack_at_rest(plan.scenario):
-            raise InfeasibleError(conflicts, scenario=plan.scenario, because=CANNOT_HOLD)
-        statistics = dataclasses.replace(
-            self._least.statistics, converged=best.converged, time_bound=self._bound
-        )
-        return plan.with_statistics(statistics)
-
-    def _in_little_more_time(self, best: Timed) -> Plan:
-        """Return a motion near another as a plan, in as little more time as it takes.
-
-        Raises:
-            SolverError: it violates a constraint.
-        """
-        least = LeastTime(Backend(), self._progress, steady=self._steady)
-        exact = best
-        try:
-            for part in _SLOWER:
-                slower = best.lasting((1.0 + part) * best.duration) if part > 0.0 else best
-                for _ in range(1 + _ROUNDS if self._scenario.smoothing else 1):
-                    if (found := least.near(slower)) is None:
-                        break
-                    exact = slower = found
-                    if (plan := self._met(exact)) is not None:
-                        return plan
-                if self._steady and exact is not best:  # the final time was free already
-                    break
-        finally:
-            self._least.statistics += least.statistics
-        plan = self._plan(exact)
-        if not (verify(plan).ok or missing_slack_at_rest(plan.scenario)):
-            raise SolverError("the motion that the solvers found does not meet every constraint")
-        return plan
-
-    def _met(self, best: Timed) -> Plan | None:
-        """Return a motion as a plan, slower by a few roundings if necessary; None if it is none."""
-        for motion in (best, best.to_rounding()) if len(best.passing) > 0 else (best,):
-            for slower in _SLOWER if self._steady else _SLOWER[:1]:
-                plan = self._plan(motion.lasting((1.0 + slower) * motion.duration))
-                if Subproblem(Problem.of(plan.scenario)).holds(plan):
-                    return plan
-        return None
-
-    def _plan(self, timed: Timed) -> Plan:
-        """Return the plan of a motion, with goals that are reached to rounding."""
-        problem = Problem.of(self._timed(timed.grid, timed.passing.times))
-        every = np.arange(len(problem))
-        accelerations = problem.effort.goals.met_by(timed.accelerations, every)
-        return Plan.from_accelerations(problem.scenario, accelerations)
+        plan = self._plans.of(best)
+        spent = self._least.statistics + self._plans.statistics
+        found = dataclasses.replace(spent, converged=best.converged, time_bound=self._bound)
+        return plan.with_statistics(found)
 
 
 def _same(timed: Timed) -> Timed:
