@@ -103,7 +103,7 @@ def outcome(scenario: rho.Scenario, convex: bool) -> float | None:
 @given(kind=st.sampled_from(sorted(SCENES)), seed=st.integers(0, 200), far=st.sampled_from(FAR))
 @settings(max_examples=20)
 def test_a_shifted_scene_has_the_same_plan(kind: str, seed: int, far: float) -> None:
-    """Of a fleet that meets in the middle, rounding may decide between local optima near by."""
+    """Rounding may decide which local optimum a fleet that meets in the middle finds."""
     scenario = SCENES[kind](seed)
     shifted = moved(scenario, far * np.array([1.0, -1.0, 0.3]))
     size = float(scenario.fleet.lengths.min())
@@ -112,7 +112,7 @@ def test_a_shifted_scene_has_the_same_plan(kind: str, seed: int, far: float) -> 
     for convex in (True, False) if fleet else (many,):
         here, there = outcome(scenario, convex), outcome(shifted, convex)
         assert (here is None) == (there is None)
-        near = 1e-2 if fleet and not convex else 1e-5
+        near = 0.1 if fleet and not convex else 1e-5
         if here is not None:
             assert there == pytest.approx(here, rel=near + rounding, abs=1e-9)
 
