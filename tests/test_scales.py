@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 import drake_rho as rho
@@ -90,10 +90,10 @@ SCENES = {
 }
 
 
-def outcome(scenario: rho.Scenario, convex: bool) -> float | None:
-    """Return the cost of the plan, or of one linearisation, which holds; None if there is none."""
+def outcome(scenario: rho.Scenario) -> float | None:
+    """Return the cost of the plan, which holds; None if there is none."""
     try:
-        plan = rho.plan_convex(scenario) if convex else rho.plan(scenario)
+        plan = rho.plan_convex(scenario) if len(scenario.vehicles) > 3 else rho.plan(scenario)
     except rho.InfeasibleError:
         return None
     assert rho.verify(plan).ok
@@ -101,20 +101,17 @@ def outcome(scenario: rho.Scenario, convex: bool) -> float | None:
 
 
 @given(kind=st.sampled_from(sorted(SCENES)), seed=st.integers(0, 200), far=st.sampled_from(FAR))
+@example(kind="fleet", seed=156, far=1e3)  # all meet in the middle, where only rounding has a side
 @settings(max_examples=20)
 def test_a_shifted_scene_has_the_same_plan(kind: str, seed: int, far: float) -> None:
-    """Rounding may decide which local optimum a fleet that meets in the middle finds."""
     scenario = SCENES[kind](seed)
-    shifted = moved(scenario, far * np.array([1.0, -1.0, 0.3]))
-    size = float(scenario.fleet.lengths.min())
-    rounding = 1e-10 * far / size  # rounding of coordinates, relative to the distance flown
-    fleet, many = kind == "fleet", len(scenario.vehicles) > 3
-    for convex in (True, False) if fleet else (many,):
-        here, there = outcome(scenario, convex), outcome(shifted, convex)
-        assert (here is None) == (there is None)
-        near = 0.1 if fleet and not convex else 1e-5
-        if here is not None:
-            assert there == pytest.approx(here, rel=near + rounding, abs=1e-9)
+    by = far * np.array([1.0, -1.0, 0.3])
+    here, there = outcome(scenario), outcome(moved(scenario, by))
+    assert (here is None) == (there is None)
+    if here is not None:
+        size = float(scenario.fleet.lengths.min())
+        rounding = 1e-10 * far / size  # rounding of coordinates, relative to the distance flown
+        assert there == pytest.approx(here, rel=1e-5 + rounding, abs=1e-9)
 
 
 @pytest.mark.parametrize("far", [0.0, *FAR])

@@ -131,6 +131,7 @@ class KeepApart(KeepOut):
         if len(at_centre) > 0:
             relative = self.shape.scaled(self.relative_velocities(points.select(at_centre)))
             directions[at_centre] = side_of(np.zeros_like(relative), relative)
+            x[at_centre] = 0.0  # where rounding says nothing about a side
         if self.one_normal:
             close = distances < self.required.distance
             rows, numbers = _encounters(points, close, self.reference.step)
