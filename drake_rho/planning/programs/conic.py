@@ -225,6 +225,17 @@ class Cones:
         return len(self.times)
 
     @cached_property
+    def away(self) -> FloatArray:
+        """Distances of the origins from zero, in the quantity's unit, shape (R,)."""
+        return np.asarray(np.linalg.norm(self.constraint.sets.origins[self.vehicles], axis=1))
+
+    @cached_property
+    def spare(self) -> FloatArray:
+        """Half-widths of balls at zero, perpendicular to the origins; 0 beyond them, shape (R,)."""
+        product = (self.constants - self.away) * (self.constants + self.away)
+        return np.asarray(np.sqrt(np.maximum(product, 0.0)))
+
+    @cached_property
     def axes(self) -> HalfSpaces:
         """Rows whose values are the components of y, three for each cone, 3 R rows."""
         vehicles, times = np.repeat(self.vehicles, 3), np.repeat(self.times, 3)

@@ -88,9 +88,7 @@ class FreeTimePrograms:
                 limits.append(float(np.abs(rows.bounds).max(initial=0.0)))
         for cones in self._cones:
             if cones.constraint.quantity == "acceleration":
-                away = np.linalg.norm(cones.constraint.sets.origins[cones.vehicles], axis=1)
-                spare = (cones.constants - away) * (cones.constants + away)
-                limits.append(float(np.sqrt(np.maximum(spare, 0.0)).max()))
+                limits.append(float(cones.spare.max()))
         return max(limits)
 
     def solve(

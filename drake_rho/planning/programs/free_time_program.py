@@ -293,14 +293,11 @@ def boosts_of(cones: Cones) -> FloatArray:
     stay as they are.
     """
     boosts: FloatArray = np.tile(np.eye(4), (len(cones), 1, 1))
-    origins = cones.constraint.sets.origins[cones.vehicles]
-    away = np.linalg.norm(origins, axis=1)
+    origins, away = cones.constraint.sets.origins[cones.vehicles], cones.away
     ball = ~cones.matrices[:, 0].any(axis=1) & (away < cones.constants)
     ball &= away > _CLOSE * cones.constants
     speeds, along = away[ball] / cones.constants[ball], -origins[ball] / away[ball, None]
-    growth = cones.constants[ball] / np.sqrt(
-        (cones.constants[ball] - away[ball]) * (cones.constants[ball] + away[ball])
-    )
+    growth = cones.constants[ball] / cones.spare[ball]
     mixed = -(growth * speeds)[:, None] * along
     boosts[ball, 0, 0], boosts[ball, 0, 1:], boosts[ball, 1:, 0] = growth, mixed, mixed
     boosts[ball, 1:, 1:] += (growth - 1.0)[:, None, None] * along[:, :, None] * along[:, None]

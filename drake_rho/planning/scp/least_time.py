@@ -223,30 +223,31 @@ class LeastTime:
         """
         change = self._same_times
         after = self._solve(timed, change)
-        if after is not None and self._misses(after, change) and timed.reference is None:
-            after = self._solve(timed.lasting(after.duration), change)
-        return None if after is None or self._misses(after, change) else after
+        kept = self._kept(after, change)
+        if kept is None and after is not None and timed.reference is None:
+            kept = self._kept(self._solve(timed.lasting(after.duration), change), change)
+        return kept
 
-    def _misses(self, after: Timed, change: Change) -> bool:
-        """Return whether the solution of a program misses a waypoint at a time that stays.
+    def _kept(self, after: Timed | None, change: Change) -> Timed | None:
+        """Return the solution of a program; None if it misses a waypoint at a time that stays.
 
         Solvers may take equations that contradict each other for met.
 
         Args:
-            after: motion with the times of the solution.
+            after: motion with the times of the solution; None without one.
             change: by how much times might change.
         """
+        if after is None:
+            return None
         same = change.final[0] == 1.0
         exact = change.waypoints == 0.0 and (same or self._steady)
-        if after.passing_averaged.averaged is not None:  # their width does not change with y
-            exact = exact and same
-        return exact and after.missed > _MISSED
+        exact &= same or after.scenario.smoothing is None  # its width does not change with y
+        return None if exact and after.missed > _MISSED else after
 
     def _tried(self, timed: Timed, change: Change) -> Timed | None:
         """Return the motion in least time around another; None also if solvers fail."""
         with suppress(SolverError):
-            after = self._solve(timed, change)
-            return None if after is None or self._misses(after, change) else after
+            return self._kept(self._solve(timed, change), change)
         return None
 
     @property
