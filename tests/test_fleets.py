@@ -250,7 +250,7 @@ def test_a_coupled_plan_never_costs_more_than_its_decoupled_reference(seed: int)
 
 
 def test_iterates_are_separated_and_the_index_does_not_increase() -> None:
-    plans = [rho.plan_scp(through_the_middle(5), coupling=decoupled)]
+    plans = [rho.plan_scp(through_the_middle(6), coupling=decoupled)]
     for _ in range(8):
         plans.append(rho.scp_step(plans[-1]))
     for plan in plans:

@@ -200,7 +200,7 @@ def test_the_first_restoration_has_one_normal_per_encounter_and_later_ones_searc
 def test_pairs_are_separated_by_references_that_guarantee_nothing(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    scenario = through_the_middle(3)
+    scenario = through_the_middle(7)
     plan = independent(scenario)
     made: list[dict[str, Any]] = []
     around = InGroups.solve_around
@@ -232,7 +232,7 @@ def test_a_reference_that_satisfies_every_constraint_is_a_plan(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """References that are far enough apart need no program with hard rows."""
-    scenario = through_the_middle(3)
+    scenario = through_the_middle(7)
 
     def refused(*args: object) -> rho.Plan:
         raise rho.InfeasibleError({"v1": ("acceleration box",)}, scenario=scenario)
