@@ -1,0 +1,261 @@
+"""What plans violate, by dense samples and formulas of the tests' own.
+
+Of the package, only the signed distances of maps and of sets that a scenario names are used, and
+the smooth motion of plans with a smoothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+import drake_rho as rho
+from drake_rho.scenario.limits import GRAVITY
+from tests.sampled import _center, _signed_distance, _uncertainty, flown
+
+Array = np.ndarray
+
+ALLOWED = 1e-5
+"""Violation that counts as rounding, as a part of what is judged: ten times the verifier's."""
+
+UP = np.array([0.0, 0.0, GRAVITY])
+"""Thrust of hovering per unit mass [m/s²]."""
+
+_SAMPLES = 64
+"""Samples of each step."""
+
+
+def violations(plan: rho.Plan) -> list[str]:
+    """Return a line for each requirement that a plan violates at a sample; none if it holds."""
+    found = [*_goals(plan), *_limits(plan), *_waypoints(plan)]
+    return [*found, *_obstacles(plan), *_separation(plan), *_requirements(plan)]
+
+
+def _line(what: str, excess: Array | float, scale: float) -> list[str]:
+    """Return a line if an excess is above what rounding explains."""
+    worst = float(np.max(excess, initial=-np.inf))
+    return [f"{what}: {worst:.3g} beyond (scale {scale:.3g})"] if worst > ALLOWED * scale else []
+
+
+def _times(plan: rho.Plan, *, positions: bool = True) -> Array:
+    """Return times since the first knot at which positions and velocities are judged [s]."""
+    grid = plan.scenario.grid
+    if positions and not plan.scenario.between_knots:
+        return np.asarray(grid.elapsed)
+    lead = plan.scenario.lead
+    return np.linspace(-lead, grid.duration + lead, (grid.knots - 1) * _SAMPLES + 1)
+
+
+def _at(plan: rho.Plan, of: str, elapsed: Array) -> Array:
+    """Return values of a quantity at times since the first knot, (N, M, 3)."""
+    scenario = plan.scenario
+    grid = scenario.grid
+    if scenario.smoothing is not None:
+        sampled = plan.at(grid.start + elapsed)
+        return np.asarray(getattr(sampled, "accelerations" if of == "thrust" else _FIELDS[of]))
+    if of == "position":
+        return flown(plan, elapsed)
+    k = np.clip((elapsed / grid.step + 1e-9).astype(int), 0, grid.knots - 2)
+    a = plan.accelerations[:, k]
+    if of == "velocity":
+        v = np.array([each.start.velocity for each in scenario.vehicles])[:, None]
+        sums = v + grid.step * np.cumsum(
+            np.concatenate([np.zeros_like(plan.accelerations[:, :1]), plan.accelerations], axis=1),
+            axis=1,
+        )
+        return np.asarray(sums[:, k] + (elapsed - grid.step * k)[:, None] * a)
+    return a
+
+
+_FIELDS = {"position": "positions", "velocity": "velocities", "acceleration": "accelerations"}
+
+
+def _scale(plan: rho.Plan, of: str = "position") -> float:
+    """Return the size of the flight, or the largest value of another quantity."""
+    h = plan.scenario.grid.step
+    if of == "position":
+        return float(np.ptp(plan.positions, axis=1).max())
+    if of == "velocity":
+        slow = 1e-3 * _scale(plan) / plan.scenario.grid.duration
+        return float(np.abs(plan.velocities).max()) + slow
+    largest = float(np.abs(plan.accelerations).max())
+    return largest / h if of == "jerk" else largest
+
+
+def _coordinates(plan: rho.Plan) -> float:
+    """Return what rounding of coordinates and of the clock may move positions by [m]."""
+    grid = plan.scenario.grid
+    clock = 4e-16 * max(abs(grid.start), abs(grid.end)) * 8.0
+    return 1e-14 * float(np.abs(plan.positions).max()) + clock * float(
+        np.abs(plan.velocities).max()
+    )
+
+
+def _goals(plan: rho.Plan) -> Iterator[str]:
+    """Judge that plans end at their goals."""
+    end = np.array([plan.scenario.grid.duration])
+    stepwise = plan.stepwise() if plan.scenario.smoothing else plan
+    for of, goal in (("position", "position"), ("velocity", "velocity")):
+        wanted = np.array([getattr(each.goal, goal) for each in plan.scenario.vehicles])
+        reached = flown(stepwise, end)[:, -1] if of == "position" else stepwise.velocities[:, -1]
+        scale = _scale(plan, of) + 1e5 * _coordinates(plan)
+        yield from _line(f"goal {of}", np.abs(reached - wanted), scale)
+
+
+def _limits(plan: rho.Plan) -> Iterator[str]:
+    """Judge boxes, norms, thrusts, tilts and jerks."""
+    scenario, smooth = plan.scenario, plan.scenario.smoothing is not None
+    for i, vehicle in enumerate(scenario.vehicles):
+        limits = scenario.limits_of(vehicle)
+        for of in ("position", "velocity", "acceleration", "jerk"):
+            bounds = getattr(limits, of)
+            if bounds is None or (of == "jerk" and smooth):
+                continue
+            x = _jerks(plan)[i] if of == "jerk" else _at(plan, of, _times(plan))[i]
+            over = np.maximum(x - bounds.upper, bounds.lower - x)
+            off = 1e5 * _coordinates(plan) if of == "position" else 0.0
+            yield from _line(
+                f"{vehicle.name} {of} box", over, float(np.max(bounds.upper - bounds.lower)) + off
+            )
+        for field, of in (
+            ("max_speed", "velocity"),
+            ("max_acceleration", "acceleration"),
+            ("max_thrust", "thrust"),
+            ("max_jerk", "jerk"),
+        ):
+            most = getattr(limits, field)
+            if most is None or (of == "jerk" and smooth):
+                continue
+            x = _jerks(plan)[i] if of == "jerk" else _at(plan, of, _times(plan, positions=False))[i]
+            if of == "thrust":
+                x = x + UP
+            yield from _line(f"{vehicle.name} {field}", np.linalg.norm(x, axis=-1) - most, most)
+        if limits.max_tilt is not None:
+            x = _at(plan, "thrust", _times(plan, positions=False))[i] + UP
+            tilt = np.arctan2(np.linalg.norm(x[:, :2], axis=-1), x[:, 2])
+            yield from _line(f"{vehicle.name} tilt", tilt - limits.max_tilt, 1.0)
+
+
+def _jerks(plan: rho.Plan) -> Array:
+    """Return jerks from one step to the next (N, ., 3), with the ends at which states are known."""
+    rows = []
+    for vehicle, a in zip(plan.scenario.vehicles, plan.accelerations, strict=True):
+        known = [a]
+        if vehicle.start.acceleration is not None:
+            known.insert(0, vehicle.start.acceleration[None])
+        elif not np.any(vehicle.start.velocity):
+            known.insert(0, np.zeros((1, 3)))
+        if vehicle.goal.acceleration is not None:
+            known.append(vehicle.goal.acceleration[None])
+        elif not np.any(vehicle.goal.velocity):
+            known.append(np.zeros((1, 3)))
+        jerks = np.diff(np.concatenate(known), axis=0) / plan.scenario.grid.step
+        rows.append(np.pad(jerks, ((0, len(a) + 1 - len(jerks)), (0, 0))))
+    return np.array(rows)
+
+
+def _waypoints(plan: rho.Plan) -> Iterator[str]:
+    """Judge waypoints at their times."""
+    start = plan.scenario.grid.start
+    for i, vehicle in enumerate(plan.scenario.vehicles):
+        for number, way in enumerate(vehicle.waypoints, start=1):
+            if way.time is None:
+                yield f"{vehicle.name} waypoint {number}: a plan without its time"
+                continue
+            stepwise = plan.stepwise() if plan.scenario.smoothing else plan
+            x = flown(stepwise, np.array([way.time - start]))[i, 0]
+            off = float(np.linalg.norm(x - way.position)) - way.within
+            yield from _line(
+                f"{vehicle.name} waypoint {number}", off, _scale(plan) + 1e5 * _coordinates(plan)
+            )
+
+
+def _obstacles(plan: rho.Plan) -> Iterator[str]:
+    """Judge obstacles while they are active and known."""
+    scenario, elapsed = plan.scenario, _times(plan)
+    clock, radii = scenario.grid.start + elapsed, [each.radius for each in scenario.vehicles]
+    x = _at(plan, "position", elapsed)
+    for number, body in enumerate(scenario.bodies, start=1):
+        if body.known_from > max(scenario.grid.start, 0.0):
+            continue
+        first, last = body.active or (-np.inf, np.inf)
+        due = (clock >= first) & (clock <= last)
+        centres = _center(body, clock)
+        if body.track is not None and body.track.after == "goes_on":
+            beyond = np.maximum(clock - body.track.times[-1], 0.0)
+            centres = centres + beyond[:, None] * body.track.last_velocity
+        for i, radius in enumerate(radii):
+            if isinstance(body.shape, rho.Sphere | rho.Ellipsoid | rho.Cylinder | rho.Box):
+                distance = _signed_distance(x[i] - centres, body.shape)
+            else:
+                distance = body.shape.local_distance(x[i] - centres)
+            least = radius + body.deviation + _uncertainty(body, clock)
+            size = min(_scale(plan), float(getattr(body.shape, "size", np.inf))) + radius
+            off = 1e5 * _coordinates(plan)
+            yield from _line(
+                f"{scenario.names[i]} obstacle {number}", (least - distance)[due], size + off
+            )
+
+
+def _separation(plan: rho.Plan) -> Iterator[str]:
+    """Judge distances of pairs."""
+    apart = plan.scenario.separation
+    if apart is None:
+        return
+    x = _at(plan, "position", _times(plan)) / np.array([1.0, 1.0, apart.downwash])
+    for i in range(len(x)):
+        for j in range(i):
+            short = apart.distance - np.linalg.norm(x[i] - x[j], axis=-1)
+            yield from _line(f"pair {i}, {j}", short, apart.distance + 1e5 * _coordinates(plan))
+
+
+def _requirements(plan: rho.Plan) -> Iterator[str]:
+    """Judge requirements by the signed distances of their sets."""
+    scenario = plan.scenario
+    grid, names = scenario.grid, list(scenario.names)
+    for number, asked in enumerate(scenario.requirements, start=1):
+        first, last = asked.active or (grid.start, grid.end)
+        members = asked.vehicles or tuple(n for n in names if n != asked.relative_to)
+        for name in members:
+            who = names.index(name)
+            partner = names.index(asked.relative_to) if isinstance(asked.relative_to, str) else None
+            if asked.of == "jerk":
+                if scenario.smoothing is not None:
+                    continue
+                values, when = _jerks_inside(plan), grid.elapsed[1:-1] + grid.start
+            elif asked.of in ("position", "velocity"):
+                elapsed = _times(plan)
+                # both ends of the interval, beside the samples
+                if scenario.between_knots:
+                    within = np.clip([first, last], grid.start, grid.end) - grid.start
+                    elapsed = np.union1d(elapsed, within)
+                values, when = _at(plan, asked.of, elapsed), grid.start + elapsed
+            else:
+                # not at the knots themselves, where one step ends and the next begins
+                elapsed = (np.arange((grid.knots - 1) * _SAMPLES) + 0.5) * grid.step / _SAMPLES
+                values, when = _at(plan, asked.of, elapsed), grid.start + elapsed
+            own = values[who] if partner is None else values[who] - values[partner]
+            if asked.of == "thrust" and partner is None:
+                own = own + UP
+            if isinstance(asked.relative_to, rho.Track):
+                own = own - _track(asked.relative_to, asked.of, when)
+            due = (when >= first) & (when <= last)
+            scale = _scale(plan, "acceleration" if asked.of == "thrust" else asked.of)
+            size = max(1e-3 * scale, min(scale, float(getattr(asked.set, "size", np.inf))))
+            off = 1e5 * _coordinates(plan) if asked.of == "position" else 0.0
+            if due.any():
+                distance = asked.set.signed_distance(own[due])
+                yield from _line(f"{name} requirement {number}", distance, size + off)
+
+
+def _jerks_inside(plan: rho.Plan) -> Array:
+    return np.asarray(np.diff(plan.accelerations, axis=1) / plan.scenario.grid.step)
+
+
+def _track(track: rho.Track, of: str, times: Array) -> Array:
+    if of == "position":
+        return np.stack([np.interp(times, track.times, x) for x in track.positions.T], axis=1)
+    rates = np.diff(track.positions, axis=0) / np.diff(track.times)[:, None]
+    piece = np.clip(np.searchsorted(track.times, times, side="right") - 1, 0, len(rates) - 1)
+    return np.asarray(rates[piece])
