@@ -37,6 +37,7 @@ DRAWN = {
     "links_corridors": 20,
     "time_fleets": 12,
     "flight_late": 2300,
+    "mixed_scenes": 5000,
 }
 """Benchmarks of random fleets, worlds, links, flights, and how many: `run(seeds) -> Table`."""
 
@@ -91,6 +92,10 @@ TIMES = ("time_tracks", "time_closed_forms", "time_fleets", "time_bisection", "t
 """Benchmarks of least times; those that are in no `DRAWN` or `MISSIONS` are `run() -> Table`."""
 
 
+MIXED = ("mixed_scenes",)
+"""Benchmarks of random scenes, flights and files that mix everything."""
+
+
 def main() -> None:
     """Run the benchmarks named on the command line, by default the races and studies."""
     known = [
@@ -118,6 +123,7 @@ def main() -> None:
     )
     parser.add_argument("--maps", action="store_true", help="all benchmarks of maps")
     parser.add_argument("--times", action="store_true", help="all benchmarks of least times")
+    parser.add_argument("--mixed", action="store_true", help="benchmarks that mix everything")
     parser.add_argument("--open", action="store_true", help="all benchmarks of requirements")
     parser.add_argument("--repetitions", type=int, default=9, help="rounds of a race (9)")
     parser.add_argument("--seeds", type=int, help="number of random fleets or worlds of each size")
@@ -139,7 +145,7 @@ def main() -> None:
         parser.error("--seeds: expected at least 1")
     console = Console()
     alone, worlds, flight = RACES + STUDIES, WORLDS, FLIGHT + FLOWN_MISSIONS
-    others = alone + worlds + flight + SCALE + OPEN + MAPS + TIMES
+    others = alone + worlds + flight + SCALE + OPEN + MAPS + TIMES + MIXED
     fleets = tuple(name for name in known if name not in others)
     chosen = (fleets if arguments.fleets else ()) + (worlds if arguments.worlds else ())
     chosen += flight if arguments.flight else ()
@@ -147,6 +153,7 @@ def main() -> None:
     chosen += OPEN if arguments.open else ()
     chosen += MAPS if arguments.maps else ()
     chosen += TIMES if arguments.times else ()
+    chosen += MIXED if arguments.mixed else ()
     by_default = chosen or alone
     for name in arguments.names or by_default:
         console.rule(name)
