@@ -175,8 +175,9 @@ _ABOUT = f"""\
 Smooth motions of one to three vehicles on 6 to 24 knots, of millimetres to kilometres, on clocks
 from 0 to Unix time. Around each, up to seven kinds of requirements that it satisfies: boxes,
 norms, tilts, jerks; obstacles of all shapes at rest and in motion, uncertain and active for a
-while; voxels and triangles; convex sets of positions, velocities, accelerations, thrusts and jerks, of vehicles,
-pairs and beside tracks, for a while; waypoints with and without times; separation; averages; wind.
+while; voxels and triangles; convex sets of positions, velocities, accelerations, thrusts and
+jerks, of vehicles, pairs and beside tracks, for a while; waypoints with and without times;
+separation; averages; wind.
 Refused: `verify` says that the plan does not hold. Sampled: 64 samples of each step and formulas of
 their own say so. Missed: an error where a motion is known, counted where no margin is kept for
 averages or wind, in {LIMIT:g} s. Proved: such an error that claims a proof. Longer: a least time
