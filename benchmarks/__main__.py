@@ -38,6 +38,7 @@ DRAWN = {
     "time_fleets": 12,
     "flight_late": 2300,
     "mixed_scenes": 5000,
+    "mixed_windows": 1200,
 }
 """Benchmarks of random fleets, worlds, links, flights, and how many: `run(seeds) -> Table`."""
 
@@ -92,7 +93,7 @@ TIMES = ("time_tracks", "time_closed_forms", "time_fleets", "time_bisection", "t
 """Benchmarks of least times; those that are in no `DRAWN` or `MISSIONS` are `run() -> Table`."""
 
 
-MIXED = ("mixed_scenes",)
+MIXED = ("mixed_scenes", "mixed_windows")
 """Benchmarks of random scenes, flights and files that mix everything."""
 
 
