@@ -16,7 +16,7 @@ import numpy as np
 from drake_rho.scenario.fields import FloatArray, IntArray
 
 _PRECISION = 0.05
-"""Amount by which a greater value may be missed, as a part of the violation, or of the threshold."""
+"""Part of a violation, or of the threshold, by which a greater value may be missed."""
 
 _LEVELS = 30
 """Largest number of successive halvings: an interval is then 1e-9 of a piece of time."""
