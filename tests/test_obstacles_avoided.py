@@ -184,7 +184,7 @@ def test_the_deepest_instants_agree_with_dense_samples(seed: int, kind: str, mov
     parts = (each for each in dataclasses.astuple(motion)[1:] if each is not None)
     motions = Motion(step, *(each[None] for each in parts))
     below = np.array([rng.uniform(-0.2, 0.5)])
-    pieces = pieces_near(motions, obstacle.since(start), np.maximum(below, 0.0))
+    pieces = pieces_near(motions, obstacle.since(rho.Grid(step, 9, start)), np.maximum(below, 0.0))
     tolerances = np.full(len(pieces.owners), shape.tolerance)
     which, times = deepest(shape, pieces, below[pieces.owners], tolerances)
     found = dict(zip(pieces.times[which].tolist(), times.tolist(), strict=True))

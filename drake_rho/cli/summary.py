@@ -25,8 +25,8 @@ def errors_of(simulation: Simulation) -> list[ErrorRow]:
     Clearances are distances in the record less the vehicle's radius, or less the separation.
     """
     errors = simulation.errors()
-    radii, rounding = simulation.radii(), rounding_of(simulation, "position")
-    shares = largest_shares(errors, radii, rounding)
+    radii, negligible = simulation.radii(), rounding_of(simulation, "position")
+    shares = largest_shares(errors, radii, negligible)
     to_obstacles, to_others = _to_obstacles(simulation), _to_others(simulation)
     return [
         ErrorRow(

@@ -15,7 +15,8 @@ import numpy.typing as npt
 
 from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.fleet import Fleet
-from drake_rho.scenario.parts import SAME_TIME, Quantity, State
+from drake_rho.scenario.parts import Quantity, State
+from drake_rho.scenario.times import steps_begun
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -249,9 +250,11 @@ def response(quantity: Quantity, step: float, knots: int, times: npt.ArrayLike) 
         return jerk
     m, s = ORDERS[quantity], times[:, None] - h * np.arange(knots - 1)
     if m == 0:
-        acted: FloatArray = ((s >= -SAME_TIME * h) & (s < h - SAME_TIME * h)).astype(np.float64)
-        return acted
-    acted = np.minimum(np.maximum(s, 0.0), h)  # time during which a[j] has acted: s+ - (s - h)+
+        acts: FloatArray = (step_at(times, h)[:, None] == np.arange(knots - 1)).astype(np.float64)
+        return acts
+    acted: FloatArray = np.minimum(
+        np.maximum(s, 0.0), h
+    )  # time during which a[j] has acted: s+ - (s - h)+
     if m == 1:
         return acted
     position: FloatArray = s  # in place, since there may be many rows
@@ -278,5 +281,4 @@ def sparse_response(quantity: Quantity, step: float, knots: int, times: FloatArr
 
 def step_at(times: FloatArray, step: float) -> IntArray:
     """Return the number of the step, from 0, that contains or begins at each time; not clipped."""
-    k: IntArray = np.floor(times / step + SAME_TIME).astype(np.int64)
-    return k
+    return steps_begun(times, step)

@@ -11,7 +11,7 @@ from drake_rho.motion.plan import Plan
 from drake_rho.motion.samples import Samples
 from drake_rho.motion.simulation import Simulation
 from drake_rho.scenario.fields import LARGEST, FloatArray
-from drake_rho.scenario.parts import SAME_TIME
+from drake_rho.scenario.times import Clock
 
 Flown = Plan | Flight | Simulation
 """Plan, flight or simulation.
@@ -35,7 +35,7 @@ def sample(flown: Flown, elapsed: FloatArray) -> Samples:
     scenario = flown.scenario
     end = scenario.grid.elapsed[-1] + scenario.lead
     found = flown.sampled(np.minimum(elapsed, end))
-    ended = elapsed >= end - SAME_TIME * scenario.grid.step
+    ended = ~Clock.of(scenario.grid.step).before(elapsed, end)
     accelerations = np.where(ended[:, None], 0.0, found.accelerations)
     vectors = (found.positions, found.velocities, accelerations)
     if not all(np.all(np.abs(each) <= LARGEST) for each in vectors):

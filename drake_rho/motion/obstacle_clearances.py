@@ -59,7 +59,7 @@ def distances(plan: Moving, obstacle: Obstacle, times: FloatArray) -> FloatArray
         Distances [m], shape (N, M).
     """
     positions = plan.motion().at("position", times)
-    return obstacle.distances(positions, plan.scenario.grid.start + times)
+    return obstacle.since(plan.scenario.grid).distances(positions, times)
 
 
 def required_distances(scenario: Scenario, obstacle: Obstacle) -> FloatArray:
@@ -90,16 +90,16 @@ def clearances(
 
 def closest(plan: Moving, obstacle: Obstacle) -> ClosestApproaches:
     """Find the closest approach of each vehicle to an obstacle, exact also between the knots."""
-    motion, start = plan.motion(), plan.scenario.grid.start
+    motion, local = plan.motion(), obstacle.since(plan.scenario.grid)
     knots: FloatArray = np.float64(motion.step) * np.arange(motion.positions.shape[1])
     slack = _SLACK * obstacle.shape.size
     at_knots = distances(plan, obstacle, knots)
     below = at_knots.min(axis=1) + slack  # reached by at least one piece
-    pieces = pieces_near(motion, obstacle.since(start), np.maximum(below, slack))
+    pieces = pieces_near(motion, local, np.maximum(below, slack))
     tolerances = np.full(len(pieces.owners), obstacle.shape.tolerance)
     which, times = deepest(obstacle.shape, pieces, below[pieces.owners], tolerances)
     owners = pieces.owners[which]
-    found = obstacle.distances(motion.each_at("position", owners, times), start + times)
+    found = local.distances(motion.each_at("position", owners, times), times)
     order = np.lexsort((found, owners))
     near, firsts = np.unique(owners[order], return_index=True)
     least = ClosestApproaches(np.zeros(len(below)), np.full(len(below), np.inf))  # if not active

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from typing import TYPE_CHECKING, Literal, Self
 
 import numpy as np
@@ -20,9 +19,10 @@ from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.consistency import check_goals_at_rest
 from drake_rho.scenario.described import Described, ShownInNotebooks
 from drake_rho.scenario.fields import FloatArray, IntArray, read_only, unchecked
-from drake_rho.scenario.parts import MOST_KNOTS, SAME_TIME
+from drake_rho.scenario.parts import MOST_KNOTS
 from drake_rho.scenario.records import Scenario
 from drake_rho.scenario.shapes.base import TOLERANCE
+from drake_rho.scenario.times import steps_lasting
 
 if TYPE_CHECKING:
     from pydrake.trajectories import PiecewisePolynomial
@@ -290,7 +290,7 @@ class Plan(ShownInNotebooks, metaclass=Described):
         if not 0.0 <= seconds <= most:
             raise ValueError(f"seconds: got {seconds}, expected a time from 0 to {most:g} s")
         check_goals_at_rest(scenario.vehicles)
-        steps = math.ceil(seconds / grid.step * (1.0 - SAME_TIME))
+        steps = steps_lasting(seconds, grid.step)
         disturbance = scenario.disturbance
         if disturbance is not None:
             tracking = tube_of(scenario).tracking

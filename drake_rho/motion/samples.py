@@ -10,8 +10,8 @@ import numpy.typing as npt
 
 from drake_rho.scenario.described import Described
 from drake_rho.scenario.fields import FloatArray, IntArray
-from drake_rho.scenario.parts import SAME_TIME
 from drake_rho.scenario.records import Grid
+from drake_rho.scenario.times import Clock, steps_within
 
 RATES = (0.0, 1000.0)
 """Range of sample rates [1/s], from above the first to the second inclusive: clocks of autopilots
@@ -103,16 +103,14 @@ def times_of(grid: Grid, times: npt.ArrayLike, lead: float = 0.0) -> FloatArray:
     asked = np.asarray(times, dtype=np.float64)
     if asked.ndim > 1:
         raise ValueError(f"times: got shape {asked.shape}, expected (T,) or a single time")
-    asked, knots = np.atleast_1d(asked), grid.elapsed
+    asked = np.atleast_1d(asked)
     first, last = grid.start - lead, grid.end + lead
-    inside = (asked >= first - grid.rounding) & (asked <= last + grid.rounding)
+    inside = grid.clock.within(asked, (first, last))
     if not inside.all():
         got = asked[np.argmin(inside)]
         expected = f"times of the flight, from {first:.12g} to {last:.12g} s"
         raise ValueError(f"times: got {got:.12g} s, expected {expected}")
-    elapsed = asked - grid.start
-    nearest = knots[np.clip(np.rint(elapsed / grid.step).astype(np.int64), 0, len(knots) - 1)]
-    return np.where(np.abs(elapsed - nearest) <= grid.rounding, nearest, elapsed)
+    return grid.since_start(asked)
 
 
 def check_rate(rate: float | None) -> None:
@@ -135,9 +133,9 @@ def evenly(grid: Grid, rate: float, lead: float = 0.0) -> FloatArray:
         lead: time by which the flight begins before the first knot and ends after the last [s].
     """
     end = float(grid.elapsed[-1]) + 2.0 * lead
-    count = int((grid.duration + 2.0 * lead) * rate * (1.0 + SAME_TIME))
+    count = steps_within(grid.duration + 2.0 * lead, 1.0 / rate)
     times = np.arange(count + 1) / rate
-    return np.append(times[times < end - SAME_TIME * grid.step], end)
+    return np.append(times[Clock.of(grid.step).before(times, end)], end)
 
 
 def with_knots(grid: Grid, rate: float | None, lead: float = 0.0) -> tuple[FloatArray, IntArray]:
@@ -155,8 +153,7 @@ def with_knots(grid: Grid, rate: float | None, lead: float = 0.0) -> tuple[Float
     if rate is None:
         return knots, np.arange(len(knots))
     times = evenly(grid, rate, lead) - lead
-    nearest = np.clip(np.rint(times / grid.step).astype(np.int64), 0, len(knots) - 1)
-    times = np.union1d(times[np.abs(times - knots[nearest]) > SAME_TIME * grid.step], knots)
+    times = np.union1d(Clock.of(grid.step).apart(times, knots), knots)
     return times, np.searchsorted(times, knots)
 
 
@@ -176,7 +173,7 @@ def knots_among(grid: Grid, times: FloatArray) -> IntArray:
     pair = np.stack([after - 1, np.minimum(after, len(times) - 1)])
     nearer = np.argmin(np.abs(times[pair] - grid.times), axis=0)
     found: IntArray = pair[nearer, np.arange(len(nearer))]
-    missing = np.abs(times[found] - grid.times) > grid.rounding
+    missing = ~grid.clock.same(times[found], grid.times)
     if np.any(missing):
         k = int(np.argmax(missing))
         raise ValueError(f"no sample at knot {k + 1}, {grid.times[k]:g} s, expected every knot")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from functools import lru_cache
 
 import numpy as np
@@ -19,8 +18,9 @@ from drake_rho.motion.tube import ErrorTube
 from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.disturbance import Disturbance, Tracking
 from drake_rho.scenario.fields import unchecked
-from drake_rho.scenario.parts import SAME_TIME, Grid
+from drake_rho.scenario.parts import Grid
 from drake_rho.scenario.records import Scenario
+from drake_rho.scenario.times import steps_lasting
 
 
 @checked
@@ -84,7 +84,7 @@ def _flown(scenario: Scenario) -> Grid:
     grid, lead = scenario.grid, scenario.lead
     if lead == 0.0:
         return grid
-    more = math.ceil(2.0 * lead / grid.step * (1.0 - SAME_TIME))
+    more = steps_lasting(2.0 * lead, grid.step)
     return Grid(grid.step, grid.knots + more, grid.start - lead)
 
 

@@ -274,8 +274,7 @@ class Simulation(ShownInNotebooks, metaclass=Described):
         """Return the number of the window in force at times since the first knot [s], (T,)."""
         grid = self.scenario.grid
         knots = np.array([window.first_knot for window in self.windows])
-        passed = (elapsed + grid.rounding) / grid.step
-        return np.asarray(np.maximum(np.searchsorted(knots, passed, side="right") - 1, 0))
+        return np.maximum(grid.clock.last_begun(grid.step * knots, elapsed), 0)
 
     def _elapsed_at(self, times: npt.ArrayLike | None) -> FloatArray:
         """Return times since the first knot [s], shape (T,), for times on the scenario's clock.

@@ -23,8 +23,9 @@ import numpy as np
 
 from drake_rho.motion.dynamics import Motion, response, step_at
 from drake_rho.scenario.fields import FloatArray, IntArray
-from drake_rho.scenario.parts import REACHED, SAME_TIME, Grid, Quantity
+from drake_rho.scenario.parts import REACHED, Grid, Quantity
 from drake_rho.scenario.smoothing import Smoothing
+from drake_rho.scenario.times import Clock
 
 if TYPE_CHECKING:
     from pydrake.trajectories import PiecewisePolynomial
@@ -102,8 +103,8 @@ class SmoothMotion:
         first = 0 if self.motion.flown is None else -REACHED
         knots = h * np.arange(first, self.motion.positions.shape[1])
         instants = np.unique(knots[:, None] + w * (np.arange(n + 1) - n / 2.0))
-        instants = instants[instants >= -n * w / 2.0 - SAME_TIME * h]
-        instants = instants[np.append(True, np.diff(instants) > SAME_TIME * h)]
+        clock = Clock.of(h)
+        instants = clock.distinct(instants[~clock.before(instants, -n * w / 2.0)])
         half = np.diff(instants) / 2.0
         middles = instants[:-1] + half  # where each derivative has one value
         k = self._steps_of(middles)

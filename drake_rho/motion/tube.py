@@ -19,7 +19,8 @@ from drake_rho.scenario.clock import clock_number, clock_time
 from drake_rho.scenario.described import Described
 from drake_rho.scenario.disturbance import Disturbance, Tracking
 from drake_rho.scenario.fields import FloatArray, IntArray, read_only
-from drake_rho.scenario.parts import SAME_TIME, Grid, Quantity
+from drake_rho.scenario.parts import Grid, Quantity
+from drake_rho.scenario.times import Clock
 
 _ROUND = 32
 """Number of steps to a multiple of which cached radii are computed."""
@@ -197,15 +198,14 @@ class ErrorTube(metaclass=Described):
         A sample contains its beginning; the last one also contains the end of the flight.
         """
         passed = self._passed(times)
-        j = np.minimum(np.floor(passed + self._slack).astype(np.int64), self.samples - 1)
+        j = np.minimum(self._clock.whole(passed), self.samples - 1)
         return j, _part(passed - j)
 
     def _passed(self, times: npt.ArrayLike) -> FloatArray:
         """Return times since the first knot, in samples."""
         times = np.asarray(times, dtype=np.float64)
         passed = (times - self.grid.start) / self.sample
-        slack = self._slack
-        outside = ~((passed >= -slack) & (passed <= self.samples + slack))  # true for NaN
+        outside = ~self._clock.within(passed, (0.0, self.samples))  # true for NaN
         if np.any(outside):
             expected = f"a time from {clock_number(self.grid.start)} to {clock_time(self.grid.end)}"
             raise ValueError(f"times: got {times[outside][0]}, expected {expected}")
@@ -219,15 +219,14 @@ class ErrorTube(metaclass=Described):
         if np.any(ends < begins):
             i = int(np.argmax(ends < begins))
             raise ValueError(f"ends: got {ends[i]}, expected no time before {begins[i]}")
-        last = np.maximum(np.ceil(passed - self._slack).astype(np.int64) - 1, first)
+        last = np.maximum(self._clock.whole_before(passed), first)
         b = _part(passed - last)
         return Pieces(first, a, last, np.where(first == last, np.maximum(a, b), b))
 
     @cached_property
-    def _slack(self) -> float:
-        """Part of a sample that counts as zero, due to the rounding of a clock far from zero."""
-        largest = max(abs(self.grid.start), abs(self.grid.end))
-        return max(SAME_TIME, 8.0 * np.finfo(np.float64).eps * largest / self.sample)
+    def _clock(self) -> Clock:
+        """Clock by which times are compared in samples."""
+        return Clock.of(1.0, self.grid.start / self.sample, self.grid.end / self.sample)
 
     @cached_property
     def _radii(self) -> Radii:

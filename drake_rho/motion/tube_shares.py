@@ -13,7 +13,7 @@ _ROUNDING = 1e-9
 
 
 def largest_shares(
-    errors: FloatArray, radii: FloatArray, rounding: float | FloatArray = 0.0
+    errors: FloatArray, radii: FloatArray, negligible: float | FloatArray = 0.0
 ) -> FloatArray:
     """Return each vehicle's largest ratio of error to tube radius, shape (N,); 0 without a tube.
 
@@ -21,10 +21,10 @@ def largest_shares(
         errors: errors at some times, shape (M, N).
         radii: radii at these times, in the same unit, shape (M,); times at which one is zero do not
             count.
-        rounding: parts of the errors that are only rounding, in the same unit, shape (N,).
+        negligible: parts of the errors that are only rounding, in the same unit, shape (N,).
     """
     wide = radii > 0.0
-    left = np.maximum(errors[wide] - rounding, 0.0)
+    left = np.maximum(errors[wide] - negligible, 0.0)
     shares: FloatArray = np.max(left / radii[wide, None], axis=0, initial=0.0)
     return shares
 

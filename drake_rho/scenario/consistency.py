@@ -52,7 +52,7 @@ def check_obstacles(obstacles: Sequence[AnyObstacle], grid: Grid) -> None:
             raise error.inside(f"obstacles[{index}]") from None
     for index, each in enumerate(obstacles):
         known_from = each.known_from if isinstance(each, Obstacle) else 0.0
-        if known_from > max(grid.end, 0.0):  # 0 stands for the start
+        if grid.clock.after(known_from, max(grid.end, 0.0)):  # 0 stands for the start
             expected = f"a time in the flight, which ends at {grid.end:g} s"
             raise ScenarioError(f"obstacles[{index}].known_from", known_from, expected)
 
@@ -175,6 +175,10 @@ def check_waypoints(
         where = f"waypoints[{index}]"
         for i in np.flatnonzero(waypoints.present):
             time = float(waypoints.times[i])
+            for other in fleet.waypoints[:index]:
+                if grid.clock.same(other.times[i], time):
+                    expected = "a time that no other waypoint of the vehicle has"
+                    raise ScenarioError(f"vehicles[{i}].{where}.time", time, expected)
             if not is_during_flight(time, grid, earlier):
                 expected = f"after {grid.start:g} s and before {grid.end:g} s"
                 raise ScenarioError(
@@ -266,11 +270,10 @@ def check_requirements(
         if len(each.members(names)) == 0:
             expected = f"a scenario with other vehicles than {each.leader!r}"
             raise ScenarioError(f"{where}.vehicles", None, expected)
-        if each.active is not None and not under_way:
-            first, last = each.active
-            if first < grid.start - grid.rounding or last > grid.end + grid.rounding:
-                expected = f"times in the flight, from {grid.start:g} s to {grid.end:g} s"
-                raise ScenarioError(f"{where}.active", [first, last], expected)
+        flight = (grid.start, grid.end)
+        if not (each.active is None or under_way or grid.clock.within(each.active, flight).all()):
+            expected = f"times in the flight, from {grid.start:g} s to {grid.end:g} s"
+            raise ScenarioError(f"{where}.active", list(each.active), expected)
         _check_given_states(each, index + 1, fleet, names, grid, under_way)
 
 
@@ -316,8 +319,7 @@ def _check_values(
     if interval is None:
         return
     members, partner = requirement.members(names), requirement.partner(names)
-    first, last = (interval[0] - grid.rounding, interval[1] + grid.rounding)
-    due = (times[members] >= first) & (times[members] <= last)  # false for NaN
+    due = grid.clock.within(times[members], interval)  # false for NaN
     members, tolerances = members[due], requirement.tolerances(fleet, names)[due]
     relative = values[members] - requirement.offset(times[members])
     if partner is not None:

@@ -17,7 +17,8 @@ from drake_rho.scenario.fields import (
     record,
     unchecked,
 )
-from drake_rho.scenario.parts import SAME_TIME, Grid
+from drake_rho.scenario.parts import Grid
+from drake_rho.scenario.times import divides, steps_lasting
 
 NotNegative = Annotated[float, Field(ge=0.0, le=LARGEST, allow_inf_nan=False), NOT_BOOLEAN]
 
@@ -132,11 +133,11 @@ class Disturbance:
                 raise ScenarioError("disturbance.tracking.since", self.tracking.since, expected)
         if self.feedback_every is None:
             return
-        parts, most = grid.step / self.feedback_every, _most_per_step(grid)
+        every, most = self.feedback_every, _most_per_step(grid)
         whole = self.steps_per_sample(grid.step)
-        if self.tracking is not None and whole > 1 and abs(whole * parts - 1.0) <= SAME_TIME:
+        if self.tracking is not None and whole > 1 and divides(every, whole * grid.step):
             return
-        if not 1 <= round(parts) <= most or abs(parts - round(parts)) > SAME_TIME * parts:
+        if round(grid.step / every) > most or not divides(every, grid.step):
             expected = f"a time that divides the step, {grid.step:g} s, into 1 to {most} parts"
             raise ScenarioError("disturbance.feedback_every", self.feedback_every, expected)
 
@@ -159,7 +160,7 @@ class Disturbance:
         """
         if self.feedback_every is None:
             return self
-        parts = math.ceil(grid.step / self.feedback_every * (1.0 - SAME_TIME))
+        parts = steps_lasting(grid.step, self.feedback_every)
         parts = min(max(parts, 1), _most_per_step(grid))
         return unchecked(self, feedback_every=grid.step / parts)
 

@@ -135,8 +135,8 @@ class Fleet:
         lengths = np.maximum(np.maximum(lengths, self._separation), self._evasion_lengths())
         lengths[lengths == 0.0] = 1.0
         coordinates = np.maximum(np.abs(self.start_positions), np.abs(self.goal_positions))
-        rounding = _ROUNDINGS * self._grid.knots * np.finfo(np.float64).eps
-        lengths[:] = np.maximum(lengths, rounding / TOLERANCE * coordinates.max(axis=1))
+        part = _ROUNDINGS * self._grid.knots * np.finfo(np.float64).eps
+        lengths[:] = np.maximum(lengths, part / TOLERANCE * coordinates.max(axis=1))
         return lengths
 
     def _evasion_lengths(self) -> FloatArray:

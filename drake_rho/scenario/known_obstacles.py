@@ -22,9 +22,8 @@ def known_at_start(
     Returns:
         The known elements of `in_flight`, with their numbers from 1.
     """
-    now = max(grid.start, 0.0) + grid.rounding
     both = enumerate(zip(obstacles, in_flight, strict=True), start=1)
-    return tuple((number, body) for number, (each, body) in both if each.known_from <= now)
+    return tuple((number, body) for number, (each, body) in both if not each.is_late(grid))
 
 
 def active_during(
@@ -42,9 +41,8 @@ def active_during(
     found = list[tuple[int, Obstacle]]()
     for number, each in known:
         body = each if each.shape.cover is each.shape else unchecked(each, shape=each.shape.cover)
-        first, last = body.active or (0.0, grid.duration)
         if body.is_always_active(grid):
             found.append((number, unchecked(body, active=None)))
-        elif first <= grid.duration + grid.rounding and last >= -grid.rounding:
+        elif body.active is None or grid.clock.overlap(body.active, (0.0, grid.duration)):
             found.append((number, body))
     return tuple(found)

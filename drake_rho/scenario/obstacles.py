@@ -27,6 +27,7 @@ from drake_rho.scenario.maps.mesh import Mesh
 from drake_rho.scenario.maps.voxels import Voxels
 from drake_rho.scenario.parts import Grid
 from drake_rho.scenario.shapes.posed import KINDS, POSE, AnyConvex
+from drake_rho.scenario.times import EXACT, Clock
 from drake_rho.scenario.tracks import Track
 
 if TYPE_CHECKING:
@@ -172,23 +173,20 @@ class Obstacle:
         """Time to which the errors refer, on the scenario's clock [s]."""
         return self.known_from if self.seen_at is None else self.seen_at
 
-    def is_active(self, times: FloatArray, slack: float = 0.0) -> BoolArray:
+    def is_active(self, times: FloatArray, clock: Clock = EXACT) -> BoolArray:
         """Return whether it is avoided at times on the scenario's clock [s], of any shape.
 
         Args:
             times: on the scenario's clock [s].
-            slack: time before and after the interval that counts as within it [s].
+            clock: by which they are compared.
         """
         if self.active is None:
             return np.ones(times.shape, dtype=bool)
-        first, last = self.active
-        active: BoolArray = (times >= first - slack) & (times <= last + slack)
-        return active
+        return clock.within(times, self.active)
 
     def is_always_active(self, grid: Grid) -> bool:
         """Return whether it is avoided all through a flight, at whose first knot its clock is 0."""
-        first, last = self.active or (0.0, grid.duration)
-        return first <= grid.rounding and last >= grid.duration - grid.rounding
+        return bool(self.is_active(grid.elapsed[[0, -1]], grid.clock).all())
 
     @property
     def deviation(self) -> float:
@@ -214,25 +212,30 @@ class Obstacle:
         center: FloatArray = self.centers(np.zeros(1))[0]
         return center
 
+    def is_late(self, grid: Grid) -> bool:
+        """Return whether it becomes known only after the first knot of a grid on its clock."""
+        return bool(grid.clock.after(self.known_from, max(grid.start, 0.0)))
+
     def known_by(self, time: float) -> Self:
         """Return the obstacle, known from a time on the scenario's clock [s] at the latest."""
         seen_at = self.errors_from if self.velocity_error > 0.0 else self.seen_at
         return unchecked(self, known_from=min(self.known_from, time), seen_at=seen_at)
 
-    def since(self, time: float) -> Self:
-        """Return the obstacle on a clock that is 0 at `time` [s] of the present one.
+    def since(self, grid: Grid) -> Self:
+        """Return the obstacle on a clock that is 0 at a grid's first knot.
 
         Times in a flight are sums that begin at its first knot. On a clock that is 0 there, these
-        sums and a track's corner times are equal numbers; on a clock far from 0 they would differ
-        by its rounding.
+        sums and a track's corner times are equal numbers (`Grid.since_start`); on a clock far from
+        0 they would differ by its rounding.
         """
+        time = grid.start
         track = self.track
         if track is not None:
             track = unchecked(track, times=read_only(track.times - time))
         elif self.velocity is not None:
             centers = self.centers(time + np.array([0.0, 1.0]))
             track = Track([0.0, 1.0], centers, after="goes_on")
-        active = self.active and (self.active[0] - time, self.active[1] - time)
+        active = None if self.active is None else grid.interval_since_start(self.active)
         return unchecked(
             self,
             velocity=None,

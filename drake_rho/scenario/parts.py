@@ -7,7 +7,6 @@ Records are immutable and validated when created; a change makes a new record
 from __future__ import annotations
 
 import dataclasses
-import sys
 from collections.abc import Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, Annotated, Literal, Self
@@ -33,6 +32,7 @@ from drake_rho.scenario.fields import (
 from drake_rho.scenario.limits import Limits
 from drake_rho.scenario.shapes.base import TOLERANCE
 from drake_rho.scenario.shapes.quadrics import Ellipsoid
+from drake_rho.scenario.times import Clock, divides
 
 Quantity = Literal["position", "velocity", "acceleration", "jerk"]
 """Quantities that a box can bound."""
@@ -50,17 +50,9 @@ UNITS: dict[Quantity, str] = {
 MOST_KNOTS = 100_000
 """Largest number of knots of a grid."""
 
-SAME_TIME = 1e-9
-"""Part of a step, or of a sample of the feedback, by which two times may differ and still count as
-equal."""
-
 REACHED = 4
 """Steps before the first knot and after the last that are looked at beside a smoothing: averages
 that begin up to one and a half steps early reach as far back again, and the knot before is seen."""
-
-_ROUNDINGS = 8.0
-"""Multiple of the clock's rounding by which two times may differ and still count as equal: it
-covers sums of a few times and a user's own arithmetic."""
 
 
 @record
@@ -91,10 +83,10 @@ class Grid:
         for field, value in (("duration", duration), ("step", step)):
             if not 1.0 / LARGEST <= value <= LARGEST:  # also true for NaN
                 raise ScenarioError(field, value, "a time above 0 in seconds")
-        steps = duration / step
-        if round(steps) < 1 or abs(steps - round(steps)) > SAME_TIME * steps:
+        if not divides(step, duration):
             raise ScenarioError("step", step, f"a step that divides the duration, {duration:g} s")
-        return cls(duration / round(steps), round(steps) + 1, start)
+        steps = round(duration / step)
+        return cls(duration / steps, steps + 1, start)
 
     @property
     def duration(self) -> float:
@@ -116,14 +108,34 @@ class Grid:
         """Times of the knots since the first one [s], shape (K,)."""
         return read_only(self.step * np.arange(self.knots))
 
-    @property
-    def rounding(self) -> float:
-        """Largest difference of two times that count as equal [s].
+    @cached_property
+    def clock(self) -> Clock:
+        """Clock by which times of the flight are compared, also those since its first knot."""
+        first, _ = self._origin
+        return Clock.of(self.step, first, self.end)
 
-        Times far from 0 are rounded: today's Unix time to 2.4e-7 s.
+    def beginning_at(self, start: float) -> Self:
+        """Return the grid where its first knot is at another time [s], compared by its own clock.
+
+        Times since the first knot, on a clock that is 0 there, are as coarse as those on the clock
+        from which they were computed.
         """
-        largest = max(abs(self.start), abs(self.end))
-        return max(SAME_TIME * self.step, _ROUNDINGS * sys.float_info.epsilon * largest)
+        return unchecked(self, start=start, clock=self.clock)
+
+    def since_start(self, times: npt.ArrayLike) -> FloatArray:
+        """Return times on the scenario's clock as times since the first knot [s], of any shape.
+
+        Those that equal a knot's are exactly the knot's, so that on a clock far from 0, too, what
+        begins, ends or turns at a knot does so there and nowhere beside it.
+        """
+        elapsed = np.asarray(times, dtype=np.float64) - self.start
+        knots = self.step * np.clip(np.rint(elapsed / self.step), 0, self.knots - 1)
+        return np.where(self.clock.same(elapsed, knots), knots, elapsed)
+
+    def interval_since_start(self, interval: tuple[float, float]) -> tuple[float, float]:
+        """Return the ends of an interval as `since_start` does."""
+        first, last = self.since_start(interval).tolist()
+        return first, last
 
     def from_knot(self, knot: int, steps: int | None = None) -> Grid:
         """Return the remainder of the grid from a knot on, counted from 0.

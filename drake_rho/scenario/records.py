@@ -226,7 +226,7 @@ class Scenario(ShownInNotebooks):
     @cached_property
     def bodies_in_flight(self) -> tuple[Obstacle, ...]:
         """Obstacles on a clock that is 0 at the first knot."""
-        return tuple(each.since(self.grid.start) for each in self.bodies)
+        return tuple(each.since(self.grid) for each in self.bodies)
 
     @cached_property
     def known(self) -> tuple[tuple[int, Obstacle], ...]:

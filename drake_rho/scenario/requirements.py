@@ -24,6 +24,7 @@ from drake_rho.scenario.limits import GRAVITY
 from drake_rho.scenario.parts import UNITS, Grid, Quantity
 from drake_rho.scenario.sets import AnySet, is_own
 from drake_rho.scenario.shapes.base import TOLERANCE
+from drake_rho.scenario.times import EXACT, Clock
 from drake_rho.scenario.tracks import Track
 
 if TYPE_CHECKING:
@@ -155,18 +156,20 @@ class KeepIn:
         """Return the index of the vehicle from which the difference is taken; None if none."""
         return None if self.leader is None else list(names).index(self.leader)
 
-    def offset(self, times: FloatArray, *, before: bool = False, near: float = 0.0) -> FloatArray:
+    def offset(
+        self, times: FloatArray, *, before: bool = False, clock: Clock = EXACT
+    ) -> FloatArray:
         """Return what values of `quantity` exceed those in the set by, (M, 3): the moving point's.
 
         Args:
             times: on the scenario's clock [s], shape (M,).
             before: whether velocities are those just before the times, at corners of the track.
-            near: how far times may be from a corner and count as being there [s].
+            clock: by which times are compared with those of corners.
         """
         if self.track is not None:
             if self.of == "position":
                 return self.track.at(times)
-            return self.track.velocities(times - near if before else times + near)
+            return self.track.velocities(times, before=before, clock=clock)
         offset = np.zeros((len(times), 3))
         if self.of == "thrust" and self.leader is None:
             offset[:, 2] = -GRAVITY
@@ -185,7 +188,7 @@ class KeepIn:
             First and last time; None if the interval is over or has not begun.
         """
         first, last = self.active or (-np.inf, np.inf)
-        if last < grid.start - grid.rounding or first > grid.end + grid.rounding:
+        if not grid.clock.overlap((first, last), (grid.start, grid.end)):
             return None
         return min(max(first, grid.start), grid.end), max(min(last, grid.end), grid.start)
 
@@ -218,12 +221,12 @@ class KeepIn:
             return self
         return unchecked(self, active=(self.active[0] - time, self.active[1] + time))
 
-    def since(self, time: float) -> Self:
-        """Return the requirement on a clock that is 0 at `time` [s] of the present one."""
-        active = self.active and (self.active[0] - time, self.active[1] - time)
+    def since(self, grid: Grid) -> Self:
+        """Return the requirement on a clock that is 0 at a grid's first knot."""
+        active = None if self.active is None else grid.interval_since_start(self.active)
         relative_to = self.relative_to
         if isinstance(relative_to, Track):
-            relative_to = unchecked(relative_to, times=read_only(relative_to.times - time))
+            relative_to = unchecked(relative_to, times=read_only(relative_to.times - grid.start))
         return unchecked(self, active=active, relative_to=relative_to)
 
 

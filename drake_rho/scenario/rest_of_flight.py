@@ -56,7 +56,8 @@ def from_states(
         for vehicle, (p, v, a), reached in zip(scenario.vehicles, states, earlier, strict=True)
     )
     passed = grid.step * round((grid.start - scenario.grid.start) / grid.step)
-    bodies = tuple(each.since(passed) for each in scenario.bodies_in_flight)
+    since = grid.beginning_at(passed)
+    bodies = tuple(each.since(since) for each in scenario.bodies_in_flight)
     known = known_at_start(scenario.bodies, bodies, grid)
     avoided = [body for _, body in active_during(known, grid)]
     fleet = scenario.fleet.started_at(grid, vehicles, positions, velocities, before, avoided)

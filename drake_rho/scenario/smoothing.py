@@ -22,6 +22,7 @@ from drake_rho.scenario.fleet import Fleet
 from drake_rho.scenario.limits import GRAVITY
 from drake_rho.scenario.parts import Grid, Quantity, Vehicle
 from drake_rho.scenario.requirements import KeepIn
+from drake_rho.scenario.times import Clock
 
 
 @record
@@ -119,7 +120,7 @@ def check_smoothing(
     Raises:
         ScenarioError: something of the scenario does not hold for averages, or has no bound.
     """
-    if smoothing.width > grid.step + grid.rounding:
+    if grid.clock.after(smoothing.width, grid.step):
         expected = f"at most the grid's step, {grid.step:g} s"
         raise ScenarioError("smoothing.width", smoothing.width, expected)
     if not between_knots:
@@ -200,9 +201,14 @@ def _check_requirements(
             (grid.start, fleet.start_positions),
             (grid.end, fleet.goal_positions),
         ):
-            if resting.active is None or resting.active[0] < at < resting.active[1]:
+            if resting.active is None or _is_inside(at, resting.active, grid.clock):
                 values = positions if each.quantity == "position" else np.zeros((count, 3))
                 _check_at_rest(each, where, values, fleet, names)
+
+
+def _is_inside(time: float, interval: tuple[float, float], clock: Clock) -> bool:
+    """Return whether a time is in an interval and none of its ends."""
+    return bool(clock.after(time, interval[0]) and clock.before(time, interval[1]))
 
 
 def _check_at_rest(

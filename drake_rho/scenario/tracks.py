@@ -21,6 +21,7 @@ from drake_rho.scenario.fields import (
     numbers_of,
     record,
 )
+from drake_rho.scenario.times import EXACT, Clock
 
 _BETWEEN = 8
 """Number of parts of each piece of a track at whose ends an estimated deviation is measured."""
@@ -132,9 +133,18 @@ class Track:
             positions += np.maximum(times - self.times[-1], 0.0)[..., None] * self.last_velocity
         return positions
 
-    def velocities(self, times: FloatArray) -> FloatArray:
-        """Return velocities at times [m/s], shape (M, 3); at a corner, that of the next piece."""
-        piece = np.searchsorted(self.times, times, side="right")
+    def velocities(
+        self, times: FloatArray, *, before: bool = False, clock: Clock = EXACT
+    ) -> FloatArray:
+        """Return velocities at times [m/s], shape (M, 3); at a corner, that of the next piece.
+
+        Args:
+            times: on the scenario's clock [s], shape (M,).
+            before: whether it is that of the piece before instead.
+            clock: by which times are compared with those of corners.
+        """
+        piece_at = clock.last_before if before else clock.last_begun
+        piece = piece_at(self.times, times) + 1
         moving = np.diff(self.positions, axis=0) / np.diff(self.times)[:, None]
         rest = np.zeros((1, 3))
         last = self.last_velocity[None] if self.after == "goes_on" else rest

@@ -92,8 +92,9 @@ def is_during_flight(time: float, grid: Grid, earlier: float = 0.0) -> bool:
         grid: the grid.
         earlier: time by which the motion begins before the first knot [s].
     """
-    least = max(_AT_ONCE * grid.step, grid.rounding)
-    return grid.start - earlier + least < time < grid.end - least
+    first, last = grid.start - earlier, grid.end
+    inside = grid.clock.after(time, first) & grid.clock.before(time, last)
+    return bool(inside) and first + _AT_ONCE * grid.step < time < last - _AT_ONCE * grid.step
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

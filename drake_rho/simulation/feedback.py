@@ -23,8 +23,8 @@ from drake_rho.motion.flight import Flight, Window
 from drake_rho.motion.scenario_tube import error_tube
 from drake_rho.scenario.disturbance import Disturbance
 from drake_rho.scenario.fields import FloatArray, IntArray
-from drake_rho.scenario.parts import SAME_TIME
 from drake_rho.scenario.records import Scenario
+from drake_rho.scenario.times import steps_begun
 
 
 class Horizon(Protocol):
@@ -199,7 +199,7 @@ class Feedback:
         """
         plan, h = window.plan, self.scenario.grid.step
         s = elapsed - h * window.first_knot
-        k = max(int(s / h + SAME_TIME), 0)
+        k = max(int(steps_begun(s, h)), 0)
         if k >= plan.accelerations.shape[1]:
             k = plan.accelerations.shape[1]
             v = plan.velocities[:, k]

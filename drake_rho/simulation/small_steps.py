@@ -10,8 +10,9 @@ import numpy as np
 from drake_rho.motion.plan import Plan
 from drake_rho.motion.scenario_tube import tube_of
 from drake_rho.scenario.fields import FloatArray
-from drake_rho.scenario.parts import SAME_TIME, Grid
+from drake_rho.scenario.parts import Grid
 from drake_rho.scenario.records import Scenario
+from drake_rho.scenario.times import steps_lasting
 
 _PARTS = 32
 """Least number of steps in the width of an average."""
@@ -49,7 +50,7 @@ def small_scenario(scenario: Scenario, step: float) -> Scenario:
 
     It begins when the smooth motion begins.
     """
-    steps = math.ceil(_lasting(scenario) / step * (1.0 - SAME_TIME))
+    steps = steps_lasting(_lasting(scenario), step)
     grid, disturbance = Grid(step, steps + 1, scenario.grid.start - scenario.lead), None
     if scenario.disturbance is not None:
         tube = tube_of(scenario)

@@ -25,8 +25,8 @@ from drake_rho.motion.flight import Flight
 from drake_rho.planning.horizon.receding_horizon import RecedingHorizon
 from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.fields import FloatArray
-from drake_rho.scenario.parts import SAME_TIME
 from drake_rho.scenario.records import Scenario
+from drake_rho.scenario.times import steps_begun
 from drake_rho.simulation.estimates import EstimationErrors
 from drake_rho.simulation.feedback import Feedback, Horizon, Memory
 from drake_rho.simulation.small_windows import as_flown
@@ -81,7 +81,7 @@ class RecedingHorizonController(LeafSystem):
         return EventStatus.DidNothing()
 
     def _update(self, context: Context, state: State) -> EventStatus:
-        j = int(context.get_time() / self._feedback.sample + SAME_TIME)
+        j = int(steps_begun(context.get_time(), self._feedback.sample))
         estimate = self._states.Eval(context).reshape(-1, 6)
         memory = self._feedback.next(self._remembered(context), j, estimate)
         state.get_mutable_abstract_state(self._memory).set_value(memory)
@@ -188,6 +188,6 @@ class Estimator(LeafSystem):
         self.DeclareVectorOutputPort("states", count, self._estimate)
 
     def _estimate(self, context: Context, output: BasicVector) -> None:
-        j = int(context.get_time() / self._sample + SAME_TIME)
+        j = int(steps_begun(context.get_time(), self._sample))
         true: FloatArray = self._true.Eval(context).reshape(-1, 6)
         output.SetFromVector(self._errors.added_to(j, true).reshape(-1))

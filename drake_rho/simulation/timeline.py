@@ -8,8 +8,8 @@ import numpy as np
 
 from drake_rho.scenario.disturbance import Disturbance
 from drake_rho.scenario.fields import FloatArray, IntArray, read_only
-from drake_rho.scenario.parts import SAME_TIME
 from drake_rho.scenario.records import Scenario
+from drake_rho.scenario.times import Clock, steps_lasting
 from drake_rho.simulation.winds import Wind
 
 _PARTS = 10
@@ -44,12 +44,14 @@ class Timeline:
         whole = disturbance.steps_per_sample(grid.step)
         sample = disturbance.sample(grid) / whole
         count = (grid.knots - 1) * disturbance.samples_per_step(grid.step)
-        parts = max(_PARTS, int(np.ceil(sample / longest * (1.0 - SAME_TIME))))
+        parts = max(_PARTS, steps_lasting(sample, longest))
         begins = sample * np.arange(count + 1)
         regular = (begins[:-1, None] + sample / parts * np.arange(parts)).reshape(-1)
         regular = np.append(regular, begins[-1])
-        apart = max(SAME_TIME * sample, grid.rounding)
-        elapsed = np.union1d(regular, _between(_changes(scenario, wind), regular, apart))
+        changes = _changes(scenario, wind)
+        changes = changes[(changes > 0.0) & (changes < regular[-1])]
+        clock = grid.clock
+        elapsed = np.union1d(regular, clock.apart(clock.distinct(changes), regular))
         samples = np.searchsorted(elapsed, begins)
         times = grid.start + elapsed
         times[samples[:: disturbance.samples_per_step(grid.step)]] = grid.times
@@ -60,9 +62,8 @@ class Timeline:
 
         The elapsed time is since the first knot [s]; rounding errors in it do not matter.
         """
-        early = SAME_TIME * self.elapsed[self.samples[1]]
-        k = int(np.searchsorted(self.elapsed, elapsed + early, side="right")) - 1
-        return float(self.times[max(k, 0)])
+        clock = Clock.of(float(self.elapsed[self.samples[1]]))
+        return float(self.times[max(int(clock.last_begun(self.elapsed, elapsed)), 0)])
 
 
 def _changes(scenario: Scenario, wind: Wind) -> FloatArray:
@@ -70,12 +71,3 @@ def _changes(scenario: Scenario, wind: Wind) -> FloatArray:
     given = [np.ravel(np.asarray(getattr(wind, "switching_times", ()), dtype=np.float64))]
     given += [obstacle.corners for obstacle in scenario.bodies]
     return np.asarray(np.concatenate(given) - scenario.grid.start)
-
-
-def _between(more: FloatArray, regular: FloatArray, apart: float) -> FloatArray:
-    """Return the times that are more than `apart` from regular times and from each other."""
-    more = np.unique(more)
-    more = more[np.diff(more, prepend=-np.inf) > apart]
-    after = np.clip(np.searchsorted(regular, more), 1, len(regular) - 1)
-    near = np.minimum(more - regular[after - 1], regular[after] - more)
-    return np.asarray(more[near > apart])  # `near` is negative outside the flight

@@ -20,8 +20,9 @@ from drake_rho.motion.tube import ErrorTube
 from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.described import Described
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray, read_only
-from drake_rho.scenario.parts import SAME_TIME, Quantity
+from drake_rho.scenario.parts import Quantity
 from drake_rho.scenario.records import Scenario
+from drake_rho.scenario.times import Clock
 from drake_rho.simulation.winds import WindOverTime, unit
 
 
@@ -50,8 +51,8 @@ class WorstCase(WindOverTime, metaclass=Described):
     """error of the velocity at the first knot [m/s], shape (3,)"""
     lost: BoolArray
     """whether the measurement of every sample of the feedback is lost, shape (J,)"""
-    early: float
-    """amount by which a time may precede a switching time and still count as it [s]"""
+    clock: Clock
+    """clock by which times are compared with the switching times"""
 
     def __repr__(self) -> str:
         """Return a short text, as '<WorstCase: an error of 0.2413, winds from 0 s to 6 s>'."""
@@ -62,7 +63,7 @@ class WorstCase(WindOverTime, metaclass=Described):
 
     def over(self, times: FloatArray, vehicles: int) -> FloatArray:
         """Return the wind at times on the scenario's clock [s], in m/s², shape (M, N, 3)."""
-        k = np.searchsorted(self.switching_times, times + self.early, side="right")
+        k = self.clock.last_begun(self.switching_times, times) + 1
         winds = np.concatenate([np.zeros((1, 3)), self.accelerations])[k]
         return np.broadcast_to(winds[:, None], (len(times), vehicles, 3))
 
@@ -112,7 +113,7 @@ def worst_case(
         read_only(tube.initial[0] * first[0] * d),
         read_only(tube.initial[1] * first[1] * d),
         _at_ages(lost, ages).astype(bool),
-        max(SAME_TIME * tube.sample, tube.grid.rounding),
+        Clock.of(tube.sample, tube.grid.start, tube.grid.end),
     )
 
 

@@ -16,7 +16,7 @@ import dataclasses
 import numpy as np
 
 from drake_rho.scenario.fields import FloatArray
-from drake_rho.scenario.parts import SAME_TIME
+from drake_rho.scenario.times import Clock
 from drake_rho.verification.trajectory import PiecewiseTrajectory
 
 _REACH = np.arange(-2, 3)
@@ -36,8 +36,9 @@ def averaged(trajectory: PiecewiseTrajectory) -> PiecewiseTrajectory:
     n, step = scenario.smoothing.times, scenario.grid.step
     offsets = scenario.smoothing.width * (np.arange(n + 1) - n / 2.0)
     corners = np.unique(_with_flown(trajectory)[0][:, None] + offsets)
-    corners = corners[corners >= offsets[0] - SAME_TIME * step]
-    instants = _distinct(corners, knots, SAME_TIME * step)
+    clock = Clock.of(step)
+    corners = clock.apart(clock.distinct(corners[~clock.before(corners, offsets[0])]), knots)
+    instants = np.union1d(corners, knots)
     durations = np.diff(instants)
     nodes = (np.arange(n + 1) + 0.5) / (n + 1)
     times = (instants[:-1, None] + durations[:, None] * nodes).reshape(-1)
@@ -62,14 +63,6 @@ def averaged(trajectory: PiecewiseTrajectory) -> PiecewiseTrajectory:
         commands=a[0],
         higher=np.stack(higher, axis=2),
     )
-
-
-def _distinct(corners: FloatArray, knots: FloatArray, same: float) -> FloatArray:
-    """Return knots, and corners that are further than a time from knots and each other [s]."""
-    after = np.clip(np.searchsorted(knots, corners), 1, len(knots) - 1)
-    beside = knots[np.stack([after - 1, after], axis=1)]
-    corners = corners[np.abs(corners[:, None] - beside).min(axis=1) > same]
-    return np.union1d(corners[np.append(True, np.diff(corners) > same)[: len(corners)]], knots)
 
 
 def _accelerations(trajectory: PiecewiseTrajectory, times: FloatArray) -> FloatArray:

@@ -213,7 +213,7 @@ class _PlanCheck:
             x = self.trajectory.positions - obstacle.centers(self.trajectory.elapsed)
             errors = self.radii.ends + obstacle.uncertainty(self.trajectory.elapsed)
             apart = shape.local_distance(x) >= required + errors
-            active = obstacle.is_active(self.trajectory.elapsed, scenario.grid.rounding)
+            active = obstacle.is_active(self.trajectory.elapsed, scenario.grid.clock)
             return bool(apart[:, active].all())
         seen, radii = relative_to(self.trajectory, obstacle), self.radii.position
         if len(seen.trajectory.durations) > len(radii):  # cut at corners of its track

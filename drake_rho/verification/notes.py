@@ -53,7 +53,7 @@ def notes_on_tracks(scenario: Scenario) -> tuple[str, ...]:
         for number, body in enumerate(scenario.bodies, start=1)
         if (track := body.track) is not None
         and track.after is None
-        and track.times[-1] < grid.end - grid.rounding
+        and grid.clock.before(track.times[-1], grid.end)
         and np.any(track.last_velocity)
     )
 
@@ -147,8 +147,8 @@ def largest_error_ratios(simulation: Simulation) -> dict[Quantity, float]:
     ratios: dict[Quantity, float] = {}
     for quantity in _NAMES:
         errors, radii = simulation.errors(quantity), simulation.radii(quantity)[:, None]
-        rounding = _ROUNDING * simulation.scenario.fleet.scale(quantity)
-        errors = np.maximum(errors - rounding, 0.0)
+        least = _ROUNDING * simulation.scenario.fleet.scale(quantity)
+        errors = np.maximum(errors - least, 0.0)
         ratio = np.divide(errors, radii, out=np.where(errors > 0.0, np.inf, 0.0), where=radii > 0.0)
         ratios[quantity] = float(ratio.max())
     return ratios

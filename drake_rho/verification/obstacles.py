@@ -18,6 +18,7 @@ from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.maps.map import Map
 from drake_rho.scenario.obstacles import Obstacle
 from drake_rho.scenario.shapes.base import Solid
+from drake_rho.scenario.times import Clock
 from drake_rho.verification.check import AT_ALL_TIMES, AT_KNOTS, PRECISION, Column
 from drake_rho.verification.continuous_time import Least, least_over_time
 from drake_rho.verification.maps import encounters
@@ -86,9 +87,8 @@ class RelativeMotion:
     """with pieces that are cut where the obstacle's track has corners"""
     obstacle: Obstacle
     """on a clock that is 0 at the first knot"""
-    tolerance: float
-    """time by which a knot may be early, or late, and still count as one at which the obstacle is
-    known, or avoided [s]"""
+    clock: Clock
+    """clock by which knots are compared with the times at which it is known, or avoided"""
     positions: FloatArray
     """positions of the vehicles relative to the obstacle's centre [m], shape (N, J + 1, 3)"""
     pieces: Steps
@@ -146,8 +146,8 @@ class RelativeMotion:
         """
         trajectory, instants = self.trajectory, self.trajectory.elapsed
         outside = _outside_of_box(self.positions, shape.extent)
-        later = instants >= since - self.tolerance
-        active = self.obstacle.is_active(instants, self.tolerance)
+        later = ~self.clock.before(instants, since)
+        active = self.obstacle.is_active(instants, self.clock)
         knots = trajectory.knots & (later if known else ~later) & active
         count = len(self.positions)
         times, values, off = np.zeros(count), np.full(count, np.inf), np.zeros(count)
@@ -205,7 +205,7 @@ def relative_to(
         obstacle: obstacle on a clock that is 0 at the first knot.
         since: a further time at which pieces are cut [s].
     """
-    tolerance = trajectory.scenario.grid.rounding
+    clock = trajectory.scenario.grid.clock
     trajectory = trajectory.cut(np.append(obstacle.corners, since))
     centers = obstacle.centers(trajectory.elapsed)
     positions = trajectory.positions - centers
@@ -215,7 +215,7 @@ def relative_to(
     p, v, a = (each.reshape(-1, 3) for each in pieces)
     steps = Steps(p, v, a, trajectory.steps.higher)
     errors = obstacle.uncertainty(trajectory.elapsed)
-    return RelativeMotion(trajectory, obstacle, tolerance, positions, steps, errors)
+    return RelativeMotion(trajectory, obstacle, clock, positions, steps, errors)
 
 
 def _least_at(

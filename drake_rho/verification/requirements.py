@@ -16,8 +16,8 @@ import numpy as np
 from drake_rho.motion.scenario_tube import tube_of
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.limits import GRAVITY
-from drake_rho.scenario.parts import SAME_TIME
 from drake_rho.scenario.requirements import KeepIn
+from drake_rho.scenario.times import Clock
 from drake_rho.verification.check import AT_ALL_TIMES, AT_KNOTS, PRECISION, Column
 from drake_rho.verification.highest_over_time import Highest, highest_over_time
 from drake_rho.verification.smooth_extremes import highest_of_steps
@@ -76,15 +76,12 @@ class _Check:
     @classmethod
     def of(cls, trajectory: PiecewiseTrajectory, asked: KeepIn, number: int) -> _Check:
         grid, names = trajectory.scenario.grid, trajectory.scenario.names
-        first, last = asked.interval(grid) or (grid.start, grid.end)
-        own = asked.since(grid.start)
-        interval = (first - grid.start, last - grid.start)
+        own = asked.since(grid)
+        interval = own.interval(grid.beginning_at(0.0)) or (0.0, grid.duration)
         if asked.active is None:  # a smooth motion is longer than its plan
             lead = trajectory.scenario.lead
             interval = (interval[0] - lead, interval[1] + lead)
-        near = grid.rounding
-        turns = np.concatenate([own.corners, interval])
-        turns = turns[np.abs(turns[:, None] - trajectory.elapsed).min(axis=1) > near]
+        turns = grid.clock.apart(np.concatenate([own.corners, interval]), trajectory.elapsed)
         cut = trajectory.cut(turns)
         return cls(cut, own, number, interval, own.members(names), own.partner(names))
 
@@ -136,9 +133,13 @@ class _Check:
         """Number of vehicles whose errors add up."""
         return 1.0 if self.partner is None else 2.0
 
+    @property
+    def _clock(self) -> Clock:
+        """Clock by which times are compared."""
+        return self.trajectory.scenario.grid.clock
+
     def _active(self, times: FloatArray) -> BoolArray:
-        near = self.trajectory.scenario.grid.rounding
-        return (times >= self.interval[0] - near) & (times <= self.interval[1] + near)
+        return self._clock.within(times, self.interval)
 
     def _relative(self, values: FloatArray) -> FloatArray:
         """Return values (N, ..., 3) of the vehicles concerned, less the partner's, (M, ..., 3)."""
@@ -169,8 +170,7 @@ class _Check:
         self, values: FloatArray, times: FloatArray, *, before: bool = False
     ) -> FloatArray:
         """Return signed distances (M, T) of values (M, T, 3) at times (T,)."""
-        near = self.trajectory.scenario.grid.rounding
-        offset = self.requirement.offset(times, before=before, near=near)
+        offset = self.requirement.offset(times, before=before, clock=self._clock)
         return np.asarray(self.requirement.set.signed_distance(values - offset))
 
     def positions_at_all_times(self) -> Highest:
@@ -259,8 +259,7 @@ class _Check:
             step = trajectory.scenario.grid.step
             count = tube.disturbance.samples_per_step(step)
             samples = np.arange(1, round(trajectory.elapsed[-1] / step * count)) * (step / count)
-            far = np.abs(samples[:, None] - trajectory.elapsed).min(axis=1) > SAME_TIME * step
-            trajectory = trajectory.cut(samples[far])
+            trajectory = trajectory.cut(Clock.of(step).apart(samples, trajectory.elapsed))
         instants = self._active(trajectory.elapsed)
         if not (self._is_instant or trajectory.scenario.between_knots):
             instants &= trajectory.knots
@@ -272,16 +271,14 @@ class _Check:
             errors = self._vehicles * trajectory.tubes.at("velocity", trajectory.times[instants])
         distances = self._distances(values, times)
         if self.requirement.track is not None:  # which has another velocity before a corner
-            near = trajectory.scenario.grid.rounding
             before = self._distances(values, times, before=True)
-            late = times > self.interval[0] + near
+            late = self._clock.after(times, self.interval[0])
             distances = np.maximum(distances, np.where(late, before, -np.inf))
         return _worst_of(times, distances, errors)
 
     def _steps(self, begins: FloatArray, ends: FloatArray) -> BoolArray:
         """Return flags of the steps [begin, end) that the interval meets."""
-        near = self.trajectory.scenario.grid.rounding
-        return (begins <= self.interval[1] + near) & (ends > self.interval[0] + near)
+        return self._clock.meets(begins, ends, self.interval)
 
     def accelerations(self) -> Highest:
         """Return the worst accelerations or thrusts of the pieces of time."""

@@ -20,6 +20,7 @@ from drake_rho.motion.scenario_tube import tube_of
 from drake_rho.scenario.clock import clock_time
 from drake_rho.scenario.fields import FloatArray, unchecked
 from drake_rho.scenario.records import Scenario
+from drake_rho.scenario.times import Clock
 from drake_rho.scenario.tracks import Track
 from drake_rho.verification.boxes import check_boxes
 from drake_rho.verification.check import AT_ALL_TIMES, AT_KNOTS, Column
@@ -84,7 +85,7 @@ class Rest:
                 size = float(np.linalg.norm(np.where(np.isfinite(extent), extent, 0.0)))
                 moving.append((each.track, size + float(self.scenario.fleet.radii.max())))
         for asked in self.scenario.requirements:
-            own = asked.since(self.scenario.grid.start)
+            own = asked.since(self.scenario.grid)
             horizon = max([horizon, *(self._since_begin(own.corners))])
             if own.track is not None and own.active is None:
                 size = float(getattr(own.set, "size", 0.0))
@@ -102,6 +103,17 @@ class Rest:
                 away = np.linalg.norm(goals - at, axis=1).max() + size + track.deviation
                 far = max(far, horizon + _AWAY * float(away) / speed)
         return far
+
+    @property
+    def _clock(self) -> Clock:
+        """Clock by which times after the end are compared."""
+        grid = self.scenario.grid
+        return Clock.of(grid.step, grid.start, self.begin + self.horizon)
+
+    @property
+    def shortest(self) -> float:
+        """Time that counts as none [s], for which every vehicle holds or does not hold at all."""
+        return self._clock.tick
 
     @property
     def _elapsed(self) -> float:
@@ -151,7 +163,9 @@ class Rest:
         still = np.zeros((len(goals), 2, 3))
         return PiecewiseTrajectory(
             self.scenario.derived(
-                grid=unchecked(self.scenario.grid, step=duration, knots=2, start=self.begin),
+                grid=unchecked(
+                    self.scenario.grid, step=duration, knots=2, start=self.begin, clock=self._clock
+                ),
                 disturbance=None,
                 smoothing=None,
                 between_knots=True,
@@ -173,7 +187,7 @@ class Rest:
         What holds for a time holds for a shorter one too: there are fewer instants, and the radii
         are not larger.
         """
-        held, lost = _SHORT * self.scenario.grid.step, self.horizon
+        held, lost = self.shortest, self.horizon
         if self._reached(vehicle, held, self.checks):
             return self.begin
         checks = self._reached(vehicle, lost, self.checks)
@@ -214,7 +228,7 @@ def _without_what_is_over(scenario: Scenario) -> Scenario:
     over = (end - 2.0, end - 1.0)
 
     def is_over(active: tuple[float, float] | None) -> bool:
-        return active is not None and active[1] <= end + scenario.grid.rounding
+        return active is not None and not scenario.grid.clock.after(active[1], end)
 
     if any(is_over(each.active) for each in scenario.bodies):
         changed["obstacles"] = tuple(
@@ -304,7 +318,7 @@ def _is_beyond(column: Column, vehicle: int, part: float = 1.0) -> bool:
 def _note(rest: Rest, columns: list[Column], vehicle: int) -> str:
     """Return until when a vehicle can hold, and what it violates first."""
     time = rest.until(vehicle)
-    lasting = max(time - rest.begin, _SHORT * rest.scenario.grid.step)
+    lasting = max(time - rest.begin, rest.shortest)
     then = zip(columns, rest.columns(lasting), strict=True)
     failing = [(now, each) for each, now in then if _is_beyond(each, vehicle)]
     now, each = next(

@@ -8,7 +8,7 @@ import numpy as np
 
 from drake_rho.motion.simulation import Simulation
 from drake_rho.scenario.fields import BoolArray, FloatArray
-from drake_rho.scenario.parts import SAME_TIME
+from drake_rho.scenario.times import Clock
 from drake_rho.verification.check import Column
 from drake_rho.verification.states import check_flown, check_goal
 from drake_rho.verification.trajectory import PiecewiseTrajectory
@@ -47,9 +47,8 @@ def trajectory_of(simulation: Simulation) -> PiecewiseTrajectory:
 
 def _knots(simulation: Simulation, elapsed: FloatArray) -> BoolArray:
     """Return which of the times are knots of the grid."""
-    passed = elapsed / simulation.scenario.grid.step
-    knots: BoolArray = np.abs(passed - np.rint(passed)) <= SAME_TIME
-    return knots
+    step = simulation.scenario.grid.step
+    return Clock.of(step).same(elapsed, step * np.rint(elapsed / step))
 
 
 def check_simulated(simulation: Simulation, trajectory: PiecewiseTrajectory) -> Iterator[Column]:

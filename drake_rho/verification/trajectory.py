@@ -10,8 +10,8 @@ import numpy as np
 
 from drake_rho.motion.dynamics import Motion
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
-from drake_rho.scenario.parts import SAME_TIME
 from drake_rho.scenario.records import Scenario
+from drake_rho.scenario.times import Clock
 from drake_rho.verification.steps import Steps, powers_of
 from drake_rho.verification.tubes import ErrorRadii, Tubes
 
@@ -101,9 +101,8 @@ class PiecewiseTrajectory:
 
     def each_at(self, vehicles: IntArray, times: FloatArray) -> FloatArray:
         """Return the position of one vehicle at each of M times on the scenario's clock, (M, 3)."""
-        times = times - self.scenario.grid.start
-        near = SAME_TIME * self.durations.min()
-        k = np.searchsorted(self.elapsed, times + near, side="right") - 1
+        times = self.scenario.grid.since_start(times)
+        k = Clock.of(self.durations.min()).last_begun(self.elapsed, times)
         k = np.clip(k, 0, len(self.durations) - 1)
         s = (times - self.elapsed[k])[:, None]
         v = self.velocities[vehicles, k]

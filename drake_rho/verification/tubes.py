@@ -87,8 +87,8 @@ class Tubes:
 
         Where one tube follows another, it is the later one for `side` 1, the earlier one for -1.
         """
-        near = self.tubes[0].grid.rounding
-        places = np.searchsorted(self.begins, times + side * near, side="right") - 1
+        clock = self.tubes[0].grid.clock
+        places = (clock.last_begun if side > 0 else clock.last_before)(self.begins, times)
         return np.asarray(np.clip(places, 0, len(self.tubes) - 1))
 
     def _of(self, quantity: Quantity, numbers: IntArray, times: FloatArray) -> FloatArray:

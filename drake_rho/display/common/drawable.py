@@ -15,8 +15,8 @@ from drake_rho.motion.nearest_vehicles import closest_over_time
 from drake_rho.motion.plan import Plan
 from drake_rho.motion.simulation import Simulation
 from drake_rho.scenario.fields import BoolArray, FloatArray
-from drake_rho.scenario.parts import SAME_TIME
 from drake_rho.scenario.records import Scenario, Separation
+from drake_rho.scenario.times import Clock
 from drake_rho.scenario.waypoints import in_order
 
 _MAX_PLANNED = 14
@@ -232,7 +232,7 @@ class Planned:
 
     def in_force(self, times: FloatArray) -> BoolArray:
         """Tell at which times since its first knot [s] the plan was in force."""
-        return times <= self.until + SAME_TIME * self.plan.scenario.grid.step
+        return ~Clock.of(self.plan.scenario.grid.step).after(times, self.until)
 
 
 def planned(shown: Drawn) -> list[Planned]:

@@ -248,8 +248,8 @@ def _largest(obstacle: Obstacle) -> float:
 
 
 def _is_never_active(plan: Drawn, obstacle: Obstacle) -> bool:
-    first, last = obstacle.active or (-np.inf, np.inf)
-    return first > plan.scenario.grid.end or last < plan.scenario.grid.start
+    grid, active = plan.scenario.grid, obstacle.active
+    return active is not None and not grid.clock.overlap(active, (grid.start, grid.end))
 
 
 def _near_scene(

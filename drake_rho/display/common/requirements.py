@@ -82,10 +82,8 @@ class Kept:
 
     def is_active(self, shown: Drawn, times: FloatArray) -> BoolArray:
         """Return whether it is active at times since the first knot [s], of any shape."""
-        (first, last), grid = self.interval, shown.scenario.grid
-        clock = grid.start + times
-        active: BoolArray = (clock >= first - grid.rounding) & (clock <= last + grid.rounding)
-        return active
+        grid = shown.scenario.grid
+        return grid.clock.within(grid.start + times, self.interval)
 
     def left(self, shown: Drawn, times: FloatArray) -> FloatArray:
         """Return what is left to the vehicles concerned [m], infinite while not active, (M, T).

@@ -151,7 +151,7 @@ def _path(number: int) -> str:
 
 
 def _known_late(plan: Drawn, obstacle: Obstacle) -> bool:
-    return obstacle.known_from > max(plan.scenario.grid.start, 0.0)
+    return obstacle.is_late(plan.scenario.grid)
 
 
 def _places(scene: Scene, obstacle: Obstacle, times: FloatArray) -> FloatArray:

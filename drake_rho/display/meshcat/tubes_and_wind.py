@@ -136,8 +136,7 @@ def _disable_depth_write(meshcat: Meshcat, path: str) -> None:
 
 def _wind(simulation: Simulation, times: FloatArray) -> FloatArray:
     """Return the wind at times on the scenario's clock [m/s²], shape (N, T, 3)."""
-    late = times + simulation.scenario.grid.rounding
-    m = np.searchsorted(simulation.times, late, side="right") - 1
+    m = simulation.scenario.grid.clock.last_begun(simulation.times, times)
     return np.swapaxes(simulation.wind[np.maximum(m, 0)], 0, 1)
 
 

@@ -177,8 +177,7 @@ def _draw_steps(ax: Axes, plan: Drawn, index: int, times: FloatArray, values: Fl
     """Draw piecewise constant values of a vehicle, shape (S,), between times, shape (S + 1,)."""
     steps = (np.repeat(times, 2)[1:-1], np.repeat(values, 2))
     begins = plan.times[:-1]
-    late = begins + plan.scenario.grid.rounding
-    at_knots = values[np.searchsorted(times[1:-1], late, side="right")]
+    at_knots = values[plan.scenario.grid.clock.last_begun(times[1:-1], begins) + 1]
     return draw_curve(ax, plan, index, steps, (begins, at_knots))
 
 

@@ -129,7 +129,7 @@ def _draw_distances(
     """Draw what is measured from an obstacle at times since the first knot, while it is active."""
 
     def shown(each: Drawn, times: FloatArray) -> FloatArray:
-        active = obstacle.is_active(each.scenario.grid.start + times)
+        active = obstacle.since(each.scenario.grid).is_active(times)
         return np.where(active, measured(each, times), np.nan)
 
     grid, times = plan.scenario.grid, dense_times(plan)
@@ -267,7 +267,9 @@ def _draw_closest(
 def _draw_discoveries(ax: Axes, plan: Drawn, known: dict[float, str]) -> None:
     """Draw lines at the times during the flight from which obstacles are known."""
     grid = plan.scenario.grid
-    later = {time: words for time, words in known.items() if time > max(grid.start, 0.0)}
+    later = {
+        time: words for time, words in known.items() if grid.clock.after(time, max(grid.start, 0.0))
+    }
     for time, words in later.items():
         ax.axvline(time, color="black", linestyle=":", linewidth=0.9)
         if len(later) <= _MAX_DISCOVERIES:
@@ -280,7 +282,7 @@ def draw_inactive(ax: Axes, plan: Drawn, active: tuple[float, float] | None) -> 
         return
     grid, (first, last) = plan.scenario.grid, active
     for begin, end in ((grid.start, min(first, grid.end)), (max(last, grid.start), grid.end)):
-        if begin < end:
+        if grid.clock.before(begin, end):
             ax.axvspan(begin, end, color=FORBIDDEN, alpha=0.08, linewidth=0)
             Labels.of(ax).add("not active", beside(ax, begin))
 

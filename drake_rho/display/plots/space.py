@@ -42,7 +42,6 @@ from drake_rho.motion.flown import Flown
 from drake_rho.motion.plan import Plan
 from drake_rho.planning.errors import InfeasibleError
 from drake_rho.scenario.fields import FloatArray
-from drake_rho.scenario.parts import SAME_TIME
 from drake_rho.scenario.records import Scenario
 
 MAX_LABELLED = 6
@@ -241,9 +240,7 @@ def draw_windows(ax: Axes3D, flown: Flown, shown: Sequence[Snapshot] = ()) -> li
     for window, last, colour in zip(windows, ends, window_colours(len(windows)), strict=True):
         first = window.first_knot
         paths = window.plan.motion().at("position", dense_times(window.plan))
-        begin, end = grid.elapsed[[first, last]]
-        slack = SAME_TIME * grid.step
-        part = (times >= begin - slack) & (times <= end + slack)
+        part = grid.clock.within(times, tuple(grid.elapsed[[first, last]].tolist()))
         lines.append([])
         for index in range(len(paths)):
             draw_line(ax, paths[index], shown, color=colour, linewidth=0.6, alpha=0.45)

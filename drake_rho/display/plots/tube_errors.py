@@ -65,9 +65,9 @@ def errors_of(simulation: Simulation, quantity: Quantity) -> list[Errors]:
     return found
 
 
-def greatest_ratio(windows: list[Errors], rounding: float | FloatArray = 0.0) -> float:
-    """Return the largest ratio of an error, less rounding, to its radius; 0 without a tube."""
-    return max(float(largest_shares(each.errors, each.radii, rounding).max()) for each in windows)
+def greatest_ratio(windows: list[Errors], negligible: float | FloatArray = 0.0) -> float:
+    """Return the largest ratio of an error, less some of it, to its radius; 0 without a tube."""
+    return max(float(largest_shares(each.errors, each.radii, negligible).max()) for each in windows)
 
 
 def draw_errors(ax: Axes, simulation: Simulation, quantity: Quantity) -> list[Line2D]:

@@ -18,7 +18,7 @@ import numpy as np
 from drake_rho.display.viewer.browser import browser
 from drake_rho.scenario.errors import DrakeRhoError
 from drake_rho.scenario.fields import FloatArray
-from drake_rho.scenario.parts import SAME_TIME
+from drake_rho.scenario.times import Clock
 from drake_rho.system.files import atomic_write
 
 ENDINGS = (".mp4", ".gif")
@@ -110,7 +110,8 @@ class Footage:
         """
         rate = max(1.0, duration / _LONGEST) if rate is None else rate
         step = rate / _RATES[ending]
-        times = np.append(np.arange(0.0, duration - SAME_TIME * step, step), duration)
+        times = np.arange(0.0, duration, step)
+        times = np.append(times[Clock.of(step).before(times, duration)], duration)
         return cls(times, rate)
 
 

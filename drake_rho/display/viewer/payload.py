@@ -230,7 +230,7 @@ def _legend(stage: Stage) -> list[dict[str, str]]:
         entries.append(("obstacle", "obstacle"))
     if has_map(scenario):
         entries.append(("map", f"map, paler the higher{_merged(scenario)}; Show can hide it"))
-    if any(obstacle.known_from > max(scenario.grid.start, 0.0) for obstacle in scenario.bodies):
+    if any(obstacle.is_late(scenario.grid) for obstacle in scenario.bodies):
         entries.append(("unknown", "obstacle that is not known yet"))
     if any(each.is_uncertain and not isinstance(each.shape, Map) for each in scenario.bodies):
         entries.append(("unknown", "halo: where an obstacle may be"))

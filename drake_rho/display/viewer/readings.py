@@ -20,6 +20,7 @@ from drake_rho.motion.nearest_vehicles import nearest_vehicles
 from drake_rho.motion.obstacle_clearances import nearest_obstacles
 from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.parts import Separation
+from drake_rho.scenario.times import Clock
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -85,7 +86,7 @@ def _from_obstacles(shown: Drawn, times: FloatArray, clear: FloatArray) -> Curve
     i, m = np.unravel_index(np.argmin(found.clearances), found.clearances.shape)
     least = found.times[i, m], found.clearances[i, m]
     return Curve(
-        *_with(times, clear.min(axis=0), *least),
+        *_with(shown, times, clear.min(axis=0), *least),
         limit=0.0,
         closest=(int(i), int(found.nearest[i, m])),
     )
@@ -99,7 +100,7 @@ def _of_requirements(shown: Drawn, times: FloatArray, kept: Sequence[Kept]) -> C
     when, values = least[number]
     i = int(np.argmin(values))
     return Curve(
-        *_with(times, left, when[i], values[i]),
+        *_with(shown, times, left, when[i], values[i]),
         limit=0.0,
         closest=(int(kept[number].members[i]), number),
     )
@@ -110,19 +111,20 @@ def _between_two(shown: Drawn, times: FloatArray, away: FloatArray) -> Curve:
     found = closest_two(shown, apart or Separation(1.0))
     m = np.argmin(found.distances)
     return Curve(
-        *_with(times, away.min(axis=0), found.times[m], found.distances[m]),
+        *_with(shown, times, away.min(axis=0), found.times[m], found.distances[m]),
         limit=None if apart is None else apart.distance,
         closest=(int(found.one[m]), int(found.other[m])),
     )
 
 
 def _with(
-    times: FloatArray, values: FloatArray, time: float, value: float
+    shown: Drawn, times: FloatArray, values: FloatArray, time: float, value: float
 ) -> tuple[FloatArray, FloatArray]:
     """Return times and values with another point, which replaces a point at the same time."""
-    place = int(np.searchsorted(times, time - 1e-9))
-    if place < len(times) and times[place] <= time + 1e-9:
+    (same,) = np.nonzero(Clock.of(shown.scenario.grid.step).same(times, time))
+    if len(same) > 0:
         values = values.copy()
-        values[place] = value
+        values[same[0]] = value
         return times, values
+    place = int(np.searchsorted(times, time))
     return np.insert(times, place, time), np.insert(values, place, value)

@@ -22,6 +22,7 @@ from drake_rho.scenario.clock import clock_time
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.parts import Grid, Quantity
 from drake_rho.scenario.smoothing import Smoothing
+from drake_rho.scenario.times import EXACT, Clock
 
 VIOLATED = 0.01
 """Fraction of the verifier's tolerance by which a motion has to violate a row for a planner to add
@@ -80,8 +81,8 @@ class Constraint(abc.ABC):
     """first and last active time since the first knot [s]; None if it is always active"""
     of_parts: bool = False
     """true if sides are numbers of a map's parts, of which a motion meets one after the other"""
-    clock_rounding: float = 0.0
-    """time by which an instant may lie outside the active interval and still count as inside [s]"""
+    clock: Clock = EXACT
+    """clock by which instants are compared with the active interval"""
     averaged: Smoothing | None = None
     """moving averages of positions that rows bound, in place of positions; None for these"""
     per_width: bool = False
@@ -109,9 +110,7 @@ class Constraint(abc.ABC):
         """Return whether the constraint is active at times since the first knot [s], shape (R,)."""
         if self.active is None:
             return np.ones(len(times), dtype=bool)
-        first, last = self.active
-        early, late = first - self.clock_rounding, last + self.clock_rounding
-        return np.asarray((times >= early) & (times <= late))
+        return self.clock.within(times, self.active)
 
     @cached_property
     def none(self) -> HalfSpaces:

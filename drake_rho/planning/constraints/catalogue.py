@@ -52,7 +52,7 @@ def obstacles_of(
                 key=("obstacle", number),
                 obstacle_number=number,
                 active=obstacle.active,
-                clock_rounding=scenario.grid.rounding,
+                clock=scenario.grid.clock,
                 name=scenario.obstacle_name(number),
                 quantity="position",
                 reference=reference,

@@ -15,8 +15,9 @@ from drake_rho.motion.dynamics import step_at
 from drake_rho.motion.scenario_tube import tube_of
 from drake_rho.motion.tube import ErrorTube
 from drake_rho.scenario.fields import FloatArray
-from drake_rho.scenario.parts import SAME_TIME, Grid, Quantity
+from drake_rho.scenario.parts import Grid, Quantity
 from drake_rho.scenario.records import Scenario
+from drake_rho.scenario.times import Clock
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -45,7 +46,7 @@ class Margins:
             return np.zeros(times.shape)
         steps, knots = self.steps[quantity], self.knots[quantity]
         k = np.clip(step_at(times, self.grid.step), 0, len(knots) - 1)
-        at_knot = np.abs(times - self.grid.step * k) <= SAME_TIME * self.grid.step
+        at_knot = Clock.of(self.grid.step).same(times, self.grid.step * k)
         return np.where(at_knot, knots[k], steps[np.minimum(k, len(steps) - 1)])
 
     def position_radius(self, times: FloatArray) -> FloatArray:

@@ -36,7 +36,7 @@ def ends_in_requirements(
     now = grid.start if end == 0 else grid.end
     for number, each in enumerate(scenario.requirements, start=1):
         interval = each.longer(scenario.lead).interval(grid)
-        if each.quantity not in states or interval is None or now != np.clip(now, *interval):
+        if each.quantity not in states or interval is None or not grid.clock.within(now, interval):
             continue
         values, partner = states[each.quantity] - each.offset(np.array([now])), each.partner(names)
         if partner is not None:

@@ -18,7 +18,7 @@ from drake_rho.planning.constraints.stretches import with_neighbours
 from drake_rho.planning.constraints.worst_instants import worst_instants
 from drake_rho.scenario.convex_sets import AROUND_BALL
 from drake_rho.scenario.fields import FloatArray, IntArray, unchecked
-from drake_rho.scenario.parts import SAME_TIME, Grid
+from drake_rho.scenario.parts import Grid
 from drake_rho.scenario.records import Scenario
 from drake_rho.scenario.requirements import KeepIn
 
@@ -77,13 +77,13 @@ class KeepInSet(Constraint):
             who = np.repeat(members, len(self._instants))
             times = np.tile(self._instants, len(members))
         who, times = self._without_free_jerks(motion, who, times)
-        near = self.clock_rounding
-        values, offset = self._values(motion, who, times), self.requirement.offset(times, near=near)
+        values = self._values(motion, who, times)
+        offset = self.requirement.offset(times, clock=self.clock)
         distances = self.requirement.set.signed_distance(values - offset)
         if self._velocity_jumps:  # the moving point has another velocity before a corner
-            before = self.requirement.offset(times, before=True, near=near)
+            before = self.requirement.offset(times, before=True, clock=self.clock)
             other = self.requirement.set.signed_distance(values - before)
-            other = np.where(times > self._interval[0] + near, other, -np.inf)
+            other = np.where(self.clock.after(times, self._interval[0]), other, -np.inf)
             offset = np.where((other > distances)[:, None], before, offset)
             distances = np.maximum(distances, other)
         violated = distances + self.margin(times) > self.threshold * self.tolerances[who]
@@ -120,19 +120,17 @@ class KeepInSet(Constraint):
         (first, last), h, T = self._interval, self.grid.step, self.grid.duration
         knots = self.margins.grid.elapsed if self.every_instant else self.grid.elapsed
         if self.per_width and self.quantity == "jerk":
-            inner, near = self.grid.elapsed[1:-1], SAME_TIME * h
-            return np.asarray(inner[(inner >= first - near) & (inner <= last + near)])
+            inner = self.grid.elapsed[1:-1]
+            return np.asarray(inner[self.clock.within(inner, self._interval)])
         if self.quantity in ("acceleration", "jerk"):
-            begins, near = self.grid.elapsed[:-1], SAME_TIME * h
-            return np.asarray(begins[(begins <= last + near) & (begins + h > first + near)])
-        near = self.clock_rounding
-        times = knots[(knots >= first - near) & (knots <= last + near)]
+            begins = self.grid.elapsed[:-1]
+            return np.asarray(begins[self.clock.meets(begins, begins + h, self._interval)])
+        times = knots[self.clock.within(knots, self._interval)]
         if self.every_instant or first == last:
             corners = self.requirement.corners
             corners = np.append(corners, [first, last])
             corners = corners[(corners >= first) & (corners <= last)]
-            far = np.abs(corners[:, None] - knots).min(axis=1, initial=np.inf) > near
-            times = np.union1d(times, corners[far])
+            times = np.union1d(times, self.clock.apart(corners, knots))
         return np.asarray(times[(times > END_MARGIN * h) & (times < T - END_MARGIN * h)])
 
     def _values(self, motion: Motion, who: IntArray, times: FloatArray) -> FloatArray:
@@ -189,7 +187,7 @@ class KeepInSet(Constraint):
         cuts = np.concatenate([self.margins.grid.elapsed, self.requirement.corners, [first, last]])
         cuts = np.unique(cuts[(cuts >= first) & (cuts <= last)])
         pieces = np.stack([cuts[:-1], cuts[1:]], axis=1)
-        return np.asarray(pieces[pieces[:, 1] - pieces[:, 0] > SAME_TIME * self.grid.step])
+        return np.asarray(pieces[self.clock.after(pieces[:, 1], pieces[:, 0])])
 
     def _rows(
         self, who: IntArray, times: FloatArray, outward: FloatArray, offset: FloatArray
@@ -253,8 +251,7 @@ def requirements_of(scenario: Scenario, margins: PlanMargins) -> list[Constraint
     """Return the constraints of all requirements that are not over."""
     found, names, grid = list[Constraint](), scenario.names, scenario.grid
     for number, asked in enumerate(scenario.requirements, start=1):
-        each = asked.since(grid.start).longer(scenario.lead)
-        local = Grid(grid.step, grid.knots)
+        each, local = asked.since(grid).longer(scenario.lead), grid.beginning_at(0.0)
         if (interval := each.interval(local)) is None:
             continue
         own, _ = margins.of(each.quantity)
@@ -268,7 +265,7 @@ def requirements_of(scenario: Scenario, margins: PlanMargins) -> list[Constraint
             name=asked.called(number),
             quantity=each.quantity,
             active=interval,
-            clock_rounding=grid.rounding,
+            clock=grid.clock,
             requirement=each,
             members=members,
             partner=each.partner(names),
@@ -294,13 +291,12 @@ def _of_smooth_jerks(scenario: Scenario, constraint: KeepInSet) -> list[Constrai
         constraint: requirement in the interval that averages reach.
     """
     found, asked, steps = list[Constraint](), constraint.requirement, constraint.grid.elapsed
-    first, last = asked.active or (-np.inf, np.inf)
-    near, half = SAME_TIME * constraint.grid.step, constraint.grid.step / 2.0
+    interval, half = asked.active or (-np.inf, np.inf), constraint.grid.step / 2.0
     for each in smooth_jerks(scenario):
         active = constraint.active
         if each.part != "inner":
             knot = steps[0] if each.part == "start" else steps[-1]
-            if not first - near <= knot <= last + near:
+            if not constraint.clock.within(knot, interval):
                 continue
             active = (each.times[0] + half, each.times[0] + half)
         found.append(

@@ -84,7 +84,7 @@ def _obstacles(scenario: Scenario, radius: FloatArray) -> Iterator[TighteningSla
     """Yield the slack of obstacles that stand, move or are active after the end."""
     fleet, end = scenario.fleet, scenario.grid.duration + scenario.lead
     for number, body in enumerate(scenario.bodies_in_flight, start=1):
-        if body.active is not None and body.active[1] <= end + scenario.grid.rounding:
+        if body.active is not None and not scenario.grid.clock.after(body.active[1], end):
             continue
         precision = _PRECISION * float(fleet.radii.min())
         distances = _least_distances(body, fleet.goal_positions, end, precision)
@@ -222,7 +222,7 @@ def _requirements(
     fleet, names = scenario.fleet, scenario.names
     end = scenario.grid.end + scenario.lead
     for number, asked in enumerate(scenario.requirements, start=1):
-        if asked.active is not None and asked.active[1] <= end + scenario.grid.rounding:
+        if asked.active is not None and not scenario.grid.clock.after(asked.active[1], end):
             continue
         goals = fleet.goal_positions
         values = goals if asked.quantity == "position" else np.zeros_like(goals)

@@ -1,9 +1,10 @@
-"""Worst instants of a convex distance along motions, between the knots.
+"""Worst instants of a convex distance along motions, between the knots, by branch and bound.
 
-Where a position is quadratic in time with acceleration a, a distance d that is convex and
-1-Lipschitz exceeds, within a time w, the greater of its values at both ends by norm(a) w²/8 at
-most. Pieces that this bound does not clear are sampled, and the greatest sample is refined by
-golden-section search.
+Where a position is quadratic in time with acceleration a, it is off the chord of a time w by
+norm(a) s (w - s) / 2, at the time s after it begins. A distance that is convex and 1-Lipschitz
+exceeds its own chord by no more. So the parabola through its values at both ends with this
+curvature is an upper bound, and intervals of time in which the bound exceeds the greatest value
+found are halved until the difference is negligible: no hump between samples is missed.
 """
 
 from __future__ import annotations
@@ -14,13 +15,11 @@ import numpy as np
 
 from drake_rho.scenario.fields import FloatArray, IntArray
 
-_SAMPLES = 9
-"""Number of samples of a piece among which the greatest value is sought first."""
+_PRECISION = 0.05
+"""Part of a violation, or of the threshold, by which a greater value may be missed."""
 
-_GOLDEN = (np.sqrt(5.0) - 1.0) / 2.0
-_ROUNDS = 24
-"""Golden-section steps: they narrow a sampling interval to 1e-5 of it, and the value, which is flat
-at its greatest, to 1e-10 of its change."""
+_LEVELS = 30
+"""Largest number of successive halvings: an interval is then 1e-9 of a piece of time."""
 
 
 def worst_instants(
@@ -39,9 +38,10 @@ def worst_instants(
             of shape (M, K-1, 3), in SI units.
         step: duration of a step [s].
         pieces: beginnings and ends of pieces of time, each in one step [s], shape (J, 2).
-        distance: function of positions (..., 3) and times (...), with values of shape (...).
+        distance: convex and 1-Lipschitz function of positions (..., 3), with values of shape
+            (...), at times (...), between which it moves linearly in each piece.
         margins: margin in each piece, shape (J,).
-        thresholds: largest value that is no violation, of each motion, shape (M,).
+        thresholds: largest value that is no violation, of each motion, above 0, shape (M,).
         vehicles: index of the vehicle of each motion, ascending, shape (M,).
 
     Returns:
@@ -49,52 +49,60 @@ def worst_instants(
     """
     p, v, a = states
     steps = np.minimum(((pieces[:, 0] + pieces[:, 1]) / 2.0 / step).astype(int), p.shape[1] - 1)
+    which, piece = np.divmod(np.arange(len(p) * len(pieces)), len(pieces))
 
-    def value(which: IntArray, piece: IntArray, times: FloatArray) -> FloatArray:
-        """Return the distances of motions in pieces (P,) at times (P, S), plus margins."""
-        k = steps[piece]
+    def value(each: IntArray, times: FloatArray) -> FloatArray:
+        """Return distances plus margins of motions in pieces, (P,), at times (P, S)."""
+        m, j = which[each], piece[each]
+        k = steps[j]
         s = (times - (step * k)[:, None])[..., None]
-        x = p[which, k, None] + s * (v[which, k, None] + s / 2.0 * a[which, k, None])
-        found: FloatArray = np.asarray(distance(x, times)) + margins[piece, None]
-        return found
+        x = p[m, k, None] + s * (v[m, k, None] + s / 2.0 * a[m, k, None])
+        return np.asarray(distance(x, times)) + margins[j, None]
 
-    count = len(pieces)
-    which, piece = np.divmod(np.arange(len(p) * count), count)
-    ends = value(which, piece, pieces[piece])
-    width = (pieces[:, 1] - pieces[:, 0])[piece]
-    rise = np.linalg.norm(a[which, steps[piece]], axis=1) * width**2 / 8.0
-    unclear = np.max(ends, axis=1) + rise > thresholds[which]
-    which, piece = which[unclear], piece[unclear]
-    if len(which) == 0:
-        return vehicles[:0], np.zeros(0)
-    begins, lasts = pieces[piece].T
-    times = np.linspace(begins, lasts, _SAMPLES, axis=1)
-    best = np.argmax(value(which, piece, times), axis=1)
-    rows = np.arange(len(which))
-    low, high = times[rows, np.maximum(best - 1, 0)], times[rows, np.minimum(best + 1, 8)]
-    at = _golden(lambda each: value(which, piece, each[:, None])[:, 0], low, high)
-    candidates = np.stack([times[rows, best], at], axis=1)
-    values = value(which, piece, candidates)
-    better = np.argmax(values, axis=1)
-    violated = values[rows, better] > thresholds[which]
-    return vehicles[which[violated]], candidates[rows, better][violated]
+    each, ends = np.arange(len(piece)), pieces[piece]
+    bends, least = np.linalg.norm(a[which, steps[piece]], axis=1), thresholds[which]
+    at = value(each, ends)
+    later = np.argmax(at, axis=1)
+    times, most = ends[each, later], at[each, later]
+    for _ in range(_LEVELS):
+        allowed = (1.0 + _PRECISION) * np.maximum(most, least)[each]
+        unclear = _bounds(at, bends[each] * (ends[:, 1] - ends[:, 0]) ** 2 / 8.0) > allowed
+        if not unclear.any():
+            break
+        each, ends, at = each[unclear], ends[unclear], at[unclear]
+        middles = ends.mean(axis=1, keepdims=True)
+        between = value(each, middles)
+        _keep_greatest(most, times, each, between[:, 0], middles[:, 0])
+        ends, at = _halves(ends, middles), _halves(at, between)
+        each = np.concatenate([each, each])
+    violated = most > least
+    return vehicles[which[violated]], times[violated]
 
 
-def _golden(
-    value: Callable[[FloatArray], FloatArray], low: FloatArray, high: FloatArray
-) -> FloatArray:
-    """Return where values are greatest in intervals, arrays of one shape, by golden sections."""
-    left, right = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
-    at_left, at_right = value(left), value(right)
-    for _ in range(_ROUNDS):
-        rising = at_right > at_left
-        low, high = np.where(rising, left, low), np.where(rising, high, right)
-        fresh = np.where(rising, low + _GOLDEN * (high - low), high - _GOLDEN * (high - low))
-        at_fresh = value(fresh)
-        left, at_left, right, at_right = (
-            np.where(rising, right, fresh),
-            np.where(rising, at_right, at_fresh),
-            np.where(rising, fresh, left),
-            np.where(rising, at_fresh, at_left),
-        )
-    return (low + high) / 2.0
+def _bounds(at: FloatArray, rises: FloatArray) -> FloatArray:
+    """Return the greatest values of parabolas through two values.
+
+    Args:
+        at: values at both ends, shape (P, 2).
+        rises: heights above the chord in the middle, shape (P,).
+    """
+    apart = np.abs(at[:, 1] - at[:, 0])
+    ends: FloatArray = at.max(axis=1)
+    inside = apart < 4.0 * rises
+    peaks = at.mean(axis=1) + rises + apart**2 / (16.0 * np.where(inside, rises, 1.0))
+    return np.where(inside, peaks, ends)
+
+
+def _halves(ends: FloatArray, middles: FloatArray) -> FloatArray:
+    """Return both halves of intervals (P, 2) with middles (P, 1), shape (2 P, 2)."""
+    first = np.concatenate([ends[:, :1], middles], axis=1)
+    return np.concatenate([first, np.concatenate([middles, ends[:, 1:]], axis=1)])
+
+
+def _keep_greatest(
+    most: FloatArray, times: FloatArray, each: IntArray, values: FloatArray, at: FloatArray
+) -> None:
+    """Change the greatest values and their times, in place, where one of `each` is greater."""
+    order = np.argsort(values, kind="stable")  # the greatest of several is last, and stays
+    order = order[values[order] > most[each[order]]]
+    most[each[order]], times[each[order]] = values[order], at[order]

@@ -180,7 +180,7 @@ class EarlyArrival:
         for own, vehicle in zip(self.free, scenario.vehicles, strict=True):
             given = (each.time for one, each in zip(own, vehicle.waypoints, strict=True) if not one)
             last = max([last, *(time for time in given if time is not None)])
-        return int((last - grid.start) / grid.step + _ROUNDING)
+        return int(grid.since_start(last) / grid.step + _ROUNDING)
 
     def _plan(
         self,

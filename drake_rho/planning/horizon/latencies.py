@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 
 from drake_rho.planning.horizon.newer_maps import with_obstacles
 from drake_rho.scenario.disturbance import Disturbance
 from drake_rho.scenario.fields import unchecked
 from drake_rho.scenario.obstacles import Obstacle
-from drake_rho.scenario.parts import SAME_TIME
 from drake_rho.scenario.records import Scenario
+from drake_rho.scenario.times import Clock, steps_lasting
 
 
 def latency_in_samples(scenario: Scenario, latency: float, replan_every: int) -> int:
@@ -25,10 +24,10 @@ def latency_in_samples(scenario: Scenario, latency: float, replan_every: int) ->
         ValueError: the latency is negative, or too long.
     """
     period = replan_every * scenario.grid.step
-    if not 0.0 <= latency <= period * (1.0 + SAME_TIME):  # also true for NaN
+    if not (latency >= 0.0 and Clock.of(period).within(latency, (0.0, period))):  # also for NaN
         expected = f"0 to {period:g} s, the time for which a window is flown"
         raise ValueError(f"latency: got {latency!r}, expected {expected}")
-    return math.ceil(latency / _sample(scenario) * (1.0 - SAME_TIME))
+    return steps_lasting(latency, _sample(scenario))
 
 
 def time_ahead(scenario: Scenario, latency: int) -> float:
@@ -53,8 +52,7 @@ def known_later(scenario: Scenario, ahead: float) -> Scenario:
         scenario: scenario to fly.
         ahead: time by which windows are planned ahead [s], as by `time_ahead`.
     """
-    start, end = max(scenario.grid.start, 0.0), scenario.grid.end
-    late = [each.known_from > start for each in scenario.bodies]
+    end, late = scenario.grid.end, [each.is_late(scenario.grid) for each in scenario.bodies]
     if ahead == 0.0 or not any(late):
         return scenario
     obstacles = tuple(

@@ -110,7 +110,7 @@ class SeenMaps:
 
 def just_before(time: float, grid: Grid) -> float:
     """Return the last time that counts as before a time on the scenario's clock [s]."""
-    return time - max(_JUST_BEFORE * grid.step, 2.0 * grid.rounding)
+    return time - max(_JUST_BEFORE * grid.step, grid.clock.tick)
 
 
 def with_obstacles(scenario: Scenario, obstacles: tuple[AnyObstacle, ...]) -> Scenario:

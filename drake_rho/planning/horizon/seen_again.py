@@ -102,9 +102,9 @@ def _with(
         body = bodies[number - 1]
         first, last = body.active or (grid.start - grid.step, grid.end + grid.step)
         before, active = just_before(time, grid), (max(first, time), last)
-        if last <= time:  # it is avoided no more, wherever it is
+        if not grid.clock.after(last, time):  # it is avoided no more, wherever it is
             continue
-        if first >= before:  # it was to be avoided later only, so that it never was
+        if not grid.clock.before(first, before):  # to be avoided later only, so that it never was
             first, before = grid.start - 2.0 * grid.step, grid.start - grid.step
         name = f"{(body.name or '')[:LONGEST]} until {clock_time(time)}"
         bodies[number - 1] = unchecked(body, active=(first, before), name=name)

@@ -47,8 +47,8 @@ def knot_at(grid: Grid, time: float, knots: range) -> int:
     """
     steps = (time - grid.start) / grid.step
     knot = round(steps) if np.isfinite(steps) else -1
-    off = abs(steps - knot) * grid.step
-    if knot not in knots or off > max(_CLOCK * grid.step, grid.rounding):
+    late = abs(steps - knot) > _CLOCK and not grid.clock.same(time, grid.start + knot * grid.step)
+    if knot not in knots or late:
         first, last = (grid.times[min(k, grid.knots - 1)] for k in (knots.start, knots.stop - 1))
         expected = f"the time of a knot from {clock_number(first)} to {clock_time(last)}"
         raise ValueError(f"time: got {time!r}, expected {expected}")

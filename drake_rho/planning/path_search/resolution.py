@@ -11,6 +11,7 @@ from drake_rho.planning.path_search.reachable import Reach, reach_of
 from drake_rho.planning.path_search.time_scaling import legs_of, usable_speeds
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.records import Grid, Scenario
+from drake_rho.scenario.times import Clock
 
 _MOST_POINTS = 2e5
 """Bound on the number of points of the finest grid."""
@@ -211,7 +212,7 @@ def region(scenario: Scenario) -> Region:
         lows.append(np.nanmin(waypoints.positions, axis=0))
         highs.append(np.nanmax(waypoints.positions, axis=0))
     for _, body in scenario.avoided:
-        active = body.is_active(elapsed, slack=scenario.grid.step)
+        active = body.is_active(elapsed, Clock(scenario.grid.step))
         centers, extent = body.centers(elapsed[active]), body.shape.extent
         extent = np.where(np.isfinite(extent), extent, 0.0)
         extent = extent + body.uncertainty(elapsed[active])[:, None]

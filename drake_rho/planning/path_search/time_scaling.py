@@ -9,7 +9,7 @@ import numpy as np
 
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.records import Scenario
-from drake_rho.scenario.waypoints import in_order
+from drake_rho.scenario.waypoints import in_order, is_during_flight
 
 _WITHIN = 0.95
 """Fraction of a vehicle's speed limits that a path uses."""
@@ -53,8 +53,8 @@ def legs_of(scenario: Scenario, number: int) -> list[Leg]:
     vehicle, grid = scenario.vehicles[number], scenario.grid
     stops = [(0.0, vehicle.start.position)]
     for time, waypoint in in_order(vehicle):
-        if 0.0 < time - grid.start < grid.duration:
-            stops.append((time - grid.start, waypoint.position))
+        if is_during_flight(time, grid):
+            stops.append((float(grid.since_start(time)), waypoint.position))
     stops.append((grid.duration, vehicle.goal.position))
     return [Leg(begin, end, start, goal) for (begin, start), (end, goal) in pairwise(stops)]
 

@@ -9,6 +9,7 @@ import numpy as np
 from drake_rho.motion.plan import Plan
 from drake_rho.planning.problem import Problem
 from drake_rho.scenario.fields import FloatArray
+from drake_rho.scenario.times import steps_lasting
 
 _MORE = 1.25
 """Accelerations that a plan may have, as a multiple of those of the plan before."""
@@ -54,6 +55,6 @@ def with_own_margin(
 def accelerations_near(plan: Plan) -> FloatArray:
     """Return the largest accelerations in each step and those that its averages reach, (K-1,)."""
     most = np.linalg.norm(plan.accelerations, axis=2).max(axis=0)
-    reached = int(np.ceil(plan.scenario.lead / plan.scenario.grid.step * (1.0 - 1e-9)))
+    reached = steps_lasting(plan.scenario.lead, plan.scenario.grid.step)
     around = np.pad(most, reached)
     return np.asarray(np.lib.stride_tricks.sliding_window_view(around, 2 * reached + 1).max(axis=1))
