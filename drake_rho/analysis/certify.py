@@ -44,6 +44,7 @@ from drake_rho.scenario.fields import IntArray
 from drake_rho.scenario.kinds import LIMITS
 from drake_rho.scenario.records import Scenario
 from drake_rho.scenario.smoothing import largest_accelerations
+from drake_rho.system.threads import single_threaded_blas
 from drake_rho.verification.verify import verify
 
 MOST_CERTIFIED_TOGETHER = 25
@@ -76,6 +77,7 @@ TREATMENT = {
 
 @checked
 @with_time_limit
+@single_threaded_blas()
 def certify(
     flown: Plan | Flight,
     *,

@@ -24,6 +24,7 @@ from drake_rho.planning.programs.backend import Backend, Solver, SolverName
 from drake_rho.planning.scp.minimum_violation import minimum_violation
 from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.records import Box, Limits, Scenario, Vehicle
+from drake_rho.system.threads import single_threaded_blas
 from drake_rho.verification.check import Check
 from drake_rho.verification.verify import verify
 
@@ -50,6 +51,7 @@ def diagnose(
 
 @checked
 @with_time_limit
+@single_threaded_blas()
 def diagnose(
     scenario: Scenario | Plan,
     *,

@@ -19,12 +19,14 @@ from drake_rho.planning.programs.backend import Backend, Solver, SolverName
 from drake_rho.planning.scp.cutting_planes import CuttingPlanes
 from drake_rho.planning.scp.minimum_violation import elastic, elastic_planes
 from drake_rho.scenario.arguments import checked
+from drake_rho.system.threads import single_threaded_blas
 
 _NEGLIGIBLE = 1e-6
 """Fraction of the largest multiplier below which a multiplier counts as zero."""
 
 
 @checked
+@single_threaded_blas()
 def infeasible_subset(
     error: InfeasibleError, *, solver: Solver | SolverName | None = None
 ) -> dict[str, Names]:

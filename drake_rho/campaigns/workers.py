@@ -72,7 +72,7 @@ class Workers(Executor):
                 process.kill()
 
     def _started(self) -> ProcessPoolExecutor:
-        # A fork of a process that has used solvers hangs: it copies their locks, not their threads.
+        # A fork copies the locks that threads of its parent hold, but not these threads.
         fresh = multiprocessing.get_context("spawn")
         return ProcessPoolExecutor(self._count, fresh, initializer=_begin)
 

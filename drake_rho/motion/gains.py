@@ -11,6 +11,7 @@ import numpy as np
 
 from drake_rho.motion.sampled_loop import Measurements, Responses, is_stable
 from drake_rho.scenario.fields import FloatArray
+from drake_rho.system.threads import single_threaded_blas
 
 _PARTS = np.linspace(0.0, 1.0, 9)
 """Parts of a sample at which radii of the position are evaluated."""
@@ -69,6 +70,7 @@ class Loop(NamedTuple):
 
 
 @lru_cache(maxsize=256)
+@single_threaded_blas()
 def best_gains(loop: Loop) -> tuple[float, float]:
     """Return the gains that minimise the largest radius of the position with feedback in its limit.
 
@@ -101,6 +103,7 @@ def prediction_is_better(loop: Loop) -> bool:
 
 
 @lru_cache(maxsize=256)
+@single_threaded_blas()
 def largest_wind(loop: Loop, radius: float) -> float:
     """Return the largest wind [m/s²] that keeps the position's radius and feedback within limits.
 

@@ -40,8 +40,15 @@ def _blas() -> ThreadpoolController:
 
 @lru_cache(maxsize=1)
 def thread_pool() -> ThreadPoolExecutor:
-    """Return the shared pool of one thread per core. Its tasks must not submit tasks to it."""
+    """Return the shared pool of one thread per core. Its tasks must not submit tasks to it.
+
+    A forked process gets a pool of its own, since a fork has none of its parent's threads.
+    """
     return ThreadPoolExecutor(thread_count())
+
+
+if hasattr(os, "register_at_fork"):  # absent on Windows, which has no fork
+    os.register_at_fork(after_in_child=thread_pool.cache_clear)
 
 
 def thread_count() -> int:

@@ -96,6 +96,12 @@ def starts_beyond_limits(scenario: Scenario, margins: PlanMargins) -> bool:
     return any(np.any(each.missing(_MEASURED_START) > 0.0) for each in slacks)
 
 
+def has_room_for(scenario: Scenario, margins: PlanMargins, quantity: Quantity) -> bool:
+    """Return whether margins leave room inside every limit of a quantity."""
+    slacks = _limit_slacks(scenario, margins.convex or margins.inner)
+    return not any(np.any(each.missing(0.0) > 0.0) for each in slacks if each.quantity == quantity)
+
+
 def without_wind(scenario: Scenario) -> Scenario:
     """Return a disturbed scenario with the same feedback and no wind."""
     tube = tube_of(scenario)

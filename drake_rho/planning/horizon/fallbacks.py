@@ -13,6 +13,21 @@ from drake_rho.planning.scp.minimum_violation import minimum_distance_violation,
 from drake_rho.scenario.fields import unchecked
 from drake_rho.scenario.records import Scenario
 
+Failure = InfeasibleError | SolverError | OutOfTimeError
+"""Error of a planner in the form that a window records."""
+
+FAILURES = InfeasibleError, SolverError, OutOfTimeError, MemoryError
+"""Errors of this package's planners."""
+
+
+def failure_of(error: Exception) -> Failure:
+    """Return an error of a planner in the form that a window records."""
+    if isinstance(error, Failure):
+        return error
+    if isinstance(error, MemoryError):
+        return SolverError("the planner ran out of memory")
+    return SolverError(f"the planner failed: {type(error).__name__}: {error}")
+
 
 def least_violation(reference: Plan, solver: Solver | None = None) -> Plan:
     """Return a plan that violates its scenario least, from any start.
@@ -29,12 +44,12 @@ def least_violation(reference: Plan, solver: Solver | None = None) -> Plan:
     if scenario.avoided or scenario.separation is not None or scenario.requirements:
         try:
             return minimum_distance_violation(reference, Backend(solver))
-        except (InfeasibleError, SolverError, OutOfTimeError) as error:
-            spent = error.statistics
+        except FAILURES as error:
+            spent = failure_of(error).statistics
     try:
         plan = minimum_violation(Problem.of(scenario), Backend(solver))
-    except (SolverError, OutOfTimeError) as error:
-        return reference.with_statistics(spent + error.statistics)
+    except FAILURES as error:
+        return reference.with_statistics(spent + failure_of(error).statistics)
     return plan.with_statistics(spent + plan.statistics)
 
 

@@ -15,7 +15,13 @@ from drake_rho.motion.plan import Plan
 from drake_rho.planning.constraints.tightening import NO_SLACK, missing_slack
 from drake_rho.planning.errors import InfeasibleError, OutOfTimeError, SolverError
 from drake_rho.planning.horizon.contingencies import as_part_of, contingency
-from drake_rho.planning.horizon.fallbacks import least_violation, moved
+from drake_rho.planning.horizon.fallbacks import (
+    FAILURES,
+    Failure,
+    failure_of,
+    least_violation,
+    moved,
+)
 from drake_rho.planning.horizon.interfaces import Planner, Reference
 from drake_rho.planning.horizon.waypoints_ahead import with_waypoints
 from drake_rho.planning.problem import Problem
@@ -27,19 +33,6 @@ from drake_rho.verification.holds import first_violation
 
 _BEFORE = "it is violated before vehicles could brake"
 """Reason why a window whose plan violates constraints has no contingency."""
-
-_Failure = InfeasibleError | SolverError | OutOfTimeError
-
-_FAILURES = InfeasibleError, SolverError, OutOfTimeError, MemoryError
-"""Errors of planners that do not end a flight."""
-
-
-def _failure(error: Exception) -> _Failure:
-    """Return the error of a planner in the form that a window records."""
-    if isinstance(error, InfeasibleError | SolverError | OutOfTimeError):
-        return error
-    return SolverError("the planner ran out of memory")
-
 
 @dataclasses.dataclass(frozen=True)
 class WindowPlanner:
@@ -77,7 +70,7 @@ class WindowPlanner:
         """
         if measured is scenario:
             return self._first(scenario)
-        failure: _Failure
+        failure: Failure
         if reasons := _lacks(measured):
             failure = _no_slack(measured, reasons)
         else:
@@ -125,7 +118,7 @@ class WindowPlanner:
             stop: rest of the previous window's contingency; None without one.
         """
         followed = moved(tail, scenario)
-        window: Window | _Failure | None = self._lack_of_slack(scenario, tail, last)
+        window: Window | Failure | None = self._lack_of_slack(scenario, tail, last)
         window = window or self._planned(scenario, first_knot, followed)
         if isinstance(window, Window):
             if self._is_cheap(window.plan, followed) or not (
@@ -168,7 +161,7 @@ class WindowPlanner:
                     found, around = stop, tail
                 else:
                     found = contingency(followed, 0, self.solver)
-            except _FAILURES as error:
+            except FAILURES as error:
                 none_found = str(error)
             else:
                 plan = as_part_of(found, around.scenario).with_statistics(spent)
@@ -194,11 +187,11 @@ class WindowPlanner:
                 raise InfeasibleError(  # one place that records reasons
                     {first.vehicle: (first.what,)}, scenario=found.scenario, because=_BEFORE
                 )
-        except _FAILURES as error:
+        except FAILURES as error:
             return dataclasses.replace(window, no_contingency=str(error))
         return dataclasses.replace(window, contingency=found)
 
-    def _lack_of_slack(self, scenario: Scenario, tail: Plan, last: Window) -> _Failure | None:
+    def _lack_of_slack(self, scenario: Scenario, tail: Plan, last: Window) -> Failure | None:
         """Return the error for constraints that leave no tightening slack; None if they do.
 
         The slack is computed only if it is likely to be missing, or if its lack would not be
@@ -231,7 +224,7 @@ class WindowPlanner:
         accepted = last.kept or not last.infeasible
         return first_violation(tail, _new_obstacles(tail, last) if accepted else None) is None
 
-    def _planned(self, scenario: Scenario, first_knot: int, tail: Plan | None) -> Window | _Failure:
+    def _planned(self, scenario: Scenario, first_knot: int, tail: Plan | None) -> Window | Failure:
         """Return the planner's window, or its error."""
         around = None
         try:
@@ -239,8 +232,8 @@ class WindowPlanner:
                 around = self.reference(scenario, tail, self.solver)
             plan = self.planner(scenario, reference=around, solver=self.solver)
             plan = self._verified(scenario, plan)
-        except _FAILURES as error:
-            return _failure(error)
+        except _expected(tail) as error:
+            return failure_of(error)
         return Window(first_knot, plan, around or plan.reference or plan)
 
     def _planned_again(
@@ -249,15 +242,15 @@ class WindowPlanner:
         scenario: Scenario,
         first_knot: int,
         tail: Plan | None,
-        failure: _Failure,
-    ) -> Window | _Failure:
+        failure: Failure,
+    ) -> Window | Failure:
         """Return the window of another planner, around the tail, or the error if it has none."""
         if planner is None:
             return failure
         try:
             plan = self._verified(scenario, planner(scenario, reference=tail, solver=self.solver))
-        except _FAILURES as error:
-            again = _failure(error)
+        except _expected(tail) as error:
+            again = failure_of(error)
             again.statistics = failure.statistics + again.statistics
             return again
         plan = plan.with_statistics(failure.statistics + plan.statistics)
@@ -289,6 +282,14 @@ class WindowPlanner:
             scenario=scenario,
             because="the plan found violates constraints",
         )
+
+
+def _expected(tail: Plan | None) -> type[Exception] | tuple[type[Exception], ...]:
+    """Return the errors of planners that become the reason why a window has no new plan.
+
+    With the rest of a previous plan these are all: whatever a planner raises does not end a flight.
+    """
+    return FAILURES if tail is None else Exception
 
 
 def _too_dear(plan: Plan, followed: Plan) -> InfeasibleError:

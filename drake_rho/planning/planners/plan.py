@@ -155,6 +155,7 @@ def _iterated(problem: Problem, first: Plan, coupling: Coupling, search: FirstPl
 
 @checked
 @with_wall_time
+@single_threaded_blas()
 def plan_scp(
     scenario: Scenario,
     *,

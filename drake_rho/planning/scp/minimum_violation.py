@@ -12,7 +12,7 @@ from drake_rho.planning.call.time_limit import check_time
 from drake_rho.planning.constraints.base import Constraint
 from drake_rho.planning.constraints.coupling import decoupled
 from drake_rho.planning.constraints.goals import goals_of
-from drake_rho.planning.constraints.tightening import starts_beyond_limits
+from drake_rho.planning.constraints.tightening import has_room_for, starts_beyond_limits
 from drake_rho.planning.errors import InfeasibleError, SolverError
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs.backend import Backend
@@ -29,8 +29,8 @@ violations, and make other constraints less exact."""
 def minimum_violation(problem: Problem, backend: Backend | None = None) -> Plan:
     """Return the plan with the least total violation of goals and constraints, each scaled.
 
-    Acceleration boxes stay hard, since they can always be met by themselves. The separation of
-    pairs is omitted. Obstacles are linearised around the plan that violates the rest least.
+    Acceleration boxes stay hard if margins leave room in them, since they can then be met by
+    themselves. The separation of pairs is omitted. Obstacles are linearised around the plan that violates the rest least.
 
     Args:
         problem: the problem to solve.
@@ -111,14 +111,16 @@ def elastic(
 ) -> list[Constraint]:
     """Return the goals and some constraints, softened with penalties scaled by quantity.
 
-    The scale of a quantity is the largest of all vehicles. Acceleration boxes stay hard. Curved
-    sets of accelerations do not: tangent planes converge slowly where only violations have a cost.
+    The scale of a quantity is the largest of all vehicles. Acceleration boxes stay hard if margins
+    leave room in them. Other sets of accelerations do not: a requirement may contradict the boxes,
+    and tangent planes converge slowly where only violations have a cost.
     """
+    hard = "acceleration" if has_room_for(problem.scenario, problem.margins, "acceleration") else ""
     fleet = problem.scenario.fleet
     unit = float(fleet.scale("acceleration").max())
     return [
         each
-        if each.quantity == "acceleration" and not each.curved
+        if each.kind == hard
         else each.softened(penalty * unit**2 / float(fleet.scale(each.quantity).max()))
         for each in [*goals_of(problem.scenario), *constraints]
     ]
