@@ -286,7 +286,7 @@ BAD_POINTS: dict[str, tuple[str, bytes]] = {
     "a damaged file": (".xyz", b"1 2 3\n4 5\n"),
     "a damaged file, expected a point cloud": (".npy", b"\x93NUMPY and so on"),
     "damaged file": (".pcd", b"VERSION 0.7\nFIELDS x y\n"),
-    "it ends after 1 of 2 points": (
+    "its header says 2 points": (
         ".pcd",
         b"VERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 2\nHEIGHT 1\n"
         b"VIEWPOINT 0 0 0 1 0 0 0\nPOINTS 2\nDATA binary\n" + bytes(12),
@@ -320,9 +320,9 @@ def test_a_bad_cloud_is_refused_with_its_reason(tmp_path: Path, reason: str) -> 
         (lambda: rho.Voxels([[0, 0, 0], [2**30] * 3], 0.1), "cells that spread over"),
         (lambda: rho.Mesh.load("a\0b.obj"), r"'a\\x00b.obj': got no file"),
         (lambda: rho.Mesh.load("no.obj"), "no.obj: got no file"),
-        (lambda: rho.Mesh.load(".", 1.0), "got no file"),
+        (lambda: rho.Mesh.load(".", 1.0), "got no regular file"),
         (lambda: rho.Mesh.load("no.obj", scale=0.0), "scale: got 0.0"),
-        (lambda: rho.Voxels.from_points("/dev/zero", 1.0), "/dev/zero: got no file"),
+        (lambda: rho.Voxels.from_points("/dev/zero", 1.0), "/dev/zero: got no regular file"),
     ],
 )
 def test_wrong_arguments_are_refused(make: Callable[[], object], complaint: str) -> None:
@@ -332,7 +332,7 @@ def test_wrong_arguments_are_refused(make: Callable[[], object], complaint: str)
 
 def test_files_are_bounded_in_size(yard: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(source, "LARGEST_FILE", 20)
-    with pytest.raises(rho.ScenarioError, match=r"pyramid.obj: got a file of \d+ bytes, expected"):
+    with pytest.raises(rho.ScenarioError, match=r"pyramid.obj: got a file of \d+ bytes, more"):
         rho.Mesh.load(yard.parent / "maps" / "pyramid.obj")
     monkeypatch.setattr(octomaps, "MOST", 2)
     monkeypatch.setattr(source, "LARGEST_FILE", 1000)

@@ -20,6 +20,7 @@ from drake_rho.scenario.errors import Description, ScenarioError
 from drake_rho.scenario.fields import NOT_BOOLEAN, Name, record
 from drake_rho.scenario.files import yaml_content
 from drake_rho.scenario.refusals import scenario_error
+from drake_rho.system.files import read_text, reason_of
 
 _DRAWS = 100
 """Number of draws of a source of which at least one must be a scenario, or the study is refused."""
@@ -150,10 +151,10 @@ def load_study(path: str | Path) -> Study:
         ScenarioError: there is no such file, or it is not a valid study.
     """
     try:
-        text = Path(path).read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or "not a UTF-8 text file"
-        raise ScenarioError("study", str(path), f"a readable YAML file; {reason}") from None
+        text = read_text(path)
+    except (OSError, ValueError) as error:
+        expected = f"a readable YAML file; {reason_of(error)}"
+        raise ScenarioError("study", str(path), expected) from None
     try:
         return study_from_yaml(text).resolved(Path(path).parent)
     except ScenarioError as error:

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 import signal
 import threading
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
-from rich.console import Console
+from rich.console import Console, ConsoleOptions, RenderableType
 from rich.progress import Progress, ProgressColumn
+from rich.segment import Segment
 from rich.status import Status
 from rich.table import Table
 from rich.text import Text
@@ -20,8 +22,43 @@ from drake_rho.cli.document import Document
 from drake_rho.planning.call.time_limit import stoppable
 from drake_rho.scenario.errors import DrakeRhoWarning
 
-out = Console()
-err = Console(stderr=True)
+_CONTROL = re.compile(
+    r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069]"
+)
+"""Characters that move the cursor, colour or reorder text, and all others that control a terminal,
+but for ends of lines and tabs."""
+
+
+def escaped(text: str) -> str:
+    """Return text with escapes, such as `\\x1b`, in place of characters that control a terminal.
+
+    Names and messages may come from files of others. The escapes hold in JSON too, whose writer
+    leaves only those as they are that are written with four digits here.
+    """
+
+    def escape(found: re.Match[str]) -> str:
+        number = ord(found[0])
+        return f"\\x{number:02x}" if number < 0x20 else f"\\u{number:04x}"
+
+    return _CONTROL.sub(escape, text)
+
+
+class _Screen(Console):
+    """Console that prints no character of a text, a table or a bar that controls the terminal.
+
+    What it adds itself, colours and movements of the cursor, stays.
+    """
+
+    def render(
+        self, renderable: RenderableType, options: ConsoleOptions | None = None
+    ) -> Iterable[Segment]:
+        """Return the segments of which something printed consists, all of it or a part."""
+        for text, style, control in super().render(renderable, options):
+            yield Segment(text if control else escaped(text), style, control)
+
+
+out = _Screen()
+err = _Screen(stderr=True)
 
 _UNFOLDED = 10_000
 """Width for tables in files and pipes, larger than any table, so that no line is folded."""
@@ -51,7 +88,7 @@ output_mode = OutputMode()
 
 def write(text: str, console: Console = out) -> None:
     """Print text unchanged on a console of any width, without markup and without wrapping."""
-    console.file.write(f"{text}\n")
+    console.file.write(f"{escaped(text)}\n")
     console.file.flush()
 
 
@@ -72,12 +109,12 @@ def remark(text: str) -> None:
 @contextmanager
 def warnings_as_lines() -> Iterator[None]:
     """Print each warning of the package in one line on standard error; with --quiet none."""
-    printed, before = set[str](), warnings.showwarning
+    printed = set[str]()
 
-    def show(message: Warning | str, category: type[Warning], *others: Any, **named: Any) -> None:
+    def show(message: Warning | str, category: type[Warning], *others: Any) -> None:
         text = f"drake-rho: warning: {' '.join(str(message).split())}"
         if not issubclass(category, DrakeRhoWarning):
-            before(message, category, *others, **named)
+            say(warnings.formatwarning(message, category, *others[:2]).rstrip(), err)
         elif text not in printed and not output_mode.quiet:
             say(text, err)
         printed.add(text)
@@ -108,7 +145,7 @@ def tell(document: Document, *text: str | Table) -> int:
 
 def _print_table(table: Table) -> None:
     """Print a table, folded to the width of a terminal, and with full lines elsewhere."""
-    console = out if out.is_terminal else Console(file=out.file, width=_UNFOLDED)
+    console = out if out.is_terminal else _Screen(file=out.file, width=_UNFOLDED)
     console.print(table)
 
 

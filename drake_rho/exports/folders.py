@@ -11,6 +11,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from drake_rho.system.files import atomic_write
+from drake_rho.system.folders import exchanged
 
 _LONGEST = 200
 """Largest number of bytes of a name before its ending; most file systems allow 255 in all."""
@@ -61,7 +62,9 @@ def check_folder(path: Path, names: Iterable[str] | None = None) -> None:
 
 
 def write_folder(path: Path, contents: Mapping[str, bytes]) -> None:
-    """Write files into a new folder beside `path`, which then replaces `path`.
+    """Write files into a new folder beside `path`, which then replaces `path` in one step.
+
+    Where a file system cannot exchange two folders, there is an instant without any at `path`.
 
     Raises:
         ValueError: the folder at `path` holds other files.
@@ -78,6 +81,8 @@ def write_folder(path: Path, contents: Mapping[str, bytes]) -> None:
             new.rename(path)
             return
         shutil.copymode(path, new)
+        if exchanged(path, new):
+            return
         path.rename(old)
         try:
             new.rename(path)

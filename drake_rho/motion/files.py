@@ -24,17 +24,21 @@ from drake_rho.motion.simulation import Simulation
 from drake_rho.motion.statistics import Statistics
 from drake_rho.motion.tables import is_table, read_table
 from drake_rho.scenario.arguments import checked
-from drake_rho.scenario.errors import DrakeRhoError
+from drake_rho.scenario.errors import DrakeRhoError, shortened
 from drake_rho.scenario.fields import LARGEST
 from drake_rho.scenario.files import scenario_from_json, scenario_to_json
 from drake_rho.scenario.maps.map import Map
 from drake_rho.scenario.maps.source import warn_if_changed
 from drake_rho.scenario.records import Scenario
 from drake_rho.scenario.written_maps import map_from_json, map_to_json
-from drake_rho.system.files import atomic_write
+from drake_rho.system.arrays import Archive
+from drake_rho.system.files import LARGEST_TEXT, atomic_write, opened, read_bytes, reason_of
 
 ENDINGS = (".npz",)
 """Endings of files that contain a plan, a flight or a simulation."""
+
+_LARGEST_ARRAY = 1 << 30
+"""Largest size of an array that is read [bytes]."""
 
 _PLAN, _FLIGHT, _SIMULATION = (f"drake_rho {kind} 1" for kind in ("plan", "flight", "simulation"))
 _ARRAYS = ("positions", "velocities", "accelerations")
@@ -130,20 +134,18 @@ def load(path: str | Path, scenario: Scenario | None = None) -> Flown:
 
 def _load(path: str | Path, scenario: Scenario | None) -> Flown:
     try:
-        with open(path, "rb") as file:
+        with opened(path) as file:
             if zipfile.is_zipfile(file):
                 _check_no_scenario(scenario, path)
                 file.seek(0)
-                with np.load(file, allow_pickle=False) as content:
-                    return _unpack_all(path, content)
-            file.seek(0)
-            return _read_text(path, file.read(), scenario)
+                return _unpack_all(path, Archive(file, _LARGEST_ARRAY))
+        return _read_text(path, read_bytes(path, LARGEST_TEXT), scenario)
     except OSError as error:
-        raise PlanFileError(f"{path}: {error.strerror or 'not readable'}") from None
+        raise PlanFileError(f"{path}: {reason_of(error)}") from None
     except (PlanFileError, _ScenarioGivenError):
         raise
     except Exception as error:  # readers of damaged archives may raise almost anything
-        reason = str(error).replace("'", "") or type(error).__name__
+        reason = shortened(str(error).replace("'", "")) or type(error).__name__
         raise PlanFileError(f"{path}: not a plan or flight, or damaged: {reason}") from None
 
 
@@ -171,7 +173,7 @@ def _read_text(path: str | Path, content: bytes, scenario: Scenario | None) -> P
     raise PlanFileError(f"{path}: not a plan or flight of drake_rho, or damaged")
 
 
-def _unpack_all(path: str | Path, content: Mapping[str, np.ndarray]) -> Flown:
+def _unpack_all(path: str | Path, content: Archive) -> Flown:
     form = str(content["format"]) if "format" in content else ""
     if form not in {_PLAN, _FLIGHT, _SIMULATION}:
         raise PlanFileError(f"{path}: not a plan or flight of this version of drake_rho")
@@ -214,9 +216,7 @@ def _pack_windows(windows: Sequence[Window], maps: list[Map]) -> dict[str, Any]:
     return content
 
 
-def _unpack_flight(
-    content: Mapping[str, np.ndarray], first_knots: list[int], maps: Sequence[Map]
-) -> Flight:
+def _unpack_flight(content: Archive, first_knots: list[int], maps: Sequence[Map]) -> Flight:
     fields = [
         _window_field(name, content, len(first_knots)) for name in _WINDOW_FIELDS if name in content
     ]
@@ -267,7 +267,11 @@ def _pack_simulation(simulation: Simulation) -> dict[str, Any]:
     return {"plant": simulation.plant, **arrays, **lost}
 
 
-def _unpack_simulation(flight: Flight, content: Mapping[str, np.ndarray]) -> Simulation:
+def _unpack_simulation(flight: Flight, content: Archive) -> Simulation:
+    (count,) = content.shape("simulation.times") if "simulation.times" in content else (0,)
+    vehicles = len(flight.scenario.vehicles)
+    for name in _SIMULATED[1:]:
+        _check_shape(content, f"simulation.{name}", (count, vehicles, 3))
     arrays = {name: content[f"simulation.{name}"] for name in _SIMULATED}
     if _ELAPSED in content:
         arrays["elapsed"] = content[_ELAPSED]
@@ -300,15 +304,24 @@ def _pack(prefix: str, plan: Plan, maps: list[Map]) -> dict[str, Any]:
     }
 
 
-def _unpack(prefix: str, content: Mapping[str, np.ndarray], maps: Sequence[Map]) -> Plan:
-    arrays = {name: content[f"{prefix}.{name}"] for name in _ARRAYS}
-    _check_numbers(prefix, arrays)
+def _unpack(prefix: str, content: Archive, maps: Sequence[Map]) -> Plan:
     statistics = _STATISTICS.validate_json(str(content[f"{prefix}.statistics"]), strict=True)
     under_way = prefix != "plan"  # the initial state of a window is given by the flight
     text = str(content[f"{prefix}.scenario"])
     scenario = scenario_from_json(text, under_way=under_way, maps=maps)
+    for name in _ARRAYS:
+        knots = scenario.grid.knots - (name == "accelerations")
+        _check_shape(content, f"{prefix}.{name}", (len(scenario.vehicles), knots, 3))
+    arrays = {name: content[f"{prefix}.{name}"] for name in _ARRAYS}
+    _check_numbers(prefix, arrays)
     positions, velocities, accelerations = (arrays[name] for name in _ARRAYS)
     return Plan(scenario, positions, velocities, accelerations, statistics)
+
+
+def _check_shape(content: Archive, name: str, expected: tuple[int, ...]) -> None:
+    """Check the shape that an array claims, before it is read."""
+    if (found := content.shape(name)) != expected:
+        raise ValueError(f"{name} has the shape {found}, expected {expected}")
 
 
 def _check_numbers(prefix: str, arrays: Mapping[str, np.ndarray]) -> None:

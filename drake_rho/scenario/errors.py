@@ -84,5 +84,10 @@ def shorten(value: object, longest: int = 80) -> str:
         text = str(value) if isinstance(value, float | Description) else reprlib.repr(value)
     except ValueError:  # an integer with more digits than Python converts to text
         text = "a number of thousands of digits"
+    return shortened(text, longest)
+
+
+def shortened(text: str, longest: int = 200) -> str:
+    """Return text in one line of at most `longest` characters."""
     text = " ".join(text.split())
     return text if len(text) <= longest else text[: longest - 1] + "…"

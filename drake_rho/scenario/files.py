@@ -19,10 +19,13 @@ from drake_rho.scenario.maps.map import Map
 from drake_rho.scenario.records import Scenario
 from drake_rho.scenario.refusals import scenario_error
 from drake_rho.scenario.written_maps import with_numbers, with_references
-from drake_rho.system.files import atomic_write
+from drake_rho.system.files import atomic_write, read_text, reason_of
 
 _HERE = Path()
 """Folder in which the program runs."""
+
+_MOST_REPEATED = 500_000
+"""Largest number of values that aliases of YAML repeat: few lines may stand for billions."""
 
 _LIBRARY = files("drake_rho.scenario") / "library"
 
@@ -61,11 +64,10 @@ def load_scenario(source: str | Path) -> Scenario:
         return scenario_from_yaml((_LIBRARY / f"{source}.yaml").read_text(encoding="utf-8"))
     path = Path(source)
     try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or "not a UTF-8 text file"
+        text = read_text(path)
+    except (OSError, ValueError) as error:
         expected = f"a library scenario ({', '.join(library())}) or a readable YAML file"
-        raise ScenarioError("scenario", str(source), f"{expected}; {reason}") from None
+        raise ScenarioError("scenario", str(source), f"{expected}; {reason_of(error)}") from None
     try:
         return scenario_from_yaml(text, path.parent)
     except ScenarioError as error:
@@ -219,7 +221,36 @@ def _adapter() -> TypeAdapter[Scenario]:
 
 
 class _Loader(yaml.SafeLoader):
-    """YAML's safe loader, which also rejects a repeated key instead of dropping the first value."""
+    """YAML's safe loader, which also rejects repeated keys and aliases that stand for too much."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__(text)
+        self._values = self._repeated = 0
+        self._sizes = dict[str, int]()
+
+    def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
+        """Compose a node, and count the values in it as if no alias stood for any of them."""
+        event: Any = self.peek_event()
+        if isinstance(event, yaml.AliasEvent):
+            self._repeat(event)
+        before = self._values
+        self._values += 1
+        node: yaml.Node | None = super().compose_node(parent, index)
+        if not isinstance(event, yaml.AliasEvent) and event.anchor is not None:
+            self._sizes[event.anchor] = self._values - before
+        return node
+
+    def _repeat(self, alias: yaml.AliasEvent) -> None:
+        """Count the values that an alias repeats."""
+        name: Any = alias.anchor
+        if name in self.anchors and name not in self._sizes:
+            words = f"aliases of other values, not {reprlib.repr(name)} inside of itself"
+            raise yaml.MarkedYAMLError(problem=words, problem_mark=alias.start_mark)
+        self._values += self._sizes.get(name, 0)
+        self._repeated += self._sizes.get(name, 0)
+        if self._repeated > _MOST_REPEATED:
+            words = f"aliases that repeat at most {_MOST_REPEATED} values"
+            raise yaml.MarkedYAMLError(problem=words, problem_mark=alias.start_mark)
 
     def compose_mapping_node(self, anchor: Any) -> yaml.MappingNode:
         node: yaml.MappingNode = super().compose_mapping_node(anchor)

@@ -1,4 +1,4 @@
-"""Files that are written completely or not at all."""
+"""Files that are read if they are regular ones, and written completely or not at all."""
 
 from __future__ import annotations
 
@@ -10,6 +10,62 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO
+
+LARGEST_FILE = 2 << 30
+"""Largest size of a file that is read [bytes]."""
+
+LARGEST_TEXT = 256 << 20
+"""Largest size of a text that is read whole [bytes]."""
+
+
+def check_readable(path: str | Path, most: int = LARGEST_FILE) -> int:
+    """Check that a file can be read to its end, and return its size [bytes].
+
+    Pipes and devices have no end that is known, so that they are refused before they are opened.
+
+    Raises:
+        OSError: it is not there, not a regular file, or too large.
+        ValueError: the path holds a null character.
+    """
+    found = os.stat(path)
+    if stat.S_ISDIR(found.st_mode):
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
+    if not stat.S_ISREG(found.st_mode):
+        raise OSError(errno.EINVAL, "not a regular file", str(path))
+    if found.st_size > most:
+        reason = f"a file of {found.st_size} bytes, more than {most}"
+        raise OSError(errno.EFBIG, reason, str(path))
+    return found.st_size
+
+
+def opened(path: str | Path, most: int = LARGEST_FILE) -> IO[bytes]:
+    """Open a regular file for reading; the errors are those of `check_readable`."""
+    check_readable(path, most)
+    return open(path, "rb")
+
+
+def read_bytes(path: str | Path, most: int = LARGEST_FILE) -> bytes:
+    """Return the content of a regular file; the errors are those of `check_readable`."""
+    with opened(path, most) as file:
+        return file.read()
+
+
+def read_text(path: str | Path, most: int = LARGEST_TEXT) -> str:
+    """Return the text of a regular file in UTF-8, with or without a byte order mark.
+
+    Raises:
+        OSError: it is not there, not a regular file, or too large.
+        ValueError: it is not UTF-8, or the path holds a null character.
+    """
+    try:
+        return read_bytes(path, most).decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
+    except UnicodeDecodeError:
+        raise ValueError("not a UTF-8 text file") from None
+
+
+def reason_of(error: OSError | ValueError) -> str:
+    """Return why a file could not be read, in a few words."""
+    return str(getattr(error, "strerror", None) or error)
 
 
 @contextmanager

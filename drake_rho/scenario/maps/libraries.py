@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import logging
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from importlib import import_module
 from typing import Any
 
@@ -19,3 +23,28 @@ def library(module: str) -> Any:
     except ImportError:
         given = Description(f"no module {module}")
         raise ScenarioError("", given, "the extra maps: pip install 'drake-rho[maps]'") from None
+
+
+@contextmanager
+def quiet(name: str) -> Iterator[list[str]]:
+    """Collect what a library logs instead of printing it, and drop its warnings.
+
+    Args:
+        name: of the library's logger.
+    """
+    texts = list[str]()
+    handler = logging.Handler()
+    handler.emit = lambda record: texts.append(record.getMessage())  # type: ignore[method-assign]
+    logger = logging.getLogger(name)
+    before = logger.level, logger.propagate
+    logger.addHandler(handler)
+    logger.propagate = False
+    logger.setLevel(logging.WARNING)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            yield texts
+    finally:
+        logger.setLevel(before[0])
+        logger.propagate = before[1]
+        logger.removeHandler(handler)

@@ -16,7 +16,7 @@ from drake_rho.scenario.fields import LARGEST, BoolArray, FloatArray, record
 from drake_rho.scenario.maps.map import Map
 from drake_rho.scenario.maps.mesh_files import read_mesh
 from drake_rho.scenario.maps.parts import Triangles
-from drake_rho.scenario.maps.source import Source, named, source_of
+from drake_rho.scenario.maps.source import Source, absolute, named, source_of
 from drake_rho.scenario.maps.stored import NumberRows, WholeRows
 from drake_rho.scenario.poses import AnyPose, pose_of
 
@@ -82,7 +82,7 @@ class Mesh(Map):
             raise ScenarioError("scale", scale, "a length of the file's unit above 0 m")
         found, placed = read_mesh(path), pose_of(pose)
         arguments = {"scale": float(scale)} | placed.arguments()
-        source = source_of("mesh", Path(path).resolve(), arguments, found.beside)
+        source = source_of("mesh", absolute(Path(path)), arguments, found.beside)
         try:
             made = cls(placed.moved(scale * found.vertices), found.triangles)
         except ScenarioError as error:

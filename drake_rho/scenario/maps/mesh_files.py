@@ -11,12 +11,17 @@ import numpy as np
 
 from drake_rho.scenario.errors import Description, ScenarioError
 from drake_rho.scenario.fields import FloatArray, IntArray
-from drake_rho.scenario.maps.libraries import library
-from drake_rho.scenario.maps.source import checked_file, named, unreadable
+from drake_rho.scenario.maps.claims import check_gltf, check_ply
+from drake_rho.scenario.maps.libraries import library, quiet
+from drake_rho.scenario.maps.source import absolute, checked_file, named, unreadable
 from drake_rho.scenario.maps.stored import MOST
+from drake_rho.system.files import read_bytes
 
 ENDINGS = (".obj", ".stl", ".ply", ".gltf", ".glb")
 """Endings of mesh files."""
+
+_FEW = 1_000_000
+"""Number of triangles up to which a file may repeat them, whatever its size."""
 
 _EXPECTED = "a mesh of triangles"
 
@@ -45,15 +50,22 @@ def read_mesh(path: str | Path) -> MeshFile:
     trimesh = library("trimesh")
     beside = _Beside(path)
     try:
-        with np.errstate(all="ignore"):  # numbers that are not finite are refused below
+        content = read_bytes(path)
+        check = {".ply": check_ply, ".gltf": check_gltf, ".glb": check_gltf}.get(
+            path.suffix.lower()
+        )
+        if check is not None:
+            check(content)
+        # numbers that are not finite are refused below
+        with np.errstate(all="ignore"), quiet("trimesh"):
             scene = trimesh.load_scene(
-                io.BytesIO(path.read_bytes()),
+                io.BytesIO(content),
                 file_type=path.suffix[1:].lower(),
                 resolver=beside,
                 process=False,  # which would merge vertices and remove those that are not numbers
                 skip_materials=True,
             )
-            vertices, triangles = _merged(scene, trimesh.Trimesh)
+            vertices, triangles = _merged(scene, trimesh.Trimesh, max(_FEW, len(content)))
     except ScenarioError:
         raise
     except Exception as error:  # readers of damaged files may raise almost anything
@@ -67,8 +79,14 @@ def read_mesh(path: str | Path) -> MeshFile:
     return MeshFile(vertices, triangles, tuple(sorted(beside.read)))
 
 
-def _merged(scene: Any, kind: Any) -> tuple[FloatArray, IntArray]:
-    """Return the vertices and triangles of all meshes of a scene, placed by its nodes."""
+def _merged(scene: Any, kind: Any, most: int) -> tuple[FloatArray, IntArray]:
+    """Return the vertices and triangles of all meshes of a scene, placed by its nodes.
+
+    Args:
+        scene: that the library has read.
+        kind: of its meshes.
+        most: largest number of vertices or triangles, which nodes may repeat.
+    """
     vertices, triangles = [np.zeros((0, 3))], [np.zeros((0, 3), dtype=np.int64)]
     count = total = 0
     for node in scene.graph.nodes_geometry:
@@ -77,8 +95,8 @@ def _merged(scene: Any, kind: Any) -> tuple[FloatArray, IntArray]:
         if not isinstance(mesh, kind):  # points and lines
             continue
         total += len(mesh.faces)
-        if max(total, count + len(mesh.vertices)) > MOST:
-            raise ValueError(f"it has more than {MOST} triangles or vertices")
+        if max(total, count + len(mesh.vertices)) > min(MOST, most):
+            raise ValueError(f"it has more than {min(MOST, most)} triangles or vertices")
         placed = np.asarray(mesh.vertices) @ matrix[:3, :3].T + matrix[:3, 3]
         vertices.append(placed)
         triangles.append(np.asarray(mesh.faces, dtype=np.int64) + count)
@@ -99,10 +117,10 @@ class _Beside:
         Raises:
             ScenarioError: it is outside of the folder, no buffer, or cannot be read.
         """
-        path = (self._folder / unquote(name)).resolve()
-        if not path.is_relative_to(self._folder):
+        path = absolute(self._folder / unquote(name))
+        if not path.resolve().is_relative_to(self._folder) or not path.is_relative_to(self._folder):
             given = Description("a reference to a file elsewhere")
             raise ScenarioError(named(name), given, f"only files in {named(self._folder)}")
-        content = checked_file(path, (".bin", ".glbin")).read_bytes()
+        content = read_bytes(checked_file(path, (".bin", ".glbin")))
         self.read.add(path.relative_to(self._folder).as_posix())
         return content

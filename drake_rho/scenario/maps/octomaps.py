@@ -13,6 +13,7 @@ from drake_rho.scenario.fields import LARGEST, BoolArray, FloatArray, IntArray
 from drake_rho.scenario.maps.libraries import library
 from drake_rho.scenario.maps.source import checked_file, named, unreadable
 from drake_rho.scenario.maps.stored import MOST
+from drake_rho.system.files import read_bytes
 
 ENDINGS = (".bt", ".ot")
 """Endings of OctoMap files."""
@@ -109,7 +110,7 @@ def read_leaves(path: str | Path) -> Leaves:
             not installed.
     """
     path = checked_file(path, ENDINGS)
-    content = path.read_bytes()
+    content = read_bytes(path)
     try:
         header = _Header.of(content)
         header.check_body(content)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 from typing import Any
 
@@ -10,8 +11,11 @@ import numpy as np
 from drake_rho.scenario.errors import Description, ScenarioError
 from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.maps.cells import unique
-from drake_rho.scenario.maps.libraries import library
+from drake_rho.scenario.maps.claims import check_pcd, check_ply
+from drake_rho.scenario.maps.libraries import library, quiet
 from drake_rho.scenario.maps.source import checked_file, named, unreadable
+from drake_rho.system.arrays import read_header
+from drake_rho.system.files import check_readable, opened, read_bytes
 
 ENDINGS = (".pcd", ".ply", ".xyz", ".npy")
 """Endings of files of points."""
@@ -66,7 +70,8 @@ def read_points(path: str | Path) -> FloatArray:
     path = checked_file(path, ENDINGS)
     read = {".npy": _npy, ".xyz": _xyz, ".ply": _ply, ".pcd": _pcd}[path.suffix.lower()]
     try:
-        points = np.asarray(read(path), dtype=np.float64)
+        with quiet("trimesh"), np.errstate(all="ignore"):
+            points = np.asarray(read(path), dtype=np.float64)
     except ScenarioError:
         raise
     except Exception as error:  # readers of damaged files may raise almost anything
@@ -78,16 +83,21 @@ def read_points(path: str | Path) -> FloatArray:
 
 
 def _npy(path: Path) -> Any:
-    points = np.load(path, allow_pickle=False)
-    if points.dtype.kind not in "fiu":
-        raise ValueError(f"its numbers are of type {points.dtype}")
-    return points
+    with opened(path) as file:
+        header = read_header(file)
+        if header.dtype.kind not in "fiu":
+            raise ValueError(f"its numbers are of type {header.dtype}")
+        if header.size > check_readable(path) - file.tell():
+            raise ValueError(f"its header says {header.shape}, for which it is too short")
+        file.seek(0)
+        return np.load(file, allow_pickle=False)
 
 
 def _xyz(path: Path) -> Any:
     """Return the first three columns, which spaces or commas separate."""
-    with open(path, encoding="utf-8", errors="replace") as file:
-        first = next((line for line in file if line.strip() and not line.startswith("#")), "")
+    with opened(path) as file:
+        lines = (line.decode(errors="replace") for line in iter(file.readline, b""))
+        first = next((line for line in lines if line.strip() and not line.startswith("#")), "")
     delimiter = "," if "," in first else ";" if ";" in first else None
     if not first:
         return np.zeros((0, 3))
@@ -96,13 +106,16 @@ def _xyz(path: Path) -> Any:
 
 def _ply(path: Path) -> Any:
     trimesh = library("trimesh")
-    with open(path, "rb") as file:
-        content = trimesh.exchange.ply.load_ply(file, resolver=None)
+    content = read_bytes(path)
+    check_ply(content)
+    content = trimesh.exchange.ply.load_ply(io.BytesIO(content), resolver=None)
     return content.get("vertices", np.zeros((0, 3)))
 
 
 def _pcd(path: Path) -> Any:
-    cloud = library("pypcd4").PointCloud.from_path(path)
+    pypcd4 = library("pypcd4")
+    check_pcd(read_bytes(path))
+    cloud = pypcd4.PointCloud.from_path(path)
     points = cloud.numpy(("x", "y", "z"))
     if len(points) != cloud.points:
         raise ValueError(f"it ends after {len(points)} of {cloud.points} points")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import warnings
 from collections.abc import Iterable, Sequence
@@ -10,11 +11,17 @@ from typing import Any
 
 import numpy as np
 
-from drake_rho.scenario.errors import Description, MapChangedWarning, ScenarioError
+from drake_rho.scenario.errors import Description, MapChangedWarning, ScenarioError, shortened
 from drake_rho.scenario.fields import record
+from drake_rho.system.files import LARGEST_FILE, check_readable, opened, reason_of
 
-LARGEST_FILE = 2 << 30
-"""Largest size of a file that is read [bytes]."""
+_NO_FILES = {
+    errno.ENOENT: "no file",
+    errno.ENOTDIR: "no file",
+    errno.EISDIR: "no regular file",
+    errno.EINVAL: "no regular file",
+}
+"""What is at a path in place of a file, by the number of the error."""
 
 _ARCHIVES = (b"PK\x03\x04", b"\x1f\x8b", b"BZh", b"\xfd7zXZ", b"7z\xbc\xaf", b"\x28\xb5\x2f\xfd")
 """First bytes of archives and compressed files."""
@@ -52,7 +59,7 @@ def hash_of(path: Path, beside: Iterable[str] = ()) -> str:
     digest = hashlib.sha256()
     for each in (path, *(path.parent / name for name in beside)):
         if each == path or each.is_file():
-            with open(each, "rb") as file:
+            with opened(each) as file:
                 digest.update(hashlib.file_digest(file, "sha256").digest())
     return digest.hexdigest()
 
@@ -87,37 +94,46 @@ def warn_if_changed(source: Source, since: str) -> None:
 
 
 def checked_file(path: str | Path, endings: Sequence[str]) -> Path:
-    """Return the absolute path of a file that is there and may be read.
+    """Return the absolute path of a file that is there and may be read, by the name given.
 
     Args:
         path: of the file.
         endings: that it may have, in lower case.
 
     Raises:
-        ScenarioError: it is not there, has another ending, is empty, too large or an archive.
+        ScenarioError: it is not there or not a regular file, has another ending, is empty, too
+            large or an archive.
     """
     path, name = Path(path), named(path)
     try:
-        size = path.stat().st_size if path.is_file() else None
-    except (OSError, ValueError):
-        size = None
-    if size is None:
-        raise ScenarioError(name, Description("no file"), "a readable file")
+        size = check_readable(path, LARGEST_FILE)
+    except (OSError, ValueError) as error:
+        number = getattr(error, "errno", errno.ENOENT)
+        given = Description(_NO_FILES.get(number, reason_of(error)))
+        raise ScenarioError(name, given, "a readable file") from None
     if path.suffix.lower() not in endings:
         given = Description(f"the ending {path.suffix}" if path.suffix else "no ending")
         raise ScenarioError(name, given, f"a file ending in {', '.join(endings)}")
-    if not 0 < size <= LARGEST_FILE:
-        given = Description(f"a file of {size} bytes")
+    if size == 0:
+        given = Description("a file of 0 bytes")
         raise ScenarioError(name, given, f"a file of 1 to {LARGEST_FILE} bytes")
     try:
-        with open(path, "rb") as file:
+        with opened(path) as file:
             beginning = file.read(8)
     except OSError as error:
-        reason = error.strerror or "not readable"
-        raise ScenarioError(name, Description(reason), "a readable file") from None
+        given = Description(reason_of(error))
+        raise ScenarioError(name, given, "a readable file") from None
     if beginning.startswith(_ARCHIVES):
         raise ScenarioError(name, Description("an archive"), "the file that is in it, unpacked")
-    return path.resolve()
+    return absolute(path)
+
+
+def absolute(path: Path) -> Path:
+    """Return the absolute path of a file by the name given, whatever that is a link to.
+
+    Its folder is that in which the name is, where files to which it refers are looked for.
+    """
+    return path.parent.resolve() / path.name
 
 
 def named(path: str | Path) -> str:
@@ -128,5 +144,5 @@ def named(path: str | Path) -> str:
 
 def unreadable(path: Path, reason: object, expected: str) -> ScenarioError:
     """Return the error for a file that cannot be read, with the reason in one line."""
-    text = " ".join(str(reason).split())[:200] or type(reason).__name__
+    text = shortened(str(reason)) or type(reason).__name__
     return ScenarioError(named(path), Description("a damaged file"), f"{expected}; {text}")

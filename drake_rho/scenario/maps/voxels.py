@@ -28,7 +28,7 @@ from drake_rho.scenario.maps.map import Map
 from drake_rho.scenario.maps.octomaps import read_leaves
 from drake_rho.scenario.maps.parts import Boxes
 from drake_rho.scenario.maps.point_clouds import cells_of_points, read_points
-from drake_rho.scenario.maps.source import Source, named, source_of
+from drake_rho.scenario.maps.source import Source, absolute, named, source_of
 from drake_rho.scenario.maps.stored import WholeRows
 from drake_rho.scenario.poses import AnyPose, Pose, pose_of
 from drake_rho.scenario.rotations import Rotation
@@ -114,7 +114,7 @@ class Voxels(Map):
         except ScenarioError as error:
             raise error.inside(named(path)) from None
         arguments = {"unknown": unknown} | placed.arguments()
-        source = source_of("octomap", Path(path).resolve(), arguments)
+        source = source_of("octomap", absolute(Path(path)), arguments)
         return cls._placed(cells, leaves.resolution, placed, source)
 
     @classmethod
@@ -146,7 +146,7 @@ class Voxels(Map):
             inside = error.field == "points"
             raise (error.inside(named(points)) if inside else error) from None
         arguments = {"resolution": side} | placed.arguments()
-        source = source_of("points", Path(points).resolve(), arguments)
+        source = source_of("points", absolute(Path(points)), arguments)
         return cls._placed(cells, side, placed, source)
 
     @classmethod

@@ -10,6 +10,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import re
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
@@ -17,11 +18,19 @@ from urllib.parse import unquote
 from xml.etree.ElementTree import Element, tostring
 
 from drake_rho.scenario.errors import Description, ScenarioError
-from drake_rho.scenario.maps.source import checked_file, named
-from drake_rho.scenario.maps.world_xml import ENDINGS, check_geometries, check_size, parsed
+from drake_rho.scenario.maps.source import absolute, checked_file, named
+from drake_rho.scenario.maps.world_xml import ENDINGS, PARTS, check_geometries, check_size, parsed
+from drake_rho.system.files import read_bytes
 
-_MOST = 10_000
+_MOST = 1_500
+"""Largest number of links, of collision geometries or of other parts of a world, included ones
+counted as often as they are. What reads them takes time with the square of their number."""
+
+_MOST_FILES = 10_000
 """Largest number of files that are included, each as often as it is."""
+
+_FILES = "inclusions of files"
+"""What inclusions are called beside the other parts of a world."""
 
 _DEEPEST = 100
 """Largest depth of files included in each other."""
@@ -35,8 +44,8 @@ class WorldFiles:
     """absolute path of the world's own file"""
     packages: dict[str, Path] = dataclasses.field(default_factory=dict)
     """folders of the packages and models to which it refers, by their names"""
-    _counts: dict[Path, int] = dataclasses.field(default_factory=dict)
-    """number of inclusions in a file, those in included files among them"""
+    _counts: dict[Path, Counter[str]] = dataclasses.field(default_factory=dict)
+    """numbers of inclusions, links and other parts in a file, with those in included files"""
     _trees: dict[Path, Element] = dataclasses.field(default_factory=dict)
     """content of the files in SDF"""
     _targets: list[tuple[Element, Path]] = dataclasses.field(default_factory=list)
@@ -49,8 +58,8 @@ class WorldFiles:
         """Folder in which all of its files are."""
         return self.path.parent
 
-    def look_through(self, path: Path, below: tuple[Path, ...] = ()) -> int:
-        """Return the number of files that one includes, and look through these as well.
+    def look_through(self, path: Path, below: tuple[Path, ...] = ()) -> Counter[str]:
+        """Return the numbers of a file's inclusions and parts, and look through what it includes.
 
         Args:
             path: of the file.
@@ -58,7 +67,7 @@ class WorldFiles:
 
         Raises:
             ScenarioError: a file is damaged, refers to something outside of the folder, includes
-                itself, or has a collision geometry that cannot be represented.
+                itself, has too many parts, or a collision geometry that cannot be represented.
         """
         if path in self._counts:
             return self._counts[path]
@@ -72,21 +81,25 @@ class WorldFiles:
         if tree.tag == "sdf":
             self._trees[path] = tree
         self._mesh_folders += _mesh_folders(tree, path.parent)
-        count = 1
+        count = Counter({_FILES: 1}) + Counter(
+            each.tag for each in tree.iter() if each.tag in PARTS
+        )
         for each in _references(tree):
             bases = [path.parent, *([] if each.is_included else self._mesh_folders)]
             found = self._found(each.text, bases, path)
             if each.is_included:
                 found = [_model(one) for one in found]
-                count += sum(self.look_through(one, (*below, path)) for one in found)
+                for one in found:
+                    count += self.look_through(one, (*below, path))
             else:
                 for one in found:
                     self._check_mesh(one)
             if each.element is not None:
                 self._targets.append((each.element, found[0]))
-        if count > _MOST:
-            given = Description(f"{count} inclusions of files")
-            raise ScenarioError(named(path), given, f"at most {_MOST}")
+        for kind, number in count.items():
+            if number > (most := _MOST_FILES if kind == _FILES else _MOST):
+                given = Description(f"a world of {number} {kind}")
+                raise ScenarioError(named(path), given, f"at most {most}")
         self._counts[path] = count
         return count
 
@@ -118,7 +131,7 @@ class WorldFiles:
         paths = [base / each for base in bases for each in dict.fromkeys([rest, unquote(rest)])]
         try:
             inside = all(path.resolve().is_relative_to(self.folder) for path in paths)
-            there = [path.resolve() for path in paths if path.exists()]
+            there = [_by_name(path) for path in paths if path.exists()]
         except (OSError, RuntimeError, ValueError):  # links in a circle, null characters, length
             inside = False
         if not inside or Path(rest).is_absolute() or Path(unquote(rest)).is_absolute():
@@ -126,7 +139,7 @@ class WorldFiles:
         if not there:
             raise ScenarioError(named(user), Description(f"{given}, which is not there"), where)
         for path in there:
-            if path.is_file():
+            if not path.is_dir():
                 check_size(path)
         return list(dict.fromkeys(there))
 
@@ -141,7 +154,7 @@ class WorldFiles:
 
     def _check_mesh(self, path: Path) -> None:
         """Check that a mesh refers to nothing outside of the folder either."""
-        content = path.read_bytes() if path.suffix.lower() in (".obj", ".gltf") else b""
+        content = read_bytes(path) if path.suffix.lower() in (".obj", ".gltf") else b""
         texts = list[str]()
         if path.suffix.lower() == ".obj":
             found = re.findall(rb"^\s*mtllib\s+(.*?)\s*$", content, re.MULTILINE)
@@ -206,6 +219,11 @@ def _mesh_folders(tree: Element, folder: Path) -> list[Path]:
     return [folder / each for each in texts]
 
 
+def _by_name(path: Path) -> Path:
+    """Return the absolute path of a folder, or of a file by the name given."""
+    return path.resolve() if path.is_dir() else absolute(path)
+
+
 def _model(path: Path) -> Path:
     """Return the file that an included path stands for: of a folder, that of the latest version."""
     if not path.is_dir():
@@ -222,7 +240,7 @@ def _model(path: Path) -> Path:
     if not found.is_file() or not found.resolve().is_relative_to(path):
         given = Description(f"a reference to {versions[latest]}")
         raise ScenarioError(named(config), given, f"a file in {named(path)}")
-    return found.resolve()
+    return absolute(found)
 
 
 def _uris(value: object) -> Iterator[str]:

@@ -12,6 +12,7 @@ from xml.parsers import expat
 
 from drake_rho.scenario.errors import Description, ScenarioError
 from drake_rho.scenario.maps.source import named
+from drake_rho.system.files import check_readable, read_bytes, reason_of
 
 ENDINGS = (".sdf", ".urdf", ".xml")
 """Endings of files of worlds: SDF, URDF and MJCF."""
@@ -24,6 +25,9 @@ _SHAPES = {"box", "capsule", "cylinder", "ellipsoid", "mesh", "sphere", "empty",
 
 _MESHES = (".obj", ".gltf")
 """Endings of meshes to collide with; Drake reads no others as surfaces."""
+
+PARTS = {"link", "collision", "visual", "joint", "frame", "model", "body", "geom", "site"}
+"""Elements of which a world has a limited number each."""
 
 _NO_SHAPES = {"hfield", "sdf"}
 """Types of geometries of MJCF that are not read."""
@@ -52,10 +56,16 @@ _DEEPEST = 100
 
 
 def check_size(path: Path) -> None:
-    """Check that a file is not too large to be read."""
-    if (size := path.stat().st_size) > LARGEST:
-        given = Description(f"a file of {size} bytes")
-        raise ScenarioError(named(path), given, f"at most {LARGEST} bytes")
+    """Check that a file can be read and is not too large.
+
+    Raises:
+        ScenarioError: it cannot, or is.
+    """
+    try:
+        check_readable(path, LARGEST)
+    except OSError as error:
+        expected = f"a file of at most {LARGEST} bytes"
+        raise ScenarioError(named(path), Description(reason_of(error)), expected) from None
 
 
 def parsed(path: Path) -> Element:
@@ -83,13 +93,12 @@ def parsed(path: Path) -> Element:
     parser.StartElementHandler, parser.EndElementHandler = start, end
     parser.CharacterDataHandler = lambda text: builder.data(text)
     try:
-        check_size(path)
-        content = path.read_bytes()
+        content = read_bytes(path, LARGEST)
         content.decode("utf-8")
         parser.Parse(content, True)
-    except (expat.ExpatError, UnicodeDecodeError, OSError, ValueError) as error:
-        if isinstance(error, ScenarioError):
-            raise
+    except ScenarioError:
+        raise
+    except (expat.ExpatError, OSError, ValueError) as error:
         reason = " ".join(str(error).split())
         raise ScenarioError(
             named(path), Description("a damaged file"), f"XML in UTF-8; {reason}"

@@ -6,10 +6,8 @@ when a world is read, and not before.
 
 from __future__ import annotations
 
-import logging
 import re
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
@@ -18,6 +16,7 @@ import numpy as np
 
 from drake_rho.scenario.errors import Description, ScenarioError, shorten
 from drake_rho.scenario.fields import FloatArray
+from drake_rho.scenario.maps.libraries import quiet
 from drake_rho.scenario.maps.mesh import Mesh
 from drake_rho.scenario.maps.mesh_files import ENDINGS, read_mesh
 from drake_rho.scenario.maps.source import named, unreadable
@@ -65,7 +64,7 @@ def read_world(path: str | Path, pose: Pose) -> list[Geometry]:
             represented, or refers to files that are not in its folder.
     """
     files = world_files(path)
-    with TemporaryDirectory() as folder, _quiet() as warnings:
+    with TemporaryDirectory() as folder, quiet("drake") as warnings:
         copies = files.copied(Path(folder))
         try:
             found = list(_geometries(files, copies.get(files.path, files.path), pose))
@@ -85,42 +84,23 @@ def read_world(path: str | Path, pose: Pose) -> list[Geometry]:
     return found
 
 
-@contextmanager
-def _quiet() -> Iterator[list[str]]:
-    """Collect Drake's warnings instead of printing them."""
-    texts = list[str]()
-    handler = logging.Handler()
-    handler.emit = lambda record: texts.append(record.getMessage())  # type: ignore[method-assign]
-    logger = logging.getLogger("drake")
-    before = logger.level, logger.propagate
-    logger.addHandler(handler)
-    logger.propagate = False
-    logger.setLevel(logging.WARNING)
-    try:
-        yield texts
-    finally:
-        logger.setLevel(before[0])
-        logger.propagate = before[1]
-        logger.removeHandler(handler)
-
-
 def _geometries(files: WorldFiles, path: Path, pose: Pose) -> Iterator[Geometry]:
     """Return every collision geometry in the order of the file.
 
-    Shapes of Drake are gone with its diagram, which is why they are converted here.
+    Shapes of Drake are gone with its scene graph, which is why they are converted here.
 
     Args:
         files: of the world.
         path: of the world's own file, or of its copy.
         pose: in which the world is placed.
     """
-    from pydrake.geometry import Role
+    from pydrake.geometry import Role, SceneGraph
     from pydrake.multibody.parsing import Parser
-    from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
-    from pydrake.systems.framework import DiagramBuilder
+    from pydrake.multibody.plant import MultibodyPlant
 
-    builder = DiagramBuilder()
-    plant, scene = AddMultibodyPlantSceneGraph(builder, 0.0)
+    plant, scene = MultibodyPlant(0.0), SceneGraph()
+    plant.RegisterAsSourceForSceneGraph(scene)
+    plant.set_adjacent_bodies_collision_filters(False)  # one for each pair of welded bodies
     parser = Parser(plant)
     packages = parser.package_map()
     for name in packages.GetPackageNames():  # some of these would be downloaded
@@ -129,14 +109,11 @@ def _geometries(files: WorldFiles, path: Path, pose: Pose) -> Iterator[Geometry]
         packages.Add(name, str(folder))
     parser.AddModels(str(path))
     plant.Finalize()
-    diagram = builder.Build()
-    context = diagram.CreateDefaultContext()
-    query = scene.get_query_output_port().Eval(scene.GetMyContextFromRoot(context))
-    inspector = query.inspector()
+    context, inspector = plant.CreateDefaultContext(), scene.model_inspector()
     for each in sorted(inspector.GetAllGeometryIds(Role.kProximity), key=lambda id: id.get_value()):
         body = plant.GetBodyFromFrameId(inspector.GetFrameId(each))
         own = inspector.GetName(each).rpartition("::")[2]
-        here = query.GetPoseInWorld(each)
+        here = plant.EvalBodyPoseInWorld(context, body) @ inspector.GetPoseInFrame(each)
         of_world = body.index() == plant.world_body().index()
         name = own if of_world else f"{body.scoped_name().get_full()}::{own}"
         turn, at = here.rotation().matrix(), np.array(here.translation())

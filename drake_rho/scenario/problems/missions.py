@@ -20,6 +20,7 @@ from drake_rho.scenario.records import (
     Vehicle,
     Voxels,
 )
+from drake_rho.system.files import read_text, reason_of
 
 
 @checked
@@ -89,12 +90,10 @@ def _in_file(path: Path, error: ScenarioError) -> ScenarioError:
 
 def _read(path: Path, kind: str) -> str:
     try:
-        return path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or "not a UTF-8 text file"
-        raise ScenarioError(
-            "", Description("no text"), f"a readable {kind} file; {reason}"
-        ) from None
+        return read_text(path)
+    except (OSError, ValueError) as error:
+        expected = f"a readable {kind} file; {reason_of(error)}"
+        raise ScenarioError("", Description("no text"), expected) from None
 
 
 def _scenario(name: str, grid: Grid, mission: Mission, world: tuple[Box | Voxels, ...]) -> Scenario:
