@@ -73,6 +73,8 @@ class Statistics(metaclass=Described):
     for windows planned during a flight, their sum"""
     searched: PathSearch | None = None
     """last search for collision-free paths; None if a plan was found, or planning ended, without"""
+    detours: int = 0
+    """number of other sides of obstacles that were tried to save cost once a plan had converged"""
 
     def __add__(self, other: Statistics) -> Statistics:
         """Return the sums of counts and times, and the other values of the later `other` if set."""
@@ -90,4 +92,5 @@ class Statistics(metaclass=Described):
             tolerance=other.tolerance or self.tolerance,
             steps_tried=other.steps_tried or self.steps_tried,
             searched=other.searched or self.searched,
+            detours=self.detours + other.detours,
         )

@@ -13,6 +13,7 @@ from drake_rho.planning.call.wall_time import with_wall_time
 from drake_rho.planning.constraints.coupling import COUPLINGS, Coupling, CouplingName
 from drake_rho.planning.errors import InfeasibleError, OutOfTimeError, SolverError
 from drake_rho.planning.planners.first_plan import FirstPlan, plan_near
+from drake_rho.planning.planners.other_sides import has_other_sides, on_cheaper_sides
 from drake_rho.planning.planners.related import fitted
 from drake_rho.planning.planners.smoothed import with_own_margin
 from drake_rho.planning.planners.waypoint_times import WaypointTimes
@@ -118,12 +119,29 @@ def _with_given_times(
         reference = fitted(reference, scenario)
 
     def best(problem: Problem) -> Plan:
-        return _iterated(problem, search.of_any_duration(problem, reference), kept_apart, search)
+        first = search.of_any_duration(problem, reference)
+        plan = _iterated(problem, first, kept_apart, search)
+        if reference is None and has_other_sides(problem):
+            return _on_cheaper_sides(problem, plan, search)
+        return plan
 
     if scenario.smoothing_margin > 0.0 and scenario.fleet.flown is None:
         again = partial(_from_similar, kept_apart, search)
         return with_own_margin(best, again, Problem.of(scenario))
     return with_finer_margins(best, Problem.of(scenario))
+
+
+def _on_cheaper_sides(problem: Problem, plan: Plan, search: FirstPlan) -> Plan:
+    """Return the plan with vehicles on other sides of obstacles where these cost less."""
+    options = search.options
+    return on_cheaper_sides(
+        problem,
+        plan,
+        options.tolerance_of(problem.scenario, together=False),
+        most=options.max_iterations,
+        backend=search.backend,
+        progress=search.progress,
+    )
 
 
 def _from_similar(coupling: Coupling, search: FirstPlan, problem: Problem, similar: Plan) -> Plan:

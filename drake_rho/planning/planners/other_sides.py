@@ -1,0 +1,261 @@
+"""Other sides of obstacles: cheaper plans than the one that was found first.
+
+Sequential convex programming keeps to the sides of its first reference. Here every obstacle that a
+converged plan touches is passed on other sides, each by the motion of least effort through a point
+there, in closed form. A plan is sought around such a detour only if it costs less than the plan.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Iterator
+from functools import partial
+
+import numpy as np
+
+from drake_rho.motion.dynamics import response
+from drake_rho.motion.plan import Plan
+from drake_rho.motion.statistics import Statistics
+from drake_rho.planning.call.progress import Progress, tell, within
+from drake_rho.planning.constraints.convex_obstacles import KeepOutOfShape
+from drake_rho.planning.constraints.keep_out import EvaluationPoints, side_of
+from drake_rho.planning.errors import InfeasibleError, OutOfTimeError, SolverError
+from drake_rho.planning.problem import Problem
+from drake_rho.planning.programs.backend import Backend
+from drake_rho.planning.scp.sequential_convex import sequential_convex
+from drake_rho.planning.scp.subproblem import Subproblem
+from drake_rho.scenario.fields import FloatArray
+
+_WORTH = 0.02
+"""Part of a vehicle's cost that a detour must save to be tried: it costs less than plans near it,
+which have to keep clear of the obstacle for longer than an instant."""
+
+_BETTER = 1e-3
+"""Part of a vehicle's cost that a plan must save to replace the one before."""
+
+_TRIES = 8
+"""Largest number of detours that are tried for one vehicle."""
+
+_TURNS = np.radians([90.0, -90.0, 180.0, 45.0, -45.0, 135.0, -135.0])
+"""Other sides of an obstacle: rotations about the direction of flight from the plan's side."""
+
+_TOUCHING = 0.02
+"""Clearance up to which a plan touches an obstacle, as a fraction of the obstacle's size."""
+
+_SAMPLES = 4
+"""Instants of a step at which clearances are compared."""
+
+_ROUGHLY, _ROUGH_STEPS = 1e-2, 10
+"""Relative fall of the cost, and number of linearisations, after which plans are compared."""
+
+Iterate = Callable[..., Plan]
+"""Function that iterates a subproblem from a plan until the cost converges."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Detour:
+    """Motion of least effort that passes one obstacle on a given side, at a given instant."""
+
+    cost: float
+    """sum of its squared accelerations [m²/s⁴]"""
+    accelerations: FloatArray
+    """its accelerations [m/s²], shape (1, K-1, 3)"""
+
+
+def has_other_sides(problem: Problem) -> bool:
+    """Return whether other sides of obstacles are looked for: vehicles are independent, at leisure.
+
+    Windows of a flight under way go on along the sides of the plan before.
+    """
+    scenario = problem.scenario
+    alone = scenario.separation is None and not problem.has_links
+    return bool(scenario.avoided) and alone and not scenario.under_way
+
+
+def on_cheaper_sides(
+    problem: Problem,
+    plan: Plan,
+    tolerance: float,
+    *,
+    most: int,
+    backend: Backend,
+    progress: Progress | None = None,
+) -> Plan:
+    """Return a plan in which vehicles pass obstacles on other sides, where these cost less.
+
+    Args:
+        problem: to be solved, of vehicles that are independent of each other.
+        plan: a converged plan.
+        tolerance: relative fall of the cost at which a plan has converged.
+        most: the largest number of linearisations of one plan.
+        backend: solves the programs.
+        progress: called with a short text on the current activity.
+    """
+    iterated = partial(sequential_convex, tolerance=tolerance, most=most)
+    accelerations, spent = np.array(plan.accelerations), Statistics()
+    references = None if plan.reference is None else np.array(plan.reference.accelerations)
+    for vehicle in _bent(problem, plan):
+        alone = problem if len(problem) == 1 else _of_vehicle(problem, vehicle)
+        own = Plan.from_accelerations(alone.scenario, accelerations[[vehicle]])
+        task = within(progress, problem.scenario.names[vehicle])
+        search = _OtherSides(Subproblem(alone, backend=backend.here()), own, iterated, task)
+        best = search.best()
+        spent += search.spent
+        accelerations[vehicle] = best.accelerations[0]
+        if references is not None and best.reference is not None:
+            references[vehicle] = best.reference.accelerations[0]
+        if spent.cut:
+            break
+    if np.any(accelerations != plan.accelerations):
+        plan = _with(plan, accelerations, references)
+    own = plan.statistics
+    ended = dataclasses.replace(
+        own + spent,
+        converged=own.converged,
+        cut=own.cut or spent.cut,
+        last_fall=own.last_fall,
+        tolerance=own.tolerance,
+    )
+    return plan.with_statistics(ended)
+
+
+def _bent(problem: Problem, plan: Plan) -> list[int]:
+    """Return the vehicles whose plans cost noticeably more than their minimum effort."""
+    least, costs = (
+        np.sum(each**2, axis=(1, 2))
+        for each in (problem.effort.motion.accelerations, plan.accelerations)
+    )
+    bent: list[int] = np.flatnonzero((1.0 - _WORTH) * costs > least).tolist()
+    return bent
+
+
+def _of_vehicle(problem: Problem, vehicle: int) -> Problem:
+    """Return the problem of one vehicle alone."""
+    return dataclasses.replace(problem, scenario=problem.scenario.of_vehicles([vehicle]))
+
+
+def _with(plan: Plan, accelerations: FloatArray, references: FloatArray | None) -> Plan:
+    """Return a plan with other accelerations, found around other references."""
+    other = Plan.from_accelerations(plan.scenario, accelerations)
+    if references is None:
+        return other
+    return other.found_around(Plan.from_accelerations(plan.scenario, references))
+
+
+class _OtherSides:
+    """Search for a cheaper plan of one vehicle on other sides of the obstacles it touches.
+
+    Args:
+        subproblem: of the vehicle alone.
+        plan: a converged plan.
+        iterated: iterates a plan until its cost has converged.
+        progress: called with a short text on the current activity.
+
+    Attributes:
+        spent: statistics of all detours that were tried.
+    """
+
+    def __init__(
+        self, subproblem: Subproblem, plan: Plan, iterated: Iterate, progress: Progress | None
+    ) -> None:
+        self._subproblem, self._best = subproblem, plan
+        self._iterated, self._progress = iterated, progress
+        self.spent = Statistics()
+
+    def best(self) -> Plan:
+        """Return the cheapest plan found; detours of a cheaper plan are tried too."""
+        cheaper: Plan | None = self._best
+        while cheaper is not None:
+            self._best = cheaper
+            cheaper = self._cheaper()
+        return self._best
+
+    def _cheaper(self) -> Plan | None:
+        """Return the first cheaper plan along detours, from the cheapest detour on."""
+        for detour in self._detours():
+            if self.spent.detours == _TRIES:
+                break
+            self.spent += Statistics(detours=1)
+            tell(self._progress, f"trying another side of obstacles ({self.spent.detours})")
+            try:
+                found = self._around(detour)
+            except (InfeasibleError, SolverError) as error:
+                self.spent += error.statistics
+            except OutOfTimeError:
+                self.spent += Statistics(cut=True)
+                break
+            else:
+                self.spent += found.statistics
+                if found.cost < (1.0 - _BETTER) * self._best.cost:
+                    return found
+        return None
+
+    def _around(self, detour: Detour) -> Plan:
+        """Return a plan near a detour, which is iterated to the end if it may be the best one.
+
+        Raises:
+            InfeasibleError: the linearisation around the detour has no solution.
+            OutOfTimeError: time is up.
+            SolverError: the solvers fail numerically.
+        """
+        subproblem = self._subproblem.restarted()
+        reference = Plan.from_accelerations(self._best.scenario, detour.accelerations)
+        plan = subproblem.solve_around(reference)
+        plan = sequential_convex(subproblem, plan, _ROUGHLY, most=_ROUGH_STEPS)
+        return self._iterated(subproblem, plan) if plan.cost < self._best.cost else plan
+
+    def _detours(self) -> list[Detour]:
+        """Return the detours that may lead to cheaper plans, the cheapest first."""
+        motion = self._best.motion()
+        worth = (1.0 - _WORTH) * np.sum(motion.accelerations**2)
+        shapes = self._subproblem.problem.obstacles_around(motion)
+        detours = [
+            detour
+            for each in shapes
+            if isinstance(each, KeepOutOfShape)  # other sides of a map are not looked for
+            for detour in self._beside(each)
+        ]
+        return sorted((each for each in detours if each.cost < worth), key=lambda each: each.cost)
+
+    def _beside(self, obstacle: KeepOutOfShape) -> Iterator[Detour]:
+        """Yield detours on other sides of an obstacle, if the plan touches it."""
+        nearest = self._touching(obstacle)
+        if nearest is None:
+            return
+        effort, grid = self._subproblem.problem.effort, self._best.scenario.grid
+        free, shape = effort.motion, obstacle.shape
+        sides = self._sides(obstacle, nearest)
+        row = response("position", grid.step, grid.knots, nearest.times)
+        row = effort.changes.inside(row)[0]
+        far = shape.local_support(sides) + obstacle.radius(nearest)
+        lacking = np.maximum(far - sides @ obstacle.offsets(free, nearest)[0], 0.0)
+        least, square = float(np.sum(free.accelerations**2)), float(row @ row)
+        for side, gap in zip(sides, lacking.tolist(), strict=True):
+            if 0.0 < gap < np.inf:  # infinite along an endless cylinder
+                change = gap / square * row[:, None] * side
+                yield Detour(least + gap**2 / square, free.accelerations + change)
+
+    def _touching(self, obstacle: KeepOutOfShape) -> EvaluationPoints | None:
+        """Return the instant at which the plan touches an obstacle; None if it does not."""
+        grid = self._best.scenario.grid
+        times = grid.step / _SAMPLES * np.arange(1, _SAMPLES * (grid.knots - 1))
+        times = times[obstacle.holds_at(times)]
+        none = np.zeros(len(times), dtype=int)
+        points = EvaluationPoints(none, none, times)
+        clearances = obstacle.distances(self._best.motion(), points) - obstacle.radius(points)
+        if len(times) == 0 or clearances.min() > _TOUCHING * obstacle.shape.size:
+            return None
+        return points.select(np.array([np.argmin(clearances)]))
+
+    def _sides(self, obstacle: KeepOutOfShape, at: EvaluationPoints) -> FloatArray:
+        """Return unit vectors to the other sides of an obstacle across the flight, shape (S, 3)."""
+        motion, x = self._best.motion(), obstacle.offsets(self._best.motion(), at)
+        velocity = motion.each_at("velocity", at.vehicles, at.times)
+        velocity = velocity - obstacle.obstacle.velocities(at.times)
+        first = side_of(obstacle.shape.local_outward(x), velocity)[0]
+        second = np.cross(velocity[0], first)
+        length = float(np.linalg.norm(second))
+        if length == 0.0:  # at rest beside the obstacle
+            return -first[None]
+        turned = np.sin(_TURNS)[:, None] * second / length
+        return np.asarray(np.cos(_TURNS)[:, None] * first + turned)
