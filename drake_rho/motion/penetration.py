@@ -28,6 +28,7 @@ from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.maps.map import Map
 from drake_rho.scenario.maps.parts import Parts
 from drake_rho.scenario.obstacles import Obstacle
+from drake_rho.scenario.parts import SAME_TIME
 from drake_rho.scenario.shapes.base import Solid
 from drake_rho.scenario.shapes.quadrics import Sphere
 
@@ -85,8 +86,8 @@ def pieces_near(motion: Motion, obstacle: Obstacle, within: FloatArray) -> Piece
     """
     h, count = motion.step, motion.accelerations.shape[1]
     times: FloatArray = np.float64(h) * np.arange(count)
-    corners = obstacle.corners
-    corners = corners[(corners > 0.0) & (corners < h * count)]
+    corners, near = obstacle.corners, SAME_TIME * h  # within rounding of the ends none splits a step
+    corners = corners[(corners > near) & (corners < h * count - near)]
     p, v, a = motion.positions[:, :-1], motion.velocities[:, :-1], motion.accelerations
     if len(corners) > 0:
         times = np.union1d(times, corners)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from concurrent.futures import Executor
 from functools import partial
 
@@ -16,13 +17,14 @@ from drake_rho.planning.planners.first_plan import FirstPlan, plan_near
 from drake_rho.planning.planners.other_sides import has_other_sides, on_cheaper_sides
 from drake_rho.planning.planners.related import fitted
 from drake_rho.planning.planners.smoothed import with_own_margin
-from drake_rho.planning.planners.waypoint_times import WaypointTimes
+from drake_rho.planning.planners.waypoint_times import WaypointTimes, at_times_tried
 from drake_rho.planning.problem import Problem, with_finer_margins
 from drake_rho.planning.programs.backend import Backend, Solver, SolverName
 from drake_rho.planning.scp.fleet_improvement import AroundReferences
 from drake_rho.planning.scp.sequential_convex import sequential_convex
 from drake_rho.planning.scp.subproblem import Subproblem, coupling_for
 from drake_rho.scenario.arguments import checked
+from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.records import Scenario
 from drake_rho.system.threads import single_threaded_blas
 
@@ -100,13 +102,48 @@ def plan(
 def _with_free_times(
     times: WaypointTimes, reference: Plan | None, kept_apart: Coupling, search: FirstPlan
 ) -> Plan:
-    """Return the best plan with the times of waypoints that are best near a first one."""
-    first = _with_given_times(times.alone(), reference, kept_apart, search)
+    """Return the best plan with the times of waypoints that are best near a first one.
+
+    Raises:
+        InfeasibleError: at none of the times that were tried there is a plan; it is proved only if
+            there is none without these waypoints either.
+    """
+    failures = list[Exception]()
+    for guess in _all_times(times, reference, kept_apart, search):
+        try:
+            first = _with_given_times(guess, reference, kept_apart, search)
+        except (InfeasibleError, SolverError, ScenarioError) as error:
+            failures.append(error)
+        else:
+            return _with_better_times(times, first, kept_apart, search)
+    infeasible = [each for each in failures if isinstance(each, InfeasibleError)]
+    raise at_times_tried(infeasible[0]) if infeasible else failures[0]
+
+
+def _all_times(
+    times: WaypointTimes, reference: Plan | None, kept_apart: Coupling, search: FirstPlan
+) -> Iterator[Scenario]:
+    """Yield a scenario with times for its waypoints, the most likely first.
+
+    Raises:
+        InfeasibleError: there is no plan without these waypoints either.
+    """
+    guesses = times.guesses()
+    yield next(guesses)
+    without = _with_given_times(times.without_free(), reference, kept_apart, search)
+    yield from times.towards(without)
+    yield from guesses
+
+
+def _with_better_times(
+    times: WaypointTimes, first: Plan, kept_apart: Coupling, search: FirstPlan
+) -> Plan:
+    """Return the best plan with times near those of another, or that one."""
     if not first.scenario.avoided and first.scenario.separation is None:
         return first
     try:
         again = _with_given_times(times.near(first), first, kept_apart, search)
-    except (InfeasibleError, SolverError, OutOfTimeError):
+    except (InfeasibleError, SolverError, OutOfTimeError, ScenarioError):
         return first
     return min(first, again, key=lambda plan: plan.cost)
 

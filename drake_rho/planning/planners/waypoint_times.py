@@ -3,19 +3,24 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterator
 from contextlib import suppress
 from functools import cached_property
 
 import numpy as np
 
+from drake_rho.motion.costs import cost_of
 from drake_rho.motion.plan import Plan
 from drake_rho.planning.call.progress import Progress, tell
+from drake_rho.planning.errors import InfeasibleError
+from drake_rho.planning.planners.allowed_times import allowed_times
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs.backend import Backend
 from drake_rho.planning.programs.free_times import Passing
 from drake_rho.planning.scp.least_time import LeastTime
 from drake_rho.planning.scp.timed import Timed
 from drake_rho.scenario.errors import ScenarioError
+from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.records import Grid, Scenario
 from drake_rho.scenario.waypoints import AllWaypoints
 
@@ -27,6 +32,21 @@ _LEAST_LEG = 1e-2
 
 _ROUGHLY = 1e-2
 """Relative fall of the final time that ends the search for first times."""
+
+_POWERS = 0.5, 2.0, 0.25, 4.0
+"""Powers to which parts of the final time are raised for further guesses."""
+
+_PRICES = 1e2, 1e5
+"""Prices of missing waypoints by a motion's length, in units of a motion's cost."""
+
+_PASSED = 1e-3
+"""Part of a motion's length by which a motion that passes waypoints may still miss them."""
+
+_SAMPLES = 8
+"""Number of samples of each step among which a plan's nearest to a waypoint is sought."""
+
+_ALIKE = 1e-3
+"""Part of the final time by which times of another guess have to differ."""
 
 
 def passing_of(waypoints: AllWaypoints, scenario: Scenario, grid: Grid) -> Passing:
@@ -108,47 +128,167 @@ class WaypointTimes:
         self._given, self._backend, self._progress = scenario, backend, progress
         self._waypoints = AllWaypoints.of(scenario.vehicles)
 
+    @property
+    def any_free(self) -> bool:
+        """Whether any waypoint has no time."""
+        return not bool(self._waypoints.given.all())
+
     @cached_property
     def _without(self) -> Scenario:
         """The scenario without waypoints."""
         vehicles = self._waypoints.placed(self._given.vehicles, None)
         return dataclasses.replace(self._given, vehicles=vehicles)
 
-    @property
-    def any_free(self) -> bool:
-        """Whether any waypoint has no time."""
-        return not bool(self._waypoints.given.all())
+    @cached_property
+    def _convex(self) -> Scenario:
+        """The same without what a reference would have to be known for."""
+        return dataclasses.replace(self._without, obstacles=(), separation=None)
 
-    def alone(self) -> Scenario:
-        """Return the scenario with the times that are best without obstacles and other vehicles."""
-        tell(self._progress, "looking for the times of waypoints")
-        scenario = dataclasses.replace(
-            self._without,
-            obstacles=(),
-            separation=None,
-            disturbance=None,
-            requirements=(),
-            smoothing=None,
+    @cached_property
+    def _limited(self) -> Scenario:
+        """The same with limits alone, which a motion flown slower keeps."""
+        return dataclasses.replace(
+            self._convex, disturbance=None, requirements=(), smoothing=None
         )
-        effort, grid = Problem.of(scenario).effort, scenario.grid
-        passing = passing_of(self._waypoints, scenario, grid)
-        start = Timed(scenario, grid.step, effort.motion.accelerations, passing)
+
+    @cached_property
+    def _first(self) -> Passing:
+        """Waypoints at guesses of their times."""
+        return passing_of(self._waypoints, self._without, self._without.grid)
+
+    @cached_property
+    def _allowed(self) -> list[FloatArray]:
+        """Intervals of time in which each waypoint may be passed, since the first knot [s]."""
+        return allowed_times(self._without, self._waypoints)
+
+    def without_free(self) -> Scenario:
+        """Return the scenario without the free waypoints, which has a plan if any times have one."""
+        given = self._waypoints.given
+        vehicles = tuple(
+            dataclasses.replace(
+                each, waypoints=tuple(own for own in each.waypoints if own.time is not None)
+            )
+            for each in self._given.vehicles
+        )
+        return dataclasses.replace(self._given, vehicles=vehicles)
+
+    def guesses(self) -> Iterator[Scenario]:
+        """Yield the scenario with times that are best without obstacles and other vehicles.
+
+        The first are near those of the least time. Others follow from other guesses.
+        """
+        tell(self._progress, "looking for the times of waypoints")
+        known = list[FloatArray]()
+        for start in self._starts():
+            best = self._best(self._in_view(start))
+            times = best.passing.times
+            if not any(np.allclose(times, each, atol=_ALIKE * best.duration) for each in known):
+                known.append(times)
+                yield self._timed(best)
+
+    def _starts(self) -> Iterator[Timed]:
+        """Yield motions with guesses of the times, which need not meet any constraint."""
+        scenario, grid = self._limited, self._limited.grid
+        accelerations = Problem.of(scenario).effort.motion.accelerations
+        passing = self._first
+        start = Timed(scenario, grid.step, accelerations, passing)
         fast, _ = in_least_time(start, self._backend, self._progress)
-        return self._timed(self._best(fast))
+        yield self._best(fast)
+        yield start
+        for power in _POWERS:
+            times = grid.duration * (passing.times / grid.duration) ** power
+            times = np.where(passing.given, passing.times, times)
+            yield dataclasses.replace(start, passing=dataclasses.replace(passing, times=times))
+
+    def _in_view(self, timed: Timed) -> Timed:
+        """Return a motion in the scenario with all that is convex, at times that are allowed."""
+        return dataclasses.replace(timed, scenario=self._convex, passing=self._within(timed.passing))
+
+    def _within(self, passing: Passing) -> Passing:
+        """Return waypoints at allowed times near theirs, with the intervals around these."""
+        times, allowed = np.array(passing.times), np.tile([0.0, self._without.grid.duration], (len(passing), 1))
+        for w in np.flatnonzero(~passing.given):
+            intervals = self._allowed[w]
+            if len(intervals) == 0:
+                continue
+            nearest = np.clip(times[w], intervals[:, 0], intervals[:, 1])
+            which = np.argmin(np.abs(nearest - times[w]))
+            times[w], allowed[w] = nearest[which], intervals[which]
+        return dataclasses.replace(passing, times=times, allowed=allowed)
 
     def _best(self, start: Timed) -> Timed:
+        """Return the motion of least cost from a guess, which is returned if none is found."""
         search = LeastTime(self._backend, self._progress, final_time=False)
-        return search.around(start) or start
+        best = search.around(start)
+        for price in _PRICES if best is None else ():
+            start = self._passed(start, price) or start
+            if (best := search.around(start)) is not None:
+                break
+        return best or start
+
+    def _passed(self, start: Timed, price: float) -> Timed | None:
+        """Return a motion that misses the waypoints least, or hardly; None if there is none."""
+        scale = start.problem.effort.units
+        scale = float(np.sum(scale**2)) * start.accelerations.shape[1]
+        price *= (scale + cost_of(start.scenario.fleet, start.accelerations)) / float(start.scenario.fleet.lengths.max())
+        passing = dataclasses.replace(start.passing, price=price)
+        search = LeastTime(self._backend, self._progress, final_time=False)
+        found = search.around(dataclasses.replace(start, passing=passing), _ROUGHLY)
+        if found is None:
+            return None
+        passing = dataclasses.replace(found.passing, price=np.inf)
+        return dataclasses.replace(found, passing=passing, short=0.0)
 
     def near(self, plan: Plan) -> Scenario:
         """Return the scenario with the times that are best near a plan of it with other times."""
         times = AllWaypoints.of(plan.scenario.vehicles).times - plan.scenario.grid.start
-        passing = passing_of(self._waypoints, self._without, self._without.grid)
-        passing = dataclasses.replace(passing, times=times)
-        start = Timed(self._without, plan.scenario.grid.step, plan.accelerations, passing)
-        return self._timed(self._best(start))
+        return self._timed(self._best(self._from_plan(plan, times)))
+
+    def towards(self, plan: Plan) -> Iterator[Scenario]:
+        """Yield the scenario with times found from a plan without the free waypoints.
+
+        That plan keeps clear of everything, and its motion is moved to the waypoints.
+        """
+        for times in (self._nearest(plan), self._first.times):
+            best = self._best(self._from_plan(plan, times))
+            if best.missed <= _PASSED:
+                yield self._timed(best)
+
+    def _from_plan(self, plan: Plan, times: FloatArray) -> Timed:
+        passing = self._within(dataclasses.replace(self._first, times=times))
+        return Timed(self._without, plan.scenario.grid.step, plan.accelerations, passing)
+
+    def _nearest(self, plan: Plan) -> FloatArray:
+        """Return the times at which a plan's vehicles are nearest to free waypoints, in order."""
+        first, duration = self._first, self._without.grid.duration
+        samples = np.linspace(0.0, duration, _SAMPLES * plan.accelerations.shape[1] + 1)[1:-1]
+        x, times = plan.motion().at("position", samples), np.array(first.times)
+        for w in np.flatnonzero(~first.given):
+            own = first.vehicles == first.vehicles[w]
+            before = times[own & (np.arange(len(first)) < w)].max(initial=0.0)
+            after = times[own & first.given & (np.arange(len(first)) > w)].min(initial=duration)
+            far = np.linalg.norm(x[first.vehicles[w]] - first.positions[w], axis=1)
+            far[(samples <= before) | (samples >= after)] = np.inf
+            times[w] = samples[np.argmin(far)]
+        return times
 
     def _timed(self, timed: Timed) -> Scenario:
         times = self._given.grid.start + timed.passing.times
         vehicles = self._waypoints.placed(self._given.vehicles, times)
         return dataclasses.replace(self._given, vehicles=vehicles)
+
+
+def at_times_tried(error: InfeasibleError) -> InfeasibleError:
+    """Return the error of a scenario at times that were chosen, as one that proves nothing."""
+    premise = f" {error.premise}" if error.premise else ""
+    return InfeasibleError(
+        error.conflicts,
+        error.steps_tried,
+        error.statistics,
+        error.scenario,
+        error.obstacles,
+        error.reference,
+        because=error.because
+        or f"at none of the times of waypoints that were tried; at the first of these, these cannot "
+        f"be met together{premise}",
+    )

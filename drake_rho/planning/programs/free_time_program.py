@@ -87,6 +87,9 @@ class FreeTimeProgram:
         self._x = self.program.NewContinuousVariables(sparse.columns)
         self._time = self.program.NewContinuousVariables(2)  # y and s
         self._changes = self.program.NewContinuousVariables(len(passing))
+        soft = passing.may_change & np.isfinite(passing.price)
+        self._soft = np.flatnonzero(soft)
+        self._misses = self.program.NewContinuousVariables(len(self._soft))
         count = 3 * self._steps * len(group)
         self._weights = np.ones(len(group)) if effort.factors is None else effort.factors**-2
         self._about = effort.motion.accelerations.reshape(-1) / unit
@@ -115,6 +118,10 @@ class FreeTimeProgram:
             own = slice(first, first + _BLOCK)
             linear = weights[own] * self._about[own]
             program.AddQuadraticCost(np.diag(weights[own]), linear, u[own], is_convex=True)
+        if len(misses := self._misses) > 0:
+            price = self._passing.price * self._unit_of("position") / self._unit**2
+            program.AddLinearCost(np.full(len(misses), effort / len(u) * price), 0.0, misses)
+            program.AddBoundingBoxConstraint(0.0, np.inf, misses)
         # norm(s, (y - 1) / 2) <= (y + 1) / 2, which is s² <= y
         root = np.array([[0.5, 0.0], [0.0, 1.0], [0.5, 0.0]])
         program.AddLorentzConeConstraint(root, np.array([0.5, 0.0, -0.5]), np.array([y, s]))
@@ -128,8 +135,12 @@ class FreeTimeProgram:
         if len(passing) == 0:
             return
         reach = np.where(passing.may_change, change.waypoints, 0.0)
-        low = np.maximum(-reach, np.minimum(passing.least - passing.times, 0.0))
-        high = np.minimum(reach, np.maximum(T - passing.least - passing.times, 0.0))
+        first, last = passing.least, T - passing.least
+        if passing.allowed is not None:
+            first, last = np.maximum(first, passing.allowed[:, 0]), passing.allowed[:, 1]
+            last = np.minimum(T - passing.least, last)
+        low = np.maximum(-reach, np.minimum(first - passing.times, 0.0))
+        high = np.minimum(reach, np.maximum(last - passing.times, 0.0))
         program.AddBoundingBoxConstraint(low, high, self._changes)
         if change.curvature > 0.0:
             curvatures = np.diag(change.curvature * passing.curvatures(T))
@@ -249,6 +260,7 @@ class FreeTimeProgram:
         matrix = csc_array(hstack([self._matrix[self._parts[-1]], moves], format="csc"))
         needed, variables = self._needed[self._parts[-1]], np.concatenate([self._variables, d])
         exact = passing.within == 0.0
+        exact[self._soft] = False
         axes = np.repeat(exact, 3)
         if exact.any():
             program.AddLinearEqualityConstraint(csc_matrix(matrix[axes]), needed[axes], variables)
@@ -257,7 +269,13 @@ class FreeTimeProgram:
             shifted = kron(eye_array(count), np.eye(4, 3, -1)).tocsc()
             constant = -(shifted @ needed[~axes])
             constant[::4] = passing.within[~exact] / unit
-            self._add_lorentz(csc_array(shifted @ matrix[~axes]), constant, variables)
+            balls = csc_array(shifted @ matrix[~axes])
+            if len(self._soft) > 0:
+                numbers = np.searchsorted(np.flatnonzero(~exact), self._soft)
+                more = (np.ones(len(numbers)), (4 * numbers, np.arange(len(numbers))))
+                balls = csc_array(hstack([balls, csc_array(more, (4 * count, len(numbers)))]))
+                variables = np.concatenate([variables, self._misses])
+            self._add_lorentz(balls, constant, variables)
 
     def _add_lorentz(self, matrix: csc_array, constant: FloatArray, variables: np.ndarray) -> None:
         """Add that each four values of matrix @ variables + constant are in a cone."""
@@ -280,8 +298,10 @@ class FreeTimeProgram:
         accelerations = effort.motion.accelerations + self._unit * u
         if self._drift is not None:
             accelerations = accelerations + (y - 1.0) * self._drift.accelerations
-        changes = x[columns + 2 : columns + 2 + len(self._passing)]
-        return FreeTime(accelerations, y, changes, solution.solver, solution.seconds)
+        first = columns + 2 + len(self._passing)
+        changes, misses = x[columns + 2 : first], x[first : first + len(self._soft)]
+        missed = float(np.maximum(misses, 0.0).sum()) * self._unit_of("position")
+        return FreeTime(accelerations, y, changes, solution.solver, solution.seconds, missed)
 
 
 def boosts_of(cones: Cones) -> FloatArray:

@@ -54,6 +54,12 @@ class Passing:
     in_proportion: BoolArray | None = None
     """mask of the waypoints whose times are always the same part of the final time, shape (W,);
     None for none"""
+    allowed: FloatArray | None = None
+    """first and last time since the first knot at which each may be passed [s], shape (W, 2); None
+    for any. A program in another final time does not know them"""
+    price: float = np.inf
+    """cost of each metre by which a program may miss a free waypoint [m/s⁴]; infinite if it passes
+    all"""
 
     def __len__(self) -> int:
         """Return the number of waypoints, W."""
@@ -74,6 +80,8 @@ class Passing:
             self.least,
             self.averaged,
             None if self.in_proportion is None else self.in_proportion[mask],
+            None if self.allowed is None else self.allowed[mask],
+            self.price,
         )
 
     @property
@@ -167,3 +175,5 @@ class FreeTime:
     """name of the solver"""
     seconds: float
     """time reported by the solver [s]"""
+    missed: float = 0.0
+    """sum of the distances by which it misses free waypoints [m]"""

@@ -241,6 +241,7 @@ class LeastTime:
             return None
         same = change.final[0] == 1.0
         exact = change.waypoints == 0.0 and (same or self._steady)
+        exact &= not np.isfinite(after.passing.price)
         exact &= same or after.scenario.smoothing is None  # its width does not change with y
         return None if exact and after.missed > _MISSED else after
 

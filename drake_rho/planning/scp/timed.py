@@ -46,6 +46,8 @@ class Timed:
     """knots from which vehicles rest at their goals, shape (N,); None for the last"""
     converged: bool = False
     """whether a search for the least time has ended here by itself"""
+    short: float = 0.0
+    """sum of the distances by which the last program missed free waypoints [m]"""
 
     @cached_property
     def problem(self) -> Problem:
@@ -93,8 +95,9 @@ class Timed:
 
     @property
     def cost(self) -> float:
-        """Cost of the motion [m²/s⁴], (13)."""
-        return cost_of(self.scenario.fleet, self.accelerations)
+        """Cost of the motion [m²/s⁴], (13), and of missing free waypoints."""
+        cost = cost_of(self.scenario.fleet, self.accelerations)
+        return cost + self.passing.price * self.short if self.short > 0.0 else cost
 
     @cached_property
     def motion(self) -> Motion:
@@ -164,7 +167,10 @@ class Timed:
         later = [dataclasses.replace(each, times=each.times * root) for each in rows]
         accelerations = found.accelerations / found.factor
         step = self.step * root
-        return Timed(self.scenario, step, accelerations, passing, later, resting=self.resting)
+        rests = self.resting
+        return Timed(
+            self.scenario, step, accelerations, passing, later, resting=rests, short=found.missed
+        )
 
 
 def latest(scenario: Scenario, passing: Passing) -> float:
