@@ -1,4 +1,4 @@
-"""Least time of each vehicle alone, without obstacles, other vehicles and requirements."""
+"""Least time of each vehicle alone, by its limits and the requirements that it always has."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from drake_rho.motion.statistics import Statistics
 from drake_rho.planning.call.progress import Progress, tell
 from drake_rho.planning.errors import InfeasibleError, SolverError
 from drake_rho.planning.planners.first_plan import first_plan
-from drake_rho.planning.planners.related import is_steady
+from drake_rho.planning.planners.related import is_steady, of_each_alone
 from drake_rho.planning.planners.waypoint_times import GAP, in_least_time, passing_of
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs.backend import Backend
@@ -82,7 +82,7 @@ class TimesAlone:
         return float(self.durations[without].max()) or None
 
     def motion(self, *, spare: bool = False) -> Timed:
-        """Return the motions in least time without obstacles, other vehicles and requirements.
+        """Return the motions in least time of vehicles by themselves (`of_each_alone`).
 
         Vehicles that take less time than the slowest one fly slower. If waypoints have given times,
         it is not the least time, but one in which there is such a motion.
@@ -91,14 +91,7 @@ class TimesAlone:
             spare: whether those that have time to spare reduce their effort.
         """
         tell(self._progress, "looking for the least time of each vehicle alone")
-        free = dataclasses.replace(
-            self._scenario,
-            obstacles=(),
-            separation=None,
-            disturbance=None,
-            requirements=(),
-            smoothing=None,
-        )
+        free = of_each_alone(self._scenario)
         if self._waypoints.given.any():
             return self._with_given_times(free)
         passing = passing_of(self._waypoints, free, free.grid)

@@ -7,6 +7,8 @@ valid with fewer obstacles, looser limits or fewer vehicles.
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 
 from drake_rho.motion.plan import Plan
@@ -62,7 +64,23 @@ def is_steady(scenario: Scenario) -> bool:
         and scenario.disturbance is None
         and not fleet.start_velocities.any()
         and not fleet.goal_velocities.any()
-        and all(each.of == "position" for each in scenario.requirements)
+    )
+
+
+def of_each_alone(scenario: Scenario) -> Scenario:
+    """Return the scenario with what every vehicle has to keep by itself, whenever it flies.
+
+    These are its limits, and requirements of sets that do not change with time. A motion that keeps
+    them is no plan yet, but every plan keeps them.
+    """
+    own = (each for each in scenario.requirements if each.active is None)
+    return dataclasses.replace(
+        scenario,
+        obstacles=(),
+        separation=None,
+        disturbance=None,
+        requirements=tuple(each for each in own if each.relative_to is None),
+        smoothing=None,
     )
 
 

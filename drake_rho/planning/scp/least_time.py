@@ -53,6 +53,14 @@ _CORRECTIONS = 2
 _NEARBY = 1e-3
 """Part of the final time by which corrected times may be others, if nothing else is said."""
 
+_FASTEST = 1e-8
+"""Least factor of the squared final time in one program. Values that are limited only by rows, which
+are added when a solution violates them, are finite in such a time."""
+
+_AT_ONCE = 1e-9
+"""Part of the step of the scenario, a guess, below which a step means that nothing bounds the
+time."""
+
 _CURVATURES = 0.2, 5.0
 """Least and largest part of the estimated curvatures."""
 
@@ -275,17 +283,24 @@ class LeastTime:
             ScenarioError: nothing bounds the time.
             SolverError: the solvers fail numerically.
         """
-        problem, constraints = timed.problem, timed.linearised()
-        low, high = (max(each, timed.least_factor) for each in change.final)
+        if self._final_time and timed.step < _AT_ONCE * timed.scenario.grid.step:
+            raise nothing_bounds_the_time()
+        try:
+            problem = timed.problem
+        except ScenarioError:  # such as a goal that is occupied at this final time
+            return None
+        constraints = timed.linearised()
+        least = max(timed.least_factor, min(change.final[1], _FASTEST))
+        low, high = (max(each, least) for each in change.final)
         change = change._replace(final=(low, high))
         passing = timed.passing_tightened
         if np.any(passing.within < 0.0):  # the errors of a disturbance are larger
             return None
         weight = LITTLE_EFFORT if self._final_time else 1.0
         programs = FreeTimePrograms(problem, self._backend, weight)
-        if self._final_time and not programs.bound_time:
-            given = Description("no limit of velocities, accelerations or jerks")
-            raise ScenarioError("limits", given, "one, without which the least time is zero")
+        required = any(each.quantity != "position" for each in constraints)
+        if self._final_time and not (programs.bound_time or required):
+            raise nothing_bounds_the_time()
         known = {each.key: each for each in constraints}
         rows = {
             key: known[key].renewed(each)
@@ -312,3 +327,9 @@ class LeastTime:
                 key = each.constraint.key
                 rows[key] = rows[key].union(each) if key in rows else each
         raise SolverError(f"rows were still violated after {_ROUNDS} rounds")
+
+
+def nothing_bounds_the_time() -> ScenarioError:
+    """Return the error of a scenario in which a motion takes as little time as one likes."""
+    given = Description("none of velocities, accelerations or jerks that bounds the time")
+    return ScenarioError("limits", given, "one, without which the least time is zero")

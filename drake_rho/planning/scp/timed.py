@@ -62,7 +62,7 @@ class Timed:
     @property
     def duration(self) -> float:
         """Final time [s]."""
-        return self.grid.duration
+        return self.step * (self.scenario.grid.knots - 1)
 
     @property
     def least_factor(self) -> float:
