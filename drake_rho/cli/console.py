@@ -22,9 +22,7 @@ from drake_rho.cli.document import Document
 from drake_rho.planning.call.time_limit import stoppable
 from drake_rho.scenario.errors import DrakeRhoWarning
 
-_CONTROL = re.compile(
-    r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069]"
-)
+_CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069]")
 """Characters that move the cursor, colour or reorder text, and all others that control a terminal,
 but for ends of lines and tabs."""
 

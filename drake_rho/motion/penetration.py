@@ -28,9 +28,9 @@ from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.maps.map import Map
 from drake_rho.scenario.maps.parts import Parts
 from drake_rho.scenario.obstacles import Obstacle
-from drake_rho.scenario.parts import SAME_TIME
 from drake_rho.scenario.shapes.base import Solid
 from drake_rho.scenario.shapes.quadrics import Sphere
+from drake_rho.scenario.times import Clock
 
 _PARTS = 8
 """Number of parts into which a piece is split."""
@@ -86,8 +86,8 @@ def pieces_near(motion: Motion, obstacle: Obstacle, within: FloatArray) -> Piece
     """
     h, count = motion.step, motion.accelerations.shape[1]
     times: FloatArray = np.float64(h) * np.arange(count)
-    corners, near = obstacle.corners, SAME_TIME * h  # within rounding of the ends none splits a step
-    corners = corners[(corners > near) & (corners < h * count - near)]
+    corners, clock = obstacle.corners, Clock.of(h)  # at the ends, none splits a step
+    corners = corners[clock.after(corners, 0.0) & clock.before(corners, h * count)]
     p, v, a = motion.positions[:, :-1], motion.velocities[:, :-1], motion.accelerations
     if len(corners) > 0:
         times = np.union1d(times, corners)

@@ -46,7 +46,10 @@ def _intervals(
     """Return the intervals of one waypoint on the scenario's clock [s], shape (M, 2)."""
     allowed = _allowed(scenario, waypoints, number, times)
     padded = np.concatenate([[False], allowed, [False]])
-    first, last = np.flatnonzero(~padded[:-1] & padded[1:]), np.flatnonzero(padded[:-1] & ~padded[1:]) - 1
+    first, last = (
+        np.flatnonzero(~padded[:-1] & padded[1:]),
+        np.flatnonzero(padded[:-1] & ~padded[1:]) - 1,
+    )
 
     def end(inner: FloatArray, outer: FloatArray) -> FloatArray:
         """Return allowed times next to forbidden ones, between an allowed and a forbidden one."""
@@ -79,7 +82,6 @@ def _allowed(
         if len(own := np.flatnonzero(members == vehicle)) == 0:
             continue
         tolerance = each.tolerances(fleet, scenario.names)[own[0]] + waypoints.within[number]
-        near = scenario.grid.rounding
-        due = (times >= interval[0] - near) & (times <= interval[1] + near)
+        due = scenario.grid.clock.within(times, interval)
         allowed &= ~due | (each.set.signed_distance(places - each.offset(times)) <= tolerance)
     return allowed

@@ -147,9 +147,7 @@ class WaypointTimes:
     @cached_property
     def _limited(self) -> Scenario:
         """The same with limits alone, which a motion flown slower keeps."""
-        return dataclasses.replace(
-            self._convex, disturbance=None, requirements=(), smoothing=None
-        )
+        return dataclasses.replace(self._convex, disturbance=None, requirements=(), smoothing=None)
 
     @cached_property
     def _first(self) -> Passing:
@@ -202,11 +200,16 @@ class WaypointTimes:
 
     def _in_view(self, timed: Timed) -> Timed:
         """Return a motion in the scenario with all that is convex, at times that are allowed."""
-        return dataclasses.replace(timed, scenario=self._convex, passing=self._within(timed.passing))
+        return dataclasses.replace(
+            timed, scenario=self._convex, passing=self._within(timed.passing)
+        )
 
     def _within(self, passing: Passing) -> Passing:
         """Return waypoints at allowed times near theirs, with the intervals around these."""
-        times, allowed = np.array(passing.times), np.tile([0.0, self._without.grid.duration], (len(passing), 1))
+        times, allowed = (
+            np.array(passing.times),
+            np.tile([0.0, self._without.grid.duration], (len(passing), 1)),
+        )
         for w in np.flatnonzero(~passing.given):
             intervals = self._allowed[w]
             if len(intervals) == 0:
@@ -230,7 +233,9 @@ class WaypointTimes:
         """Return a motion that misses the waypoints least, or hardly; None if there is none."""
         scale = start.problem.effort.units
         scale = float(np.sum(scale**2)) * start.accelerations.shape[1]
-        price *= (scale + cost_of(start.scenario.fleet, start.accelerations)) / float(start.scenario.fleet.lengths.max())
+        price *= (scale + cost_of(start.scenario.fleet, start.accelerations)) / float(
+            start.scenario.fleet.lengths.max()
+        )
         passing = dataclasses.replace(start.passing, price=price)
         search = LeastTime(self._backend, self._progress, final_time=False)
         found = search.around(dataclasses.replace(start, passing=passing), _ROUGHLY)
