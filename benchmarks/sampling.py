@@ -66,13 +66,14 @@ def _beyond(plan: Plan, i: int, positions: FloatArray, velocities: FloatArray) -
     """Return the largest violation of the boxes of vehicle i at its knots, over a box's side."""
     scenario, accelerations = plan.scenario, plan.accelerations[i]
     vehicle = scenario.vehicles[i]
-    limits, before = scenario.limits_of(vehicle), vehicle.start.acceleration
-    with_before = accelerations if before is None else np.vstack([before, accelerations])
+    limits = scenario.limits_of(vehicle)
+    ends = vehicle.start.acceleration_outside, vehicle.goal.acceleration_outside
+    jerks = np.diff(np.vstack([ends[0], accelerations, ends[1]]), axis=0) / scenario.grid.step
     return max(
         _excess(positions, limits.position),
         _excess(velocities, limits.velocity),
         _excess(accelerations, limits.acceleration),
-        _excess(np.diff(with_before, axis=0) / scenario.grid.step, limits.jerk),
+        _excess(jerks[~np.isnan(jerks[:, 0])], limits.jerk),
     )
 
 

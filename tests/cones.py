@@ -8,6 +8,7 @@ from pydrake.solvers import ClarabelSolver, MathematicalProgram
 
 import drake_rho as rho
 from drake_rho.scenario.fields import FloatArray
+from tests.scenarios import acceleration_outside
 
 TWIN = 1e-5
 """Relative tolerance for the cost of the program with cones at Drake's default tolerances.
@@ -101,14 +102,13 @@ class Twin:
         self.keep(self.velocity[:-1], coasting[:-1], self.limits.velocity)
         self.keep(self.position[:-1], self.coasting[:-1], self.limits.position)
         self.keep(self.unit * np.eye(self.n), np.zeros((self.n, 3)), self.limits.acceleration)
-        jerk = self.unit * (np.eye(self.n) - np.eye(self.n, k=-1)) / scenario.grid.step
-        before = np.zeros((self.n, 3))
-        if self.start.acceleration is None:
-            jerk, before = jerk[1:], before[1:]
-        else:
-            before[0] = -self.start.acceleration / scenario.grid.step
-        self.keep(jerk, before, self.limits.jerk)
-        for row, offset in zip(jerk, before, strict=True):
+        jerk = self.unit * (np.eye(self.n + 1, self.n) - np.eye(self.n + 1, self.n, k=-1))
+        outside = np.zeros((self.n + 1, 3))
+        outside[0], outside[-1] = -acceleration_outside(self.start), acceleration_outside(self.goal)
+        known = ~np.isnan(outside[:, 0])
+        jerk, outside = jerk[known] / scenario.grid.step, outside[known] / scenario.grid.step
+        self.keep(jerk, outside, self.limits.jerk)
+        for row, offset in zip(jerk, outside, strict=True):
             flat = self.a.reshape(-1)
             self.keep_norm(self.limits.max_jerk, np.kron(row, np.eye(3)), offset, flat)
         end = rho.Box(self.goal.velocity, self.goal.velocity)

@@ -10,7 +10,7 @@ import numpy as np
 import drake_rho as rho
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.limits import GRAVITY
-from tests.scenarios import fleet
+from tests.scenarios import acceleration_outside, fleet
 
 QUANTITIES = ("position", "velocity", "acceleration", "thrust", "jerk")
 
@@ -150,16 +150,17 @@ def _values(plan: rho.Plan, i: int, of: str, times: FloatArray) -> FloatArray:
     for each in a:
         p.append(p[-1] + h * v[-1] + h * h / 2.0 * each)
         v.append(v[-1] + h * each)
-    before = vehicle.start.acceleration
-    jerks = np.diff(a, axis=0, prepend=np.full((1, 3), np.nan) if before is None else [before]) / h
-    k = np.clip(np.floor((times - grid.start) / h + 1e-7).astype(int), 0, grid.knots - 2)
+    ends = (acceleration_outside(each)[None] for each in (vehicle.start, vehicle.goal))
+    jerks = np.diff(a, axis=0, prepend=next(ends), append=next(ends)) / h
+    knot = np.floor((times - grid.start) / h + 1e-7).astype(int)
+    k = np.clip(knot, 0, grid.knots - 2)
     s = (times - grid.start - h * k)[:, None]
     found: dict[str, FloatArray] = {
         "position": np.array(p)[k] + s * np.array(v)[k] + s * s / 2.0 * a[k],
         "velocity": np.array(v)[k] + s * a[k],
         "acceleration": a[k],
         "thrust": a[k] + [0.0, 0.0, GRAVITY],
-        "jerk": jerks[k],
+        "jerk": jerks[np.clip(knot, 0, grid.knots - 1)],
     }
     return found[of]
 

@@ -52,6 +52,13 @@ def single(
     )
 
 
+def acceleration_outside(state: rho.State) -> np.ndarray:
+    """Return the acceleration before a start or after a goal, zero at rest; NaN if not known."""
+    if state.acceleration is not None:
+        return state.acceleration
+    return np.full(3, np.nan) if np.any(state.velocity) else np.zeros(3)
+
+
 def mapped(
     scenario: rho.Scenario,
     turn: np.ndarray,

@@ -25,11 +25,11 @@ def _wandering(vehicles: int, seed: int) -> rho.Plan:
 def _every_pair(plan: rho.Plan, separation: rho.Separation) -> dict[tuple[int, int], Motion]:
     """Return the relative motion of every pair, scaled so that the separation is a sphere."""
     whole = plan.motion()
-    parts = (whole.positions, whole.velocities, whole.accelerations, whole.before)
-    p, v, a, before = (separation.scaled(part) for part in parts)
+    parts = whole.positions, whole.velocities, whole.accelerations, whole.before, whole.after
+    scaled = [separation.scaled(part) for part in parts]
     return {
-        (i, j): Motion(whole.step, p[i] - p[j], v[i] - v[j], a[i] - a[j], before[i] - before[j])
-        for i, j in combinations(range(len(p)), 2)
+        (i, j): Motion(whole.step, *(each[i] - each[j] for each in scaled))
+        for i, j in combinations(range(len(scaled[0])), 2)
     }
 
 

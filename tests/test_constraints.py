@@ -125,8 +125,11 @@ def test_a_vehicle_that_starts_at_its_goal_stays() -> None:
     assert plan.cost == pytest.approx(0.0, abs=1e-12)
 
 
-def test_a_jerk_box_without_zero_leaves_a_free_first_acceleration_alone() -> None:
+def test_a_jerk_box_without_zero_leaves_unknown_accelerations_in_motion_alone() -> None:
     braking = rho.Limits(jerk=rho.Box([-1.0, -1.0, -1.0], [-0.01, 1.0, 1.0]))
-    plan = rho.plan_convex(single(limits=braking))
+    start, goal = rho.State([0, 0, 0], [1, 0, 0]), rho.State([10, 4, -2], [1, 0, 0])
+    plan = rho.plan_convex(single(limits=braking, start=start, goal=goal))
     assert rho.verify(plan).ok
     assert np.all(np.diff(plan.accelerations[0, :, 0]) / 0.5 <= -0.01 + 1e-6)
+    with pytest.raises(rho.InfeasibleError):  # from rest to rest it begins and ends at zero
+        rho.plan_convex(single(limits=braking))

@@ -28,7 +28,7 @@ PRECISION = 1e-8
 
 def _motions(p: np.ndarray, v: np.ndarray, a: np.ndarray, h: float) -> Motion:
     """Return motions from starts of shape (N, 3) with accelerations of shape (N, K-1, 3)."""
-    return Motion(h, *roll_out(p, v, a, h), a, np.full(p.shape, np.nan))
+    return Motion(h, *roll_out(p, v, a, h), a, *2 * [np.full(p.shape, np.nan)])
 
 
 def _random(seed: int) -> tuple[Motion, float]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 import numpy as np
@@ -69,11 +70,16 @@ def test_responses_equal_the_motion_at_any_time(seed: int) -> None:
 def test_jerk_is_equation_7(seed: int, given_before: bool) -> None:
     start, motion = _random_motion(seed, given_before)
     a, h = motion.accelerations, motion.step
-    jerk = motion.at("jerk", h * np.arange(len(a)))
-    np.testing.assert_allclose(jerk[1:], (a[1:] - a[:-1]) / h, rtol=ROUNDING)
-    first = np.zeros(3) if start.acceleration is None else (a[0] - start.acceleration) / h
+    after = np.array([1.0, -2.0, 0.5])
+    motion = dataclasses.replace(motion, after=after)
+    jerk = motion.at("jerk", h * np.arange(len(a) + 1))
+    np.testing.assert_array_equal(jerk, motion.jerks())
+    np.testing.assert_allclose(jerk[1:-1], (a[1:] - a[:-1]) / h, rtol=ROUNDING)
+    first = np.full(3, np.nan) if start.acceleration is None else (a[0] - start.acceleration) / h
     np.testing.assert_allclose(jerk[0], first, rtol=ROUNDING)
-    answer = response("jerk", h, len(a) + 1, h * np.arange(1, len(a))) @ a
+    np.testing.assert_allclose(jerk[-1], (after - a[-1]) / h, rtol=ROUNDING)
+    answer = response("jerk", h, len(a) + 1, h * np.arange(1, len(a) + 1)) @ a
+    answer[-1] += after / h
     np.testing.assert_allclose(answer, jerk[1:], rtol=ROUNDING, atol=ROUNDING / h)
 
 
@@ -90,7 +96,7 @@ def test_acceleration_and_jerk_belong_to_the_step_of_a_time(
     values = motion.at(quantity, times)
     known = a if quantity == "acceleration" else np.diff(a, axis=0, prepend=[motion.before]) / h
     np.testing.assert_array_equal(values, known)
-    states = motion.positions, motion.velocities, a, motion.before
+    states = motion.positions, motion.velocities, a, motion.before, motion.after
     several = Motion(h, *(np.stack([np.zeros_like(each), each]) for each in states))
     own = several.each_at(quantity, np.ones(len(a), dtype=int), times)
     np.testing.assert_array_equal(own, known)
@@ -136,12 +142,14 @@ def test_the_trajectory_in_drake_is_the_plan(paper: rho.Scenario) -> None:
             np.testing.assert_allclose(theirs, ours, rtol=ROUNDING, atol=1e-6)
 
 
-def test_the_jerk_of_a_plan_includes_the_acceleration_before_it() -> None:
+def test_the_jerks_of_a_plan_include_the_accelerations_outside_of_it() -> None:
     start = rho.State([0, 0, 0], acceleration=[5.0, 0.0, 0.0])
-    plan = rho.plan_convex(single(start=start))
+    goal = rho.State([10, 4, -2], acceleration=[0.0, 3.0, 0.0])
+    plan = rho.plan_convex(single(start=start, goal=goal))
     jerk = plan.motion().at("jerk", plan.times)
+    assert jerk.shape == (1, 17, 3)
     np.testing.assert_allclose(jerk[0, 0], (plan.accelerations[0, 0] - [5, 0, 0]) / 0.5)
-    np.testing.assert_array_equal(jerk[0, -1], jerk[0, -2])  # the last knot begins no step
+    np.testing.assert_allclose(jerk[0, -1], ([0, 3, 0] - plan.accelerations[0, -1]) / 0.5)
     np.testing.assert_array_equal(plan.motion().at("position", 2.0)[:, 0], plan.positions[:, 4])
 
 

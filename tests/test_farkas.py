@@ -19,7 +19,7 @@ from scipy.optimize import linprog
 import drake_rho as rho
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.scp.minimum_violation import minimum_violation
-from tests.scenarios import box, random_scenario, single
+from tests.scenarios import acceleration_outside, box, random_scenario, single
 from tests.tolerances import INDEX
 
 Rows = list[tuple[str, np.ndarray, float]]
@@ -37,15 +37,16 @@ def _states(scenario: rho.Scenario, vehicle: rho.Vehicle, axis: int) -> dict[str
     """Return M and r of each quantity along an axis: at the knots it is M @ a + r."""
     h, n = scenario.grid.step, scenario.grid.knots - 1
     before = np.arange(n + 1)[:, None] - np.arange(n)
-    p, v, a = vehicle.start.position[axis], vehicle.start.velocity[axis], vehicle.start.acceleration
-    jerk = (np.eye(n) - np.eye(n, k=-1)) / h
-    first = np.zeros(n)
-    first[0] = np.nan if a is None else -a[axis] / h
+    p, v = vehicle.start.position[axis], vehicle.start.velocity[axis]
+    jerk = (np.eye(n + 1, n) - np.eye(n + 1, n, k=-1)) / h
+    outside = np.zeros(n + 1)
+    outside[0] = -acceleration_outside(vehicle.start)[axis] / h
+    outside[-1] = acceleration_outside(vehicle.goal)[axis] / h
     return {
         "position": (h**2 * np.maximum(before - 0.5, 0.0), p + h * np.arange(n + 1) * v),
         "velocity": (h * (before > 0), np.full(n + 1, v)),
         "acceleration": (np.eye(n), np.zeros(n)),
-        "jerk": (jerk, first),
+        "jerk": (jerk, outside),
     }
 
 
@@ -67,7 +68,7 @@ def _box_rows(
     bounds, h = getattr(scenario.limits_of(vehicle), kind), scenario.grid.step
     inner = kind in ("position", "velocity")
     rows: Rows = []
-    for k in range(int(inner), scenario.grid.knots - 1):
+    for k in range(int(inner), scenario.grid.knots - (kind != "jerk")):
         if first - h / 2 < h * k < last + h / 2 and not np.isnan(rest[k]):
             rows.append((kind, matrix[k], bounds.lower[axis] - rest[k]))
             rows.append((kind, -matrix[k], rest[k] - bounds.upper[axis]))

@@ -123,7 +123,7 @@ def test_multipliers_do_not_depend_on_the_form() -> None:
 @pytest.mark.parametrize("kind", ["velocity", "acceleration", "jerk", "position"])
 def test_a_limit_that_is_active_at_hundreds_of_knots_holds(kind: str) -> None:
     """With more rows than a small program has, the sparse form gives the same plan."""
-    boxes = {"velocity": 1.5, "acceleration": 0.75, "jerk": 0.6, "position": 20.0}
+    boxes = {"velocity": 1.5, "acceleration": 0.75, "jerk": 1.0, "position": 20.0}
     start = rho.State([0, 0, 0], acceleration=[0, 0, 0])
     bound: Any = {kind: box(boxes[kind])}
     limits = rho.Limits(**bound)
@@ -131,7 +131,7 @@ def test_a_limit_that_is_active_at_hundreds_of_knots_holds(kind: str) -> None:
         limits = rho.Limits(position=rho.Box([-1, -1, -3], [10.2, 5, 1]))
         start = rho.State([0, 0, 0], [6, 1, 1])
     fine = single(limits=limits, start=start, grid=rho.Grid(8 / 800, 801), between_knots=True)
-    coarse = dataclasses.replace(fine, grid=rho.Grid(8 / 100, 101))
+    coarse = dataclasses.replace(fine, grid=rho.Grid(8 / 200, 201))
     plan = rho.plan_convex(fine)
     assert rho.verify(plan).ok
     assert plan.statistics.rows > (10 if kind == "position" else 100)

@@ -19,7 +19,7 @@ from drake_rho.planning.constraints.goals import goals_of
 from drake_rho.planning.constraints.keep_out import across, side_of
 from drake_rho.planning.constraints.margins import margins_of
 from drake_rho.planning.problem import Problem
-from tests.scenarios import box, fleet, single
+from tests.scenarios import acceleration_outside, box, fleet, single
 from tests.tolerances import ROUNDING
 
 seeds = st.integers(0, 2**32 - 1)
@@ -63,18 +63,27 @@ def _places(rows: HalfSpaces) -> set[tuple[int, int, float]]:
     return {(vehicle, side, round(time, 9)) for vehicle, side, time in every}
 
 
+def _limited_knots(scenario: rho.Scenario, vehicle: int, kind: Any) -> tuple[int, int]:
+    """Return the first and the last knot at which a box limits a quantity."""
+    first, last = int(kind in ("position", "velocity")), scenario.grid.knots - 2
+    if kind == "jerk":
+        own = scenario.vehicles[vehicle]
+        first = int(np.isnan(acceleration_outside(own.start)[0]))
+        last += int(not np.isnan(acceleration_outside(own.goal)[0]))
+    return first, last
+
+
 def _slow_box_rows(
     scenario: rho.Scenario, motion: Motion, kind: Any, vehicles: list[int]
 ) -> set[tuple[int, int, float]]:
     """Return the violated sides at the knots by loops over vehicles and knots."""
-    found, h, knots = set(), scenario.grid.step, scenario.grid.knots
-    inner = kind in ("position", "velocity")
+    found, h = set(), scenario.grid.step
     for vehicle in vehicles:
         bounds = getattr(scenario.limits_of(scenario.vehicles[vehicle]), kind)
         if bounds is None:
             continue
-        free = scenario.vehicles[vehicle].start.acceleration is None
-        for k in range(int(inner or (kind == "jerk" and free)), knots - 1):
+        first, last = _limited_knots(scenario, vehicle, kind)
+        for k in range(first, last + 1):
             value = motion.values(kind)[vehicle, k]
             for axis in range(3):
                 if value[axis] < bounds.lower[axis]:
@@ -106,13 +115,11 @@ def test_neighbours_of_a_violated_row_are_the_same_side_at_the_next_knots(seed: 
     for constraint in boxes_of(scenario, margins_of(scenario)):
         few = _places(constraint.violated_rows(motion, every))
         more = _places(constraint.violated_rows(motion, every, neighbours=1))
-        h, inner = scenario.grid.step, constraint.quantity in ("position", "velocity")
-        wanted = set()
+        h, wanted = scenario.grid.step, set()
         for vehicle, side, time in few:
-            jerk = constraint.quantity == "jerk"
-            first = inner or (jerk and scenario.vehicles[vehicle].start.acceleration is None)
+            first, last = _limited_knots(scenario, vehicle, constraint.quantity)
             for k in range(round(time / h) - 1, round(time / h) + 2):
-                if int(first) <= k < scenario.grid.knots - 1:
+                if first <= k <= last:
                     wanted.add((vehicle, side, round(h * k, 9)))
         assert more == wanted
 

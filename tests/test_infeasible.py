@@ -69,7 +69,7 @@ def test_an_error_names_no_axis_of_the_goal_without_conflict() -> None:
     grid = rho.Grid.lasting(20.0, step=20.0 / 99)
     with pytest.raises(rho.InfeasibleError) as caught:
         rho.plan_convex(single(start=start, goal=goal, limits=limits, grid=grid))
-    assert caught.value.conflicts == {"solo": ("goal x", "jerk box x from 0 s to 19.798 s")}
+    assert caught.value.conflicts == {"solo": ("goal x", "jerk box x from 0 s to 20 s")}
 
 
 def test_a_conflicting_obstacle_is_named_with_its_times() -> None:

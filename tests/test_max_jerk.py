@@ -14,25 +14,28 @@ from drake_rho.planning.programs.backend import SolverName
 from drake_rho.scenario.fields import FloatArray
 from tests.cones import TWIN, twin_cost
 from tests.disturbed import disturbed
-from tests.scenarios import box, fleet, mapped, single
+from tests.scenarios import acceleration_outside, box, fleet, mapped, single
 from tests.tolerances import INDEX
 
-FROM_REST = rho.State([0.0, 0.0, 0.0], acceleration=[0.0, 0.0, 0.0])
+FROM_REST = rho.State([0.0, 0.0, 0.0])
+MOVING = rho.State([0.0, 0.0, 0.0], [0.5, 0.0, 0.0])
+PUSHED = rho.State([0.0, 0.0, 0.0], acceleration=[0.2, -0.1, 0.0])
 SPHERE = rho.Sphere([5.0, 2.2, -0.9], 1.5)
 
 
 def _jerks(plan: rho.Plan) -> FloatArray:
-    """Return the norms of the jerks [m/s³], by (7), shape (N, K-1); NaN where none is before."""
-    first = [vehicle.start.acceleration for vehicle in plan.scenario.vehicles]
-    before = np.array([np.full(3, np.nan) if each is None else each for each in first])
-    a = np.concatenate([before[:, None], plan.accelerations], axis=1)
+    """Return the norms of the jerks [m/s³], by (7), shape (N, K); NaN where they are free."""
+    vehicles = plan.scenario.vehicles
+    before = np.array([acceleration_outside(each.start) for each in vehicles])
+    after = np.array([acceleration_outside(each.goal) for each in vehicles])
+    a = np.concatenate([before[:, None], plan.accelerations, after[:, None]], axis=1)
     jerks: FloatArray = np.linalg.norm(np.diff(a, axis=1), axis=2) / plan.scenario.grid.step
     return jerks
 
 
-@pytest.mark.parametrize("start", [None, FROM_REST], ids=["any first", "from rest"])
-@pytest.mark.parametrize("most", [0.36, 0.6, 1.0])
-def test_it_holds_and_costs_what_the_cones_cost(start: rho.State | None, most: float) -> None:
+@pytest.mark.parametrize("start", [MOVING, PUSHED, FROM_REST], ids=["free", "pushed", "at rest"])
+@pytest.mark.parametrize("most", [0.4, 0.8, 1.5])
+def test_it_holds_and_costs_what_the_cones_cost(start: rho.State, most: float) -> None:
     scenario = single(limits=rho.Limits(max_jerk=most), start=start)
     known = twin_cost(scenario)
     if known is None:
@@ -42,17 +45,17 @@ def test_it_holds_and_costs_what_the_cones_cost(start: rho.State | None, most: f
     plan = rho.plan(scenario)
     assert plan.cost == pytest.approx(known, rel=TWIN)
     assert np.nanmax(_jerks(plan)) <= most * (1.0 + 1e-6)
-    assert np.isnan(_jerks(plan)[:, 0]).all() == (start is None)
+    assert np.isnan(_jerks(plan)[:, 0]).all() == (start is MOVING)
     assert rho.verify(plan).ok
 
 
 @pytest.mark.parametrize("solver", ["clarabel", "daqp"])
 def test_it_binds_past_an_obstacle_at_every_instant(solver: SolverName) -> None:
     free = single(obstacles=[SPHERE], between_knots=True)
-    limited = dataclasses.replace(free, limits=rho.Limits(max_jerk=0.353))
+    limited = dataclasses.replace(free, limits=rho.Limits(max_jerk=0.8))
     loose, tight = (rho.plan(each, solver=solver) for each in (free, limited))
-    assert np.nanmax(_jerks(loose)) > 0.356
-    assert np.nanmax(_jerks(tight)) == pytest.approx(0.353, rel=1e-6)
+    assert np.nanmax(_jerks(loose)) > 0.9
+    assert np.nanmax(_jerks(tight)) == pytest.approx(0.8, rel=1e-6)
     assert tight.cost > loose.cost
     assert rho.verify(tight).ok
     assert not rho.verify(rho.Plan.from_accelerations(limited, loose.accelerations)).ok
@@ -60,9 +63,8 @@ def test_it_binds_past_an_obstacle_at_every_instant(solver: SolverName) -> None:
 
 
 def test_along_one_axis_it_is_the_box_of_jerks() -> None:
-    along = {"start": FROM_REST, "goal": rho.State([10.0, 0.0, 0.0])}
     ball, sides = (
-        rho.plan(single(limits=limits, **along))  # type: ignore[arg-type]  # states
+        rho.plan(single(limits=limits, goal=rho.State([10.0, 0.0, 0.0])))
         for limits in (rho.Limits(max_jerk=0.7), rho.Limits(jerk=box(0.7)))
     )
     assert ball.cost == pytest.approx(sides.cost, rel=INDEX)
@@ -72,7 +74,7 @@ def test_along_one_axis_it_is_the_box_of_jerks() -> None:
 @given(seed=st.integers(0, 2**32 - 1))
 @settings(max_examples=2)
 def test_it_is_the_same_in_every_direction(seed: int) -> None:
-    scenario = single(limits=rho.Limits(max_jerk=0.6), start=FROM_REST, obstacles=[SPHERE])
+    scenario = single(limits=rho.Limits(max_jerk=0.8), obstacles=[SPHERE])
     turn = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))[0]
     turned = mapped(scenario, turn, np.zeros(3), length=2.0, time=3.0)
     one, other = rho.plan(scenario), rho.plan(turned)
@@ -81,10 +83,7 @@ def test_it_is_the_same_in_every_direction(seed: int) -> None:
 
 def test_each_vehicle_has_its_own() -> None:
     scenario = fleet([[0, 0, 0], [0, 5, 0]], [[10, 0, 0], [10, 5, 0]])
-    one, other = (
-        dataclasses.replace(each, start=rho.State(each.start.position, acceleration=[0, 0, 0]))
-        for each in scenario.vehicles
-    )
+    one, other = scenario.vehicles
     other = dataclasses.replace(other, limits=rho.Limits(max_jerk=0.4))
     plan = rho.plan(dataclasses.replace(scenario, vehicles=(one, other)))
     first, second = np.nanmax(_jerks(plan), axis=1)
@@ -93,10 +92,10 @@ def test_each_vehicle_has_its_own() -> None:
 
 
 def test_windows_keep_it_from_the_acceleration_that_was_flown() -> None:
-    scenario = single(limits=rho.Limits(max_jerk=0.6), start=FROM_REST, obstacles=[SPHERE])
+    scenario = single(limits=rho.Limits(max_jerk=0.8), obstacles=[SPHERE])
     flight = rho.plan_rho(scenario, replan_every=2)
     assert rho.verify(flight).ok
-    assert np.nanmax(_jerks(flight.plan)) == pytest.approx(0.6, rel=1e-6)
+    assert np.nanmax(_jerks(flight.plan)) == pytest.approx(0.8, rel=1e-6)
 
 
 def test_disturbed_flights_keep_it_in_their_plans() -> None:
@@ -109,7 +108,7 @@ def test_disturbed_flights_keep_it_in_their_plans() -> None:
 
 
 def test_a_reason_is_given_where_it_leaves_no_plan() -> None:
-    scenario = single(limits=rho.Limits(max_jerk=0.02), start=FROM_REST)
+    scenario = single(limits=rho.Limits(max_jerk=0.02))
     found = rho.diagnose(scenario)
     assert any("maximum jerk" in name for name in found.conflicts["solo"])
     assert found.shortest_duration is not None
@@ -123,8 +122,8 @@ def test_what_is_no_limit_is_told(most: object) -> None:
 
 
 def test_figures_show_it() -> None:
-    plan = rho.plan(single(limits=rho.Limits(max_jerk=0.353)))
+    plan = rho.plan(single(limits=rho.Limits(max_jerk=0.8)))
     panel = rho.accelerations_figure(plan).axes[3]
     assert "j" in panel.get_ylabel()
-    (limit,) = [line for line in panel.lines if np.all(np.asarray(line.get_ydata()) == 0.353)]
+    (limit,) = [line for line in panel.lines if np.all(np.asarray(line.get_ydata()) == 0.8)]
     assert limit.get_linestyle() == "--"

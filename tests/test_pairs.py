@@ -28,7 +28,7 @@ def _swarm(seed: int) -> tuple[Motion, rho.Separation]:
     a = size / h**2 * rng.normal(size=(count, steps, 3)) * rng.integers(0, 2)
     if rng.random() < 0.3:
         p[1], v[1], a[1] = p[0], v[0], a[0]
-    motion = Motion(h, *roll_out(p, v, a, h), a, np.full((count, 3), np.nan))
+    motion = Motion(h, *roll_out(p, v, a, h), a, *2 * [np.full((count, 3), np.nan)])
     return motion, rho.Separation(size * rng.uniform(0.1, 2.0), rng.choice([0.5, 1.0, 2.0]))
 
 
@@ -92,7 +92,7 @@ def test_pairs_equal_a_visit_to_every_pair_in_every_search_mode(
     rng = np.random.default_rng(count)
     p, v = 3.0 * rng.normal(size=(80, 3)), rng.normal(size=(80, 3))
     a = rng.normal(size=(80, 25, 3))
-    motion = Motion(0.3, *roll_out(p, v, a, 0.3), a, np.full((80, 3), np.nan))
+    motion = Motion(0.3, *roll_out(p, v, a, 0.3), a, *2 * [np.full((80, 3), np.nan)])
     separation = rho.Separation(1.0, 2.0)
     of = np.sort(rng.permutation(80)[:count]) if count else None
     found = list[CloseApproaches]()
@@ -114,7 +114,7 @@ def test_an_encounter_in_the_middle_of_a_step_is_found() -> None:
     p = np.array([[[-5.0, 0.0, 0.0]], [[5.0, 3.0, 4.0]]])
     v = np.array([[[2.0, 0.0, 0.0]], [[-2.0, 0.0, 0.0]]])
     a = np.zeros((2, 5, 3))
-    motion = Motion(1.0, *roll_out(p[:, 0], v[:, 0], a, 1.0), a, np.full((2, 3), np.nan))
+    motion = Motion(1.0, *roll_out(p[:, 0], v[:, 0], a, 1.0), a, *2 * [np.full((2, 3), np.nan)])
     found = close_pairs(motion, rho.Separation(4.0, 2.0), 4.0)
     best = np.argmin(found.distances)
     assert (found.one[best], found.other[best]) == (0, 1)

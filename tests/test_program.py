@@ -13,7 +13,7 @@ from scipy.optimize import LinearConstraint, minimize
 
 import drake_rho as rho
 from drake_rho.scenario.fields import FloatArray
-from tests.scenarios import box, scenarios, single
+from tests.scenarios import acceleration_outside, box, scenarios, single
 from tests.tolerances import INDEX, MOTION
 
 
@@ -47,13 +47,12 @@ def symbolic_twin(scenario: rho.Scenario, reference: rho.Plan) -> FloatArray | N
                 for row in states:
                     program.AddBoundingBoxConstraint(bounds.lower, bounds.upper, row)
         if limits.jerk is not None:
-            if vehicle.start.acceleration is not None:
-                a = np.concatenate([[vehicle.start.acceleration], a])
-            for before, after in pairwise(a):
+            outside = [acceleration_outside(each) for each in (vehicle.start, vehicle.goal)]
+            known = [[each] * (not np.isnan(each).any()) for each in outside]
+            for before, after in pairwise([*known[0], *a, *known[1]]):
                 jerk = (after - before) / h
                 program.AddLinearConstraint(ge(jerk, limits.jerk.lower))
                 program.AddLinearConstraint(le(jerk, limits.jerk.upper))
-            a = a[len(a) - K + 1 :]
         for sphere in scenario.spheres:
             for k in range(1, K - 1):
                 q = reference.positions[index, k] - sphere.center

@@ -84,9 +84,9 @@ GRID = rho.Grid(1.0, 5)
         ],
         (lambda: rho.Vehicle("", STATE, STATE), "vehicle.name", "at least 1 character"),
         (
-            lambda: rho.Vehicle("a", STATE, rho.State([0, 0, 0], acceleration=[0, 0, 0])),
-            "vehicle.goal.acceleration",
-            "no acceleration",
+            lambda: rho.Vehicle("a", STATE, rho.State([0, 0, 0], acceleration=[0, 0])),
+            "state.acceleration",
+            "three finite numbers",
         ),
         (lambda: rho.Scenario("s", GRID, ()), "scenario.vehicles", "at least 1"),
         (

@@ -116,7 +116,7 @@ def _at_rest(seed: int, knots: int = 9) -> Motion:
     a[:, -1] -= a.sum(axis=1)  # ends at rest
     p = np.zeros((2, 3))
     positions, velocities = roll_out(p, p, a, 0.5)
-    return Motion(0.5, positions, velocities, a, np.full((2, 3), np.nan))
+    return Motion(0.5, positions, velocities, a, *2 * [np.full((2, 3), np.nan)])
 
 
 @given(st.integers(0, 2**32 - 1), st.floats(0.01, 0.5), st.sampled_from([1, 2, 3]))

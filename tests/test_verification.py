@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 
 import drake_rho as rho
-from tests.scenarios import box, scenarios, single
+from tests.scenarios import acceleration_outside, box, scenarios, single
 
 
 @pytest.fixture(scope="module")
@@ -225,12 +225,12 @@ def test_random_plans_hold_in_an_independent_check(scenario: rho.Scenario) -> No
     for index, vehicle in enumerate(scenario.vehicles):
         limits = scenario.limits_of(vehicle)
         p, v = vehicle.start.position.copy(), vehicle.start.velocity.copy()
-        before = vehicle.start.acceleration
+        before, after = map(acceleration_outside, (vehicle.start, vehicle.goal))
         way = scenario.fleet.lengths[scenario.index_of(vehicle.name)]
         for a in plan.accelerations[index]:
             for sphere in scenario.spheres:
                 assert np.linalg.norm(p - sphere.center) >= sphere.radius * (1 - 2e-6)
-            jerk = np.zeros(3) if before is None else (a - before) / h
+            jerk = np.nan_to_num((a - before) / h)
             T = scenario.grid.duration
             for value, bounds, scale in (
                 (p, limits.position, 1.0),
@@ -243,6 +243,9 @@ def test_random_plans_hold_in_an_independent_check(scenario: rho.Scenario) -> No
                     assert np.all(value >= bounds.lower - room)
                     assert np.all(value <= bounds.upper + room)
             p, v, before = p + h * v + h**2 / 2 * a, v + h * a, a
+        if limits.jerk is not None:
+            jerk, room = np.nan_to_num((after - before) / h), 2e-6 * way / (T**2 * h)
+            assert np.all((jerk >= limits.jerk.lower - room) & (jerk <= limits.jerk.upper + room))
         assert np.linalg.norm(p - vehicle.goal.position) <= 1e-6 * way
         assert np.linalg.norm(v - vehicle.goal.velocity) <= 1e-6 * way / scenario.grid.duration
 

@@ -74,8 +74,7 @@ class TimesAlone:
         From rest to rest without waypoints the least time of one vehicle is that of a convex
         program. Obstacles, other vehicles and a disturbance leave fewer motions.
         """
-        fleet = self._scenario.fleet
-        moving = fleet.start_velocities.any() or fleet.goal_velocities.any()
+        moving = not self._scenario.fleet.are_at_rest
         without = np.bincount(self._waypoints.vehicles, minlength=len(self.durations)) == 0
         if moving or not without.any():
             return None

@@ -58,6 +58,7 @@ def _with_two_steps(motion: Motion) -> Motion:
         motion.at("velocity", times),
         np.repeat(motion.accelerations, 2, axis=1),
         motion.before,
+        motion.after,
     )
 
 

@@ -22,11 +22,6 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
 
-def acceleration_before(start: State) -> FloatArray:
-    """Return the acceleration just before the first knot [m/s²], shape (3,); NaN if not given."""
-    return np.full(3, np.nan) if start.acceleration is None else start.acceleration
-
-
 def roll_out(
     position: FloatArray, velocity: FloatArray, accelerations: FloatArray, step: float
 ) -> tuple[FloatArray, FloatArray]:
@@ -57,8 +52,9 @@ class Motion:
         positions: at the knots [m], shape (..., K, 3).
         velocities: at the knots [m/s], shape (..., K, 3).
         accelerations: in the steps [m/s²], shape (..., K-1, 3).
-        before: acceleration just before the first knot [m/s²], shape (..., 3); NaN where it is not
-            given, so that the first knot has no jerk.
+        before: acceleration just before the first knot [m/s²], shape (..., 3); NaN where it is
+            unknown, and with it the jerk there.
+        after: the same just after the last knot [m/s²], shape (..., 3).
         flown: accelerations of the steps before the first knot that averages reach [m/s²], shape
             (..., REACHED, 3); None for motions that begin at rest.
     """
@@ -68,25 +64,30 @@ class Motion:
     velocities: FloatArray
     accelerations: FloatArray
     before: FloatArray
+    after: FloatArray
     flown: FloatArray | None = None
 
     @classmethod
     def from_start(cls, start: State, accelerations: FloatArray, step: float) -> Self:
-        """Return the motion of one vehicle from `start` with `accelerations`, shape (K-1, 3)."""
+        """Return the motion of one vehicle from `start` with `accelerations`, shape (K-1, 3).
+
+        What it does after the last knot is unknown.
+        """
         p, v = roll_out(start.position, start.velocity, accelerations, step)
-        return cls(step, p, v, accelerations, acceleration_before(start))
+        return cls(step, p, v, accelerations, start.acceleration_outside, np.full(3, np.nan))
 
     @classmethod
     def from_starts(cls, fleet: Fleet, accelerations: FloatArray, step: float) -> Self:
         """Return the motions of a fleet from its starts with `accelerations`, (N, K-1, 3)."""
         p, v = roll_out(fleet.start_positions, fleet.start_velocities, accelerations, step)
-        return cls(step, p, v, accelerations, fleet.accelerations_before, fleet.flown)
+        ends = fleet.accelerations_before, fleet.accelerations_after
+        return cls(step, p, v, accelerations, *ends, fleet.flown)
 
     def with_accelerations(self, accelerations: FloatArray) -> Motion:
         """Return the motions with other accelerations from the same starts."""
         p, v = self.positions[..., 0, :], self.velocities[..., 0, :]
         p, v = roll_out(p, v, accelerations, self.step)
-        return Motion(self.step, p, v, accelerations, self.before, self.flown)
+        return Motion(self.step, p, v, accelerations, self.before, self.after, self.flown)
 
     def with_vehicles(self, vehicles: IntArray, accelerations: FloatArray) -> Motion:
         """Return the motions with other accelerations of some vehicles.
@@ -110,7 +111,7 @@ class Motion:
             start = self.positions[vehicles, 0], self.velocities[vehicles, 0]
             p[vehicles], v[vehicles] = roll_out(*start, accelerations, self.step)
             a[vehicles] = accelerations
-        return Motion(self.step, p, v, a, self.before, self.flown)
+        return Motion(self.step, p, v, a, self.before, self.after, self.flown)
 
     def subdivided(self, pieces: int) -> Motion:
         """Return the same motions with each step divided into equal pieces.
@@ -132,7 +133,8 @@ class Motion:
             for each, last in zip(states, (self.positions, self.velocities), strict=True)
         )
         repeated = np.repeat(self.accelerations, pieces, axis=-2)
-        return Motion(self.step / pieces, positions, velocities, repeated, self.before, self.flown)
+        ends = self.before, self.after
+        return Motion(self.step / pieces, positions, velocities, repeated, *ends, self.flown)
 
     def of(self, vehicles: IntArray | slice) -> Motion:
         """Return the motions of some of the vehicles."""
@@ -142,14 +144,17 @@ class Motion:
             self.velocities[vehicles],
             self.accelerations[vehicles],
             self.before[vehicles],
+            self.after[vehicles],
             None if self.flown is None else self.flown[vehicles],
         )
 
     def at(self, quantity: Quantity, times: npt.ArrayLike) -> FloatArray:
         """Return the exact position [m], velocity [m/s], acceleration [m/s²] or jerk [m/s³].
 
-        The first or last step is extrapolated to times outside the flight. Acceleration and jerk
-        are those of the step that contains a time; at a knot, of the step that begins there.
+        The first or last step is extrapolated to times outside the flight. Accelerations are those
+        of the step that contains a time; at a knot, of the step that begins there. Jerks are those
+        of the last knot before a time or at it, no number where the acceleration outside of the
+        flight is unknown.
 
         Args:
             quantity: one of the four.
@@ -177,9 +182,12 @@ class Motion:
         if quantity not in (known := get_args(Quantity)):
             raise ValueError(f"quantity: got {quantity!r}, expected one of {', '.join(known)}")
         last = self.accelerations.shape[-2] - 1
-        k = np.minimum(np.maximum(step_at(times, self.step), 0), last)
-        if quantity in ("acceleration", "jerk"):
-            return pick(self.accelerations if quantity == "acceleration" else self.jerks(), k)
+        k = np.maximum(step_at(times, self.step), 0)
+        if quantity == "jerk":
+            return pick(self.jerks(), np.minimum(k, last + 1))
+        k = np.minimum(k, last)
+        if quantity == "acceleration":
+            return pick(self.accelerations, k)
         s = (times - k * self.step)[:, None]
         if quantity == "position" and not s.any():  # all times are knots, the most frequent case
             return pick(self.positions, k)
@@ -191,7 +199,7 @@ class Motion:
         return positions
 
     def values(self, quantity: Quantity) -> FloatArray:
-        """Return a quantity at the knots, (..., K, 3), or in the steps, (..., K-1, 3)."""
+        """Return a quantity at the knots, (..., K, 3), or accelerations in steps, (..., K-1, 3)."""
         if quantity == "jerk":
             return self.jerks()
         return {
@@ -201,10 +209,13 @@ class Motion:
         }[quantity]
 
     def jerks(self) -> FloatArray:
-        """Return j[k] (7) at the knots at which a step begins [m/s³], shape (..., K-1, 3)."""
-        a = self.accelerations
-        before = np.where(np.isnan(self.before), a[..., 0, :], self.before)
-        return np.diff(a, axis=-2, prepend=before[..., None, :]) / self.step
+        """Return j[k] (7) at the knots [m/s³], shape (..., K, 3).
+
+        The first is that of the change from the acceleration before the first step, the last that
+        of the change to the one after the last step. Where this is unknown it is no number.
+        """
+        ends = self.before[..., None, :], self.after[..., None, :]
+        return np.diff(self.accelerations, axis=-2, prepend=ends[0], append=ends[1]) / self.step
 
 
 def vectors_of(array: FloatArray, vehicles: IntArray, k: IntArray) -> FloatArray:
@@ -232,7 +243,7 @@ def response(quantity: Quantity, step: float, knots: int, times: npt.ArrayLike) 
     (s+^m - (s - h)+^m) / m! to the position (m = 2), the velocity (m = 1) and, continuous from the
     right, the acceleration (m = 0). Its contribution to the jerk (7) is the difference of two
     accelerations, a step apart, over h. Contributions of the state at the first knot and of the
-    acceleration before it are not included.
+    accelerations outside of the flight are not included.
 
     Args:
         quantity: position, velocity, acceleration or jerk.
@@ -272,9 +283,9 @@ def sparse_response(quantity: Quantity, step: float, knots: int, times: FloatArr
     count, k = len(times), step_at(times, step)
     entries, indices = [np.ones(count)], [np.stack([np.arange(count), k])]
     if quantity == "jerk":
-        inner = np.flatnonzero(k > 0)
-        entries = [entries[0] / step, np.full(len(inner), -1.0 / step)]
-        indices.append(np.stack([inner, k[inner] - 1]))
+        later, earlier = np.flatnonzero(k < knots - 1), np.flatnonzero(k > 0)
+        entries = [np.full(len(later), 1.0 / step), np.full(len(earlier), -1.0 / step)]
+        indices = [np.stack([later, k[later]]), np.stack([earlier, k[earlier] - 1])]
     where = np.concatenate(indices, axis=1)
     return csr_array((np.concatenate(entries), tuple(where)), shape=(count, knots - 1))
 

@@ -45,9 +45,10 @@ def closest_over_time(motion: Motion, separation: Separation, *, per_step: int) 
     closest = [closest_two(scaled[:, m]) for m in range(len(times))]
     found = [(one, other, t, d) for (one, other, d), t in zip(closest, times, strict=True)]
     least = np.array([distance for *_, distance in closest])
+    ends = motion.before, motion.after  # which distances do not depend on
     for k in range(steps):
         p, v = motion.positions[:, k : k + 2], motion.velocities[:, k : k + 2]
-        step = Motion(h, p, v, motion.accelerations[:, k : k + 1], motion.before)
+        step = Motion(h, p, v, motion.accelerations[:, k : k + 1], *ends)
         bound = least[k * per_step : (k + 1) * per_step + 1].min()
         closer = close_pairs(step, separation, float(bound))
         if len(closer) > 0:

@@ -224,6 +224,7 @@ class Plan(ShownInNotebooks, metaclass=Described):
             self.velocities,
             self.accelerations,
             self.scenario.fleet.accelerations_before,
+            self.scenario.fleet.accelerations_after,
             self.scenario.fleet.flown,
         )
 
@@ -250,7 +251,12 @@ class Plan(ShownInNotebooks, metaclass=Described):
         return [
             Motion(whole.step, *each)
             for each in zip(
-                whole.positions, whole.velocities, whole.accelerations, whole.before, strict=True
+                whole.positions,
+                whole.velocities,
+                whole.accelerations,
+                whole.before,
+                whole.after,
+                strict=True,
             )
         ]
 

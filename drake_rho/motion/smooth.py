@@ -126,7 +126,7 @@ class SmoothMotion:
         around = ((0, 0), (REACHED, REACHED), (0, 0))
         p = np.pad(own.positions, around, mode="edge")
         v, a = np.pad(own.velocities, around), np.pad(own.accelerations, around)
-        return Motion(own.step, p, v, a, own.before)
+        return Motion(own.step, p, v, a, own.before, own.after)
 
     @property
     def _flown_on(self) -> Motion:
@@ -143,6 +143,7 @@ class SmoothMotion:
             np.concatenate([v, np.pad(own.velocities, after)], axis=1),
             np.concatenate([a, np.pad(own.accelerations, after)], axis=1),
             own.before,
+            own.after,
         )
 
     def flown_until(self, knot: int) -> FloatArray:

@@ -13,7 +13,7 @@ from drake_rho.scenario.fleet import Fleet
 from drake_rho.scenario.maps.map import Map
 from drake_rho.scenario.obstacles import AnyObstacle, Obstacle
 from drake_rho.scenario.pairs import check_separation
-from drake_rho.scenario.parts import UNITS, Grid, Quantity, Separation, Vehicle
+from drake_rho.scenario.parts import UNITS, Grid, Quantity, Separation, State, Vehicle
 from drake_rho.scenario.requirements import KeepIn
 from drake_rho.scenario.waypoints import is_during_flight
 
@@ -101,7 +101,7 @@ def check_ends(
     Raises:
         ScenarioError: a start or a goal violates one of these constraints.
     """
-    check_limits(fleet, under_way=under_way)
+    check_limits(fleet, vehicles, under_way=under_way)
     margin, lead = smoothing
     ends = (
         ("start", fleet.start_positions, grid.start, -lead),
@@ -116,24 +116,33 @@ def check_ends(
             check_separation(separation, vehicles, f"{end}.position", positions)
 
 
-def check_goals_at_rest(vehicles: Sequence[Vehicle]) -> None:
+def check_goals_at_rest(
+    vehicles: Sequence[Vehicle],
+    expected: str = "none with hold_at_goal: vehicles hold at goals at rest only",
+) -> None:
     """Check that goals are at rest, where vehicles are to hold at them.
 
+    Args:
+        vehicles: the vehicles.
+        expected: what the error says was expected.
+
     Raises:
-        ScenarioError: a goal has a velocity.
+        ScenarioError: a goal has a velocity, or an acceleration after it.
     """
-    for index, vehicle in enumerate(vehicles):
-        if np.any(vehicle.goal.velocity):
-            velocity = vehicle.goal.velocity.tolist()
-            expected = "none with hold_at_goal: vehicles hold at goals at rest only"
-            raise ScenarioError(f"vehicles[{index}].goal.velocity", velocity, expected)
+    for index, each in enumerate(vehicles):
+        if not each.goal.is_at_rest:
+            moving = each.goal.velocity.any()
+            field = "velocity" if moving else "acceleration"
+            value = (each.goal.velocity if moving else each.goal.acceleration_outside).tolist()
+            raise ScenarioError(f"vehicles[{index}].goal.{field}", value, expected)
 
 
-def check_limits(fleet: Fleet, *, under_way: bool = False) -> None:
+def check_limits(fleet: Fleet, vehicles: Sequence[Vehicle], *, under_way: bool = False) -> None:
     """Check that starts and goals satisfy the limits of their vehicles.
 
     Args:
-        fleet: the vehicles.
+        fleet: the vehicles as arrays.
+        vehicles: the vehicles.
         under_way: whether starts are states that a flight has reached, which are not checked.
 
     Raises:
@@ -142,11 +151,12 @@ def check_limits(fleet: Fleet, *, under_way: bool = False) -> None:
     starts: tuple[tuple[str, Quantity, FloatArray], ...] = (
         ("start", "position", fleet.start_positions),
         ("start", "velocity", fleet.start_velocities),
-        ("start", "acceleration", fleet.accelerations_before),
+        ("start", "acceleration", _given_accelerations([each.start for each in vehicles])),
     )
     goals: tuple[tuple[str, Quantity, FloatArray], ...] = (
         ("goal", "position", fleet.goal_positions),
         ("goal", "velocity", fleet.goal_velocities),
+        ("goal", "acceleration", _given_accelerations([each.goal for each in vehicles])),
     )
     for end, quantity, values in goals if under_way else (*starts, *goals):
         bounds = fleet.bounds(quantity)
@@ -155,6 +165,12 @@ def check_limits(fleet: Fleet, *, under_way: bool = False) -> None:
         for limit in fleet.norms.values():
             if limit.kind.quantity == quantity:
                 limit.check(f"{end}.{quantity}", values)
+
+
+def _given_accelerations(states: Sequence[State]) -> FloatArray:
+    """Return the accelerations that are given [m/s²], shape (N, 3); NaN for others."""
+    given = [each.acceleration for each in states]
+    return np.array([np.full(3, np.nan) if each is None else each for each in given])
 
 
 def check_waypoints(

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from drake_rho.scenario.bounds import Bounds
-from drake_rho.scenario.fields import FloatArray
+from drake_rho.scenario.fields import BoolArray, FloatArray
 from drake_rho.scenario.limits import Limits
 from drake_rho.scenario.norms import NORMS, Norm, NormLimit
 from drake_rho.scenario.parts import Grid, Quantity, Vehicle
@@ -71,9 +71,13 @@ class Fleet:
 
     @cached_property
     def accelerations_before(self) -> FloatArray:
-        """Accelerations just before the first knot [m/s²], shape (N, 3); NaN where not given."""
-        given = [vehicle.start.acceleration for vehicle in self._vehicles]
-        return np.array([np.full(3, np.nan) if each is None else each for each in given])
+        """Accelerations just before the first knot [m/s²], shape (N, 3); NaN where unknown."""
+        return np.array([vehicle.start.acceleration_outside for vehicle in self._vehicles])
+
+    @cached_property
+    def accelerations_after(self) -> FloatArray:
+        """Accelerations just after the last knot [m/s²], shape (N, 3); NaN where unknown."""
+        return np.array([vehicle.goal.acceleration_outside for vehicle in self._vehicles])
 
     @cached_property
     def flown(self) -> FloatArray | None:
@@ -93,6 +97,18 @@ class Fleet:
     def goal_velocities(self) -> FloatArray:
         """Goal velocities v[K] [m/s], shape (N, 3)."""
         return np.array([vehicle.goal.velocity for vehicle in self._vehicles])
+
+    @property
+    def rest_at_goals(self) -> BoolArray:
+        """Mask of the vehicles that are at rest from the last knot on, shape (N,)."""
+        moving = (self.goal_velocities != 0.0) | (self.accelerations_after != 0.0)
+        return np.asarray(~np.any(moving, axis=1))
+
+    @property
+    def are_at_rest(self) -> bool:
+        """Whether all vehicles are at rest before the first knot and after the last one."""
+        starts = self.start_velocities.any() or self.accelerations_before.any()
+        return not starts and bool(self.rest_at_goals.all())
 
     @cached_property
     def waypoints(self) -> list[Waypoints]:
@@ -115,7 +131,7 @@ class Fleet:
         """Length scale of each motion [m], for scaling programs, shape (N,).
 
         It is the largest distance that a vehicle has to cover: to its goal, to its waypoints, at
-        the given velocities and acceleration during T, sideways to avoid others (the separation),
+        the given velocities and accelerations during T, sideways to avoid others (the separation),
         and sideways to avoid obstacles that move across its straight path. It does not depend on
         the origin of coordinates, but is large enough for their rounding to be negligible. It is
         1 m for a vehicle that has none of these.
@@ -127,10 +143,11 @@ class Fleet:
                 T * self.start_velocities,
                 T * self.goal_velocities,
                 T**2 * self.accelerations_before,
+                T**2 * self.accelerations_after,
                 *(each.positions - self.start_positions for each in self.waypoints),
             ]
         )
-        # fmax ignores NaN, which stands for accelerations and waypoints that are not given
+        # fmax ignores NaN, which stands for unknown accelerations and waypoints that are not given
         lengths: FloatArray = np.sqrt(np.fmax.reduce(np.vecdot(distances, distances)))
         lengths = np.maximum(np.maximum(lengths, self._separation), self._evasion_lengths())
         lengths[lengths == 0.0] = 1.0
@@ -293,6 +310,7 @@ class Fleet:
         fleet.accelerations_before = before
         fleet._whole_flight = self._whole_flight or self
         fleet.goal_positions, fleet.goal_velocities = self.goal_positions, self.goal_velocities
+        fleet.accelerations_after = self.accelerations_after
         fleet._sides, fleet._largest = self._sides, self._largest
         fleet.weights = self.weights
         return fleet

@@ -50,7 +50,8 @@ class Limits:
     acceleration: Box | None = None
     """bounds on the acceleration (5) [m/s²]"""
     jerk: Box | None = None
-    """bounds on the jerk (7), j[k] = (a[k] - a[k-1]) / h, or that of a smooth motion [m/s³]"""
+    """bounds on the jerk (7), j[k] = (a[k] - a[k-1]) / h, or that of a smooth motion [m/s³], from
+    the acceleration before the start to the one after the goal (`State.acceleration`)"""
     max_speed: Positive | None = None
     """largest norm of the velocity, in any direction [m/s]"""
     max_acceleration: Positive | None = None
@@ -72,7 +73,7 @@ class Limits:
     """largest angle between a + g e_z and the upward vertical [rad], less than a right angle: the
     largest tilt of a multicopter"""
     max_jerk: Positive | None = None
-    """largest norm of the jerk j[k] = (a[k] - a[k-1]) / h, in any direction [m/s³]"""
+    """largest norm of the jerk j[k] = (a[k] - a[k-1]) / h, in any direction [m/s³], likewise"""
 
     def overridden_by(self, own: Limits | None) -> Limits:
         """Return these limits, each replaced by that of `own` where it has one."""

@@ -163,12 +163,18 @@ class Grid:
         return self.start, 0
 
 
+_AT_REST, _UNKNOWN = read_only(np.zeros(3)), read_only(np.full(3, np.nan))
+"""Accelerations before a start, or after a goal, that are not given [m/s²]: at rest, in motion."""
+
+
 @record
 class State:
     """Position, velocity and acceleration of a vehicle at one knot.
 
     Examples:
         >>> rho.State([0, 0, 1]).velocity.tolist()  # at rest
+        [0.0, 0.0, 0.0]
+        >>> rho.State([0, 0, 1]).acceleration_outside.tolist()
         [0.0, 0.0, 0.0]
     """
 
@@ -177,8 +183,9 @@ class State:
     velocity: Vector = dataclasses.field(default_factory=lambda: read_only(np.zeros(3)))
     """v [m/s]; at rest if not given"""
     acceleration: Vector | None = None
-    """acceleration just before the first knot [m/s²], for the jerk limit (7) there; if not given,
-    that limit does not apply to the first acceleration. Not allowed in a goal."""
+    """acceleration just before the first knot or, of a goal, just after the last one [m/s²], from
+    which and to which jerks (7) are limited; if not given it is zero at rest, and in motion it is
+    unknown, so that the jerk there is not limited"""
 
     if TYPE_CHECKING:  # the constructor also accepts lists, the fields are arrays
 
@@ -188,6 +195,18 @@ class State:
             velocity: npt.ArrayLike = ...,
             acceleration: npt.ArrayLike | None = None,
         ) -> None: ...
+
+    @property
+    def is_at_rest(self) -> bool:
+        """Whether it has no velocity, and no acceleration before a start or after a goal."""
+        return not (self.velocity.any() or np.any(self.acceleration_outside))
+
+    @property
+    def acceleration_outside(self) -> FloatArray:
+        """Acceleration before a start or after a goal [m/s²], shape (3,); NaN where unknown."""
+        if self.acceleration is not None:
+            return self.acceleration
+        return _UNKNOWN if self.velocity.any() else _AT_REST
 
     @cached_property
     def flown(self) -> FloatArray | None:
@@ -298,16 +317,6 @@ class Vehicle:
                 where = f"waypoints[{index}].position"
                 raise ScenarioError(where, each.position.tolist(), expected)
             before = each
-        return self
-
-    @model_validator(mode="after")
-    def _goal_has_no_acceleration(self) -> Self:
-        if self.goal.acceleration is not None:
-            raise ScenarioError(
-                "goal.acceleration",
-                self.goal.acceleration.tolist(),
-                "no acceleration in a goal: none acts after the last knot",
-            )
         return self
 
 

@@ -319,8 +319,7 @@ class Scenario(ShownInNotebooks):
         """Indices of the vehicles that are to hold at their goals: those with a goal at rest."""
         if self.hold_at_goal is False:
             return ()
-        at_rest = enumerate(~np.any(self.fleet.goal_velocities, axis=1))
-        return tuple(index for index, rests in at_rest if rests)
+        return tuple(np.flatnonzero(self.fleet.rest_at_goals).tolist())
 
     @property
     def names(self) -> tuple[str, ...]:

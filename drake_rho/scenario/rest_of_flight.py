@@ -33,12 +33,14 @@ def from_states(
         grid: remainder of the flight.
         positions: at its first knot [m], shape (N, 3).
         velocities: at its first knot [m/s], shape (N, 3).
-        before: accelerations just before the first knot [m/s²], shape (N, 3).
+        before: accelerations just before the first knot [m/s²], shape (N, 3); NaN where unknown.
         tracking: plan that a feedback tracks since an earlier time, if there is one.
         flown: accelerations of the steps before the first knot that averages reach [m/s²],
             shape (N, REACHED, 3); none if averages begin at rest, or without a smoothing.
     """
     disturbance = scenario.disturbance and unchecked(scenario.disturbance, tracking=tracking)
+    at_rest = ~np.any(velocities, axis=1, keepdims=True)
+    before = np.where(np.isnan(before) & at_rest, 0.0, before)
     states = zip(read_only(positions), read_only(velocities), read_only(before), strict=True)
     earlier = [None] * len(scenario.vehicles) if flown is None else read_only(flown)
     vehicles = tuple(

@@ -140,14 +140,13 @@ def check_smoothing(
 def _check_rest(vehicles: Sequence[Vehicle]) -> None:
     """Check that vehicles are at rest at both ends."""
     for index, each in enumerate(vehicles):
-        before = each.start.acceleration
         given = {
-            "start.velocity": each.start.velocity,
-            "start.acceleration": np.zeros(3) if before is None else before,
-            "goal.velocity": each.goal.velocity,
+            f"{end}.{quantity}": getattr(state, quantity)
+            for end, state in (("start", each.start), ("goal", each.goal))
+            for quantity in ("velocity", "acceleration")
         }
         for field, value in given.items():
-            if np.any(value):
+            if value is not None and np.any(value):
                 expected = "zero beside smoothing: plans are extended by rest at both ends"
                 raise ScenarioError(f"vehicles[{index}].{field}", value.tolist(), expected)
 

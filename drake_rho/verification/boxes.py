@@ -18,6 +18,7 @@ from drake_rho.scenario.records import Quantity, Scenario
 from drake_rho.verification.between_samples import greatest_velocity
 from drake_rho.verification.check import AT_ALL_TIMES, AT_KNOTS, PRECISION, Column
 from drake_rho.verification.continuous_time import lowest_over_time
+from drake_rho.verification.jerks import Jerks
 from drake_rho.verification.steps import Steps
 from drake_rho.verification.trajectory import PiecewiseTrajectory
 from drake_rho.verification.tubes import ErrorRadii
@@ -35,12 +36,12 @@ def check_position_box(trajectory: PiecewiseTrajectory) -> Iterator[Column]:
     yield _check_box(scenario, "position", AT_ALL_TIMES, box, always)
 
 
-def check_boxes(trajectory: PiecewiseTrajectory, jerks: FloatArray) -> Iterator[Column]:
+def check_boxes(trajectory: PiecewiseTrajectory, jerks: Jerks) -> Iterator[Column]:
     """Verify every box that the scenario has.
 
     Args:
         trajectory: the trajectory to verify.
-        jerks: jerks of the plan at the knots that begin a step [m/s³], shape (N, K-1, 3).
+        jerks: jerks of the plan.
     """
     scenario, bounds = trajectory.scenario, trajectory.scenario.fleet.bounds
     position = list(check_position_box(trajectory))
@@ -59,10 +60,8 @@ def check_boxes(trajectory: PiecewiseTrajectory, jerks: FloatArray) -> Iterator[
         found = _extremes_at_all_times(trajectory, box, 3)
         yield _check_box(scenario, "jerk", AT_KNOTS, box, found)
     elif box is not None:
-        # the first jerk is unlimited where the acceleration before the first knot is not given
-        skipped = np.isnan(scenario.fleet.accelerations_before[:, 0])
-        times = scenario.grid.times[:-1]
-        found = _extremes_at(times, jerks, np.zeros(len(times)), skipped)
+        knots = scenario.grid.times
+        found = _extremes_at(knots, jerks.values, np.zeros(len(knots)), jerks.free)
         yield _check_box(scenario, "jerk", AT_KNOTS, box, found)
     yield from position[1:]
 
@@ -84,11 +83,11 @@ def _extremes_at(
 ) -> _Extremes:
     """Return the extremes of values (N, M, 3) at times (M,), widened by error radii (M,).
 
-    The first value of a vehicle marked in `skipped`, shape (N,), is ignored.
+    Values marked in `skipped`, shape (N, M), are ignored.
     """
     low, high = np.array(values), np.array(values)
     if skipped is not None:
-        low[skipped, 0], high[skipped, 0] = np.inf, -np.inf
+        low[skipped], high[skipped] = np.inf, -np.inf
     radii = errors[:, None]
     least, most = np.argmin(low - radii, axis=1), np.argmax(high + radii, axis=1)
     both = [

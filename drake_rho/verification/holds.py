@@ -28,6 +28,7 @@ from drake_rho.verification.boxes import check_boxes
 from drake_rho.verification.check import PRECISION, Check, Column
 from drake_rho.verification.closest_pairs import ellipsoid_distance
 from drake_rho.verification.continuous_time import AnyLower, least_over_time
+from drake_rho.verification.jerks import Jerks
 from drake_rho.verification.kinds import refuse_unknown
 from drake_rho.verification.maps import encounters
 from drake_rho.verification.norms import check_norms
@@ -105,7 +106,7 @@ class _PlanCheck:
         trajectory, scenario = self.trajectory, self.trajectory.scenario
         if obstacles is None:
             yield self._states_are_right, lambda: check_planned(self.plan, self.stepwise)
-            jerks = self.plan.motion().jerks()
+            jerks = Jerks.of(scenario, self.plan.accelerations)
             yield (lambda: self._boxes_are_kept(jerks)), lambda: check_boxes(trajectory, jerks)
             yield (lambda: self._norms_are_kept(jerks)), lambda: check_norms(trajectory, jerks)
             yield (lambda: not scenario.fleet.waypoints), lambda: check_waypoints(trajectory)
@@ -140,7 +141,7 @@ class _PlanCheck:
                 return False
         return True
 
-    def _boxes_are_kept(self, jerks: FloatArray) -> bool:
+    def _boxes_are_kept(self, jerks: Jerks) -> bool:
         bounds, trajectory = self.trajectory.scenario.fleet.bounds, self.trajectory
         p, v, a, h = (
             trajectory.positions,
@@ -168,9 +169,10 @@ class _PlanCheck:
             "acceleration", a, a, self.radii.acceleration
         ):
             return False
-        return bounds("jerk") is None or self._inside(
-            "jerk", jerks, jerks, np.zeros(jerks.shape[1])
-        )
+        if bounds("jerk") is None:
+            return True
+        limited = jerks.limited
+        return self._inside("jerk", limited, limited, np.zeros(limited.shape[1]))
 
     def _inside(
         self, quantity: Quantity, low: FloatArray, high: FloatArray, radii: FloatArray
@@ -182,17 +184,17 @@ class _PlanCheck:
         lower, upper = box.lower[:, None] + tightening, box.upper[:, None] - tightening
         return bool(((low >= lower) & (high <= upper)).all())
 
-    def _norms_are_kept(self, jerks: FloatArray) -> bool:
+    def _norms_are_kept(self, jerks: Jerks) -> bool:
         limits, trajectory, radii = (
             self.trajectory.scenario.fleet.norms,
             self.trajectory,
             self.radii,
         )
-        upright = np.array([0.0, 0.0, GRAVITY])
+        upright, limited = np.array([0.0, 0.0, GRAVITY]), jerks.limited
         vectors = {
             "max_speed": (trajectory.velocities, np.maximum(*_beside(radii.velocity))),
             "max_acceleration": (trajectory.commands, radii.acceleration),
-            "max_jerk": (jerks, np.zeros(jerks.shape[1])),
+            "max_jerk": (limited, np.zeros(limited.shape[1])),
             "max_thrust": (trajectory.commands + upright, radii.acceleration),
         }
         if limits.keys() - vectors.keys():  # decided by the full check

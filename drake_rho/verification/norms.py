@@ -1,8 +1,8 @@
 """Limits on norms, verified at the knots, which suffices for every instant.
 
 The velocity is linear in a step, so its norm, which is convex, is largest at a knot. Accelerations,
-jerks, thrust and tilt are constant in a step. With velocity errors the largest speed occurs at a
-sample of the feedback.
+thrust and tilt are constant in a step, and jerks are their changes at the knots. With velocity
+errors the largest speed occurs at a sample of the feedback.
 """
 
 from __future__ import annotations
@@ -18,16 +18,17 @@ from drake_rho.scenario.norms import NormLimit
 from drake_rho.scenario.parts import UNITS
 from drake_rho.verification.between_samples import Maximum, greatest_velocity
 from drake_rho.verification.check import PRECISION, Column
+from drake_rho.verification.jerks import Jerks
 from drake_rho.verification.smooth_extremes import greatest_of_smooth
 from drake_rho.verification.trajectory import PiecewiseTrajectory
 
 
-def check_norms(trajectory: PiecewiseTrajectory, jerks: FloatArray) -> Iterator[Column]:
+def check_norms(trajectory: PiecewiseTrajectory, jerks: Jerks) -> Iterator[Column]:
     """Yield the check of every limit on a norm that the scenario has.
 
     Args:
         trajectory: of all vehicles.
-        jerks: of the plan, at the knots that begin a step [m/s³], shape (N, K-1, 3).
+        jerks: jerks of the plan.
     """
     limits, times, errors = trajectory.scenario.fleet.norms, trajectory.times, trajectory.feedback
     thrusts = trajectory.commands + np.array([0.0, 0.0, GRAVITY])
@@ -41,12 +42,8 @@ def check_norms(trajectory: PiecewiseTrajectory, jerks: FloatArray) -> Iterator[
         found = _greatest_norm(times, trajectory.commands, errors)
         yield _check_norm(limits["max_acceleration"], found, unit)
     if "max_jerk" in limits:
-        # the first jerk has no limit where no acceleration is given before
-        skipped = np.isnan(trajectory.scenario.fleet.accelerations_before[:, 0])
-        limited = np.array(jerks)
-        limited[skipped, 0] = 0.0
-        begins = trajectory.scenario.grid.times[:-1]
-        found = _greatest_norm(begins, limited, np.zeros(len(begins)))
+        knots = trajectory.scenario.grid.times
+        found = _greatest_norm(knots, jerks.limited, np.zeros(len(knots)))
         yield _check_norm(limits["max_jerk"], found, UNITS["jerk"])
     if "max_thrust" in limits:
         yield _check_norm(limits["max_thrust"], _greatest_norm(times, thrusts, errors), unit)

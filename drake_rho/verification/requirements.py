@@ -20,17 +20,18 @@ from drake_rho.scenario.requirements import KeepIn
 from drake_rho.scenario.times import Clock
 from drake_rho.verification.check import AT_ALL_TIMES, AT_KNOTS, PRECISION, Column
 from drake_rho.verification.highest_over_time import Highest, highest_over_time
+from drake_rho.verification.jerks import Jerks
 from drake_rho.verification.smooth_extremes import highest_of_steps
 from drake_rho.verification.steps import Steps
 from drake_rho.verification.trajectory import PiecewiseTrajectory
 
 
-def check_requirements(trajectory: PiecewiseTrajectory, jerks: FloatArray) -> Iterator[Column]:
+def check_requirements(trajectory: PiecewiseTrajectory, jerks: Jerks) -> Iterator[Column]:
     """Yield the checks of every requirement that is active in the flight.
 
     Args:
         trajectory: of all vehicles.
-        jerks: of the plan, at the knots that begin a step [m/s³], shape (N, K-1, 3).
+        jerks: jerks of the plan.
     """
     scenario = trajectory.scenario
     for number, asked in enumerate(scenario.requirements, start=1):
@@ -294,22 +295,21 @@ class _Check:
         errors = self._vehicles * self.trajectory.feedback[chosen]
         return _worst_of(begins[chosen], distances, errors)
 
-    def jerks(self, jerks: FloatArray) -> Highest:
+    def jerks(self, jerks: Jerks) -> Highest:
         """Return the worst jerks of the plan, which has no errors, or of the smooth motion."""
         if self.trajectory.higher is not None:
             errors = self.trajectory.errors_of(3)
             return self._highest_of_smooth(self.trajectory.derivatives(3), errors)
         grid = self.trajectory.scenario.grid
-        begins = grid.elapsed[:-1]
-        chosen = self._steps(begins, begins + grid.step)
-        distances = np.array(self.requirement.set.signed_distance(self._relative(jerks[:, chosen])))
-        unknown = np.isnan(self.trajectory.scenario.fleet.accelerations_before[:, 0])
-        free = unknown[self.members]
+        times = grid.elapsed
+        chosen = self._steps(times, times + grid.step)
+        values, free = jerks.values[:, chosen], jerks.free[self.members][:, chosen]
         if self.partner is not None:
-            free = free | unknown[self.partner]
-        if chosen[0]:  # the first jerk needs an acceleration before the first knot
-            distances[free, 0] = -np.inf
-        return _worst_of(begins[chosen], distances, np.zeros(int(chosen.sum())))
+            free = free | jerks.free[self.partner, chosen]
+        relative = np.where(free[..., None], 0.0, self._relative(values))
+        distances = np.asarray(self.requirement.set.signed_distance(relative))
+        distances = np.where(free, -np.inf, distances)
+        return _worst_of(times[chosen], distances, np.zeros(int(chosen.sum())))
 
 
 def _worst_of(times: FloatArray, distances: FloatArray, errors: FloatArray) -> Highest:

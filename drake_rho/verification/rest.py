@@ -24,6 +24,7 @@ from drake_rho.scenario.times import Clock
 from drake_rho.scenario.tracks import Track
 from drake_rho.verification.boxes import check_boxes
 from drake_rho.verification.check import AT_ALL_TIMES, AT_KNOTS, Column
+from drake_rho.verification.jerks import Jerks
 from drake_rho.verification.norms import check_norms
 from drake_rho.verification.obstacles import check_obstacle
 from drake_rho.verification.requirements import check_requirements
@@ -127,12 +128,11 @@ class Rest:
     @property
     def checks(self) -> list[Check]:
         """Functions that verify all constraints of a trajectory, each some of them."""
-        jerks = np.zeros((len(self.scenario.vehicles), 1, 3))
         obstacles = range(1, len(self.scenario.bodies) + 1)
         return [
-            lambda rest: check_boxes(rest, jerks),
-            lambda rest: check_norms(rest, jerks),
-            lambda rest: check_requirements(rest, jerks),
+            lambda rest: check_boxes(rest, Jerks.at_rest(rest.scenario)),
+            lambda rest: check_norms(rest, Jerks.at_rest(rest.scenario)),
+            lambda rest: check_requirements(rest, Jerks.at_rest(rest.scenario)),
             *(partial(check_obstacle, number=number) for number in obstacles),
             check_separation,
         ]

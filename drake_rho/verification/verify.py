@@ -13,6 +13,7 @@ from drake_rho.scenario.arguments import checked
 from drake_rho.verification.averages import averaged
 from drake_rho.verification.boxes import check_boxes
 from drake_rho.verification.check import Check
+from drake_rho.verification.jerks import Jerks, notes_on_free_jerks
 from drake_rho.verification.kinds import refuse_unchecked
 from drake_rho.verification.norms import check_norms
 from drake_rho.verification.notes import (
@@ -64,6 +65,10 @@ def verify(flown: Flown) -> Report:
     velocities, accelerations and jerks are verified at every instant too, with the largest error
     radius in each of its polynomials.
 
+    Jerks are limited from the acceleration before the start to the one after the goal, which are
+    zero at rest. For a start or a goal in motion whose acceleration is not given they are not, and
+    a note says so.
+
     Vehicles whose goals are at rest hold there after the end (`drake_rho.verification.rest`). Notes
     name those that cannot do so for ever and until when they can, unless the scenario says
     otherwise (`hold_at_goal`); if it requires it, there are checks, which count.
@@ -94,7 +99,7 @@ def verify(flown: Flown) -> Report:
     last = flown.windows[-1].plan.scenario if flown.windows else flown.scenario
     with np.errstate(over="ignore", invalid="ignore"):  # values that overflow become NaN or inf
         if (simulation := flown.simulation) is not None:
-            trajectory, jerks = trajectory_of(simulation), flown.plan.motion().jerks()
+            trajectory = trajectory_of(simulation)
             own = check_simulated(simulation, trajectory)
             notes = notes_on_simulation(simulation, trajectory)
         else:
@@ -102,8 +107,9 @@ def verify(flown: Flown) -> Report:
             fleet, grid = plan.scenario.fleet, plan.scenario.grid
             motion = Motion.from_starts(fleet, plan.accelerations, grid.step)
             trajectory = PiecewiseTrajectory.of(plan.scenario, motion, Tubes.of(flown))
-            own, jerks = check_planned(plan, trajectory), motion.jerks()
+            own = check_planned(plan, trajectory)
             trajectory, notes = averaged(trajectory), notes_on(trajectory)
+        jerks = Jerks.of(flown.plan.scenario, flown.plan.accelerations)
         columns = [
             *own,
             *check_boxes(trajectory, jerks),
@@ -126,7 +132,8 @@ def verify(flown: Flown) -> Report:
         dataclasses.replace(each, avoided=_is_avoided(each) and each.obstacle not in hit)
         for each in flown.sightings
     )
-    notes = (*notes, *notes_on_tracks(scenario), *notes_on_uncertainty(scenario))
+    about = (notes_on_free_jerks, notes_on_tracks, notes_on_uncertainty)
+    notes = (*notes, *(note for notes_of in about for note in notes_of(scenario)))
     return Report(scenario, checks, summary, sightings, notes)
 
 

@@ -103,7 +103,8 @@ class TrueMotion:
         times = np.asarray(step * np.arange(steps + 1), dtype=np.float64)
         p, v = record.states(grid.start + times)
         a = np.diff(v, axis=1) / step
-        return Motion(step, p, v, a, self.scenario.fleet.accelerations_before)
+        fleet = self.scenario.fleet
+        return Motion(step, p, v, a, fleet.accelerations_before, fleet.accelerations_after)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -158,8 +159,9 @@ class StraightLines:
     def motion(self) -> Motion:
         """Return the motion as a function of the time since the first knot."""
         still = np.zeros((len(self.positions), self.scenario.grid.knots - 1, 3))
-        before = self.scenario.fleet.accelerations_before
-        return Motion(self.scenario.grid.step, self.positions, self.velocities, still, before)
+        unknown = np.full((len(still), 3), np.nan)
+        states = self.positions, self.velocities
+        return Motion(self.scenario.grid.step, *states, still, unknown, unknown)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -207,7 +209,8 @@ class Smoothed:
         step, steps = grid.step / _SMOOTH_PARTS, _SMOOTH_PARTS * (grid.knots - 1)
         states = self.plan.sampled(np.asarray(step * np.arange(steps + 1), dtype=np.float64))
         p, v = states.positions, states.velocities
-        return Motion(step, p, v, np.diff(v, axis=1) / step, np.full((len(p), 3), np.nan))
+        unknown = np.full((len(p), 3), np.nan)
+        return Motion(step, p, v, np.diff(v, axis=1) / step, unknown, unknown)
 
 
 def drawn(flown: Flown | StraightLines | Smoothed) -> Drawn:
@@ -259,9 +262,9 @@ def closest_two(shown: Drawn, separation: Separation) -> CloseApproaches:
 
 
 def planned_jerks(shown: Drawn) -> FloatArray:
-    """Return the jerks of the plan that is flown [m/s³], shape (N, K-1, 3).
+    """Return the jerks of the plan that is flown at its knots [m/s³], shape (N, K, 3).
 
-    The first is no number where no acceleration is given before it.
+    The first is no number where the acceleration before it is unknown, and so is the last.
     """
     if isinstance(shown, Smoothed):
         return shown.plan.motion().jerks()

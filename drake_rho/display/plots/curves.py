@@ -152,7 +152,8 @@ def draw_norm(ax: Axes, plan: Drawn, norm: Norm) -> list[Line2D]:
             for index in range(len(exact))
         ]
     else:
-        ends, values = plan.times, planned_jerks(plan)
+        grid, values = plan.scenario.grid, planned_jerks(plan)
+        ends = np.asarray(grid.start + grid.step * (np.arange(grid.knots + 1.0) - 0.5))
         if limit.kind.quantity == "acceleration":
             ends, values = commands(plan)
         steps = _rounded(limit.kind.measured(values))

@@ -35,6 +35,16 @@ _SOFT_SEARCHES = 5
 """Limit on the searches for worst instants between knots, for constraints with a penalty."""
 
 
+def constrained_knots(quantity: Quantity) -> slice:
+    """Return the knots at which limits of a quantity apply.
+
+    The first and the last position and velocity are given, and no step begins at the last knot.
+    """
+    if quantity in ("position", "velocity"):
+        return slice(1, -1)
+    return slice(None) if quantity == "jerk" else slice(-1)
+
+
 @dataclasses.dataclass(frozen=True)
 class Quadratic:
     """Nonconvex constraints before linearisation: norm(scales * (x(t) - c))² >= size² per row."""

@@ -11,12 +11,18 @@ import numpy as np
 
 from drake_rho.motion.dynamics import Motion
 from drake_rho.motion.extremes import turning_points
-from drake_rho.planning.constraints.base import END_MARGIN, VIOLATED, Constraint, HalfSpaces
-from drake_rho.planning.constraints.margins import Margins, PlanMargins, without_errors
-from drake_rho.planning.constraints.smooth_jerks import smooth_jerks
+from drake_rho.planning.constraints.base import (
+    END_MARGIN,
+    VIOLATED,
+    Constraint,
+    HalfSpaces,
+    constrained_knots,
+)
+from drake_rho.planning.constraints.margins import Margins, PlanMargins
+from drake_rho.planning.constraints.smooth_jerks import jerk_factor
 from drake_rho.planning.constraints.stretches import with_neighbours
 from drake_rho.scenario.bounds import Bounds
-from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
+from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.parts import Quantity
 from drake_rho.scenario.records import Scenario
 
@@ -48,31 +54,22 @@ class KeepInBox(Constraint):
         if between:
             return self._violated_between(motion, vehicles)
         values = motion.values(self.quantity)[:, self.first : self.first + len(self.times)]
-        (least, most), before = self._extremes, motion.before
+        least, most = self._extremes
         if len(vehicles) < len(values):
-            values, before = values[vehicles], before[vehicles]
-            least, most = least[vehicles], most[vehicles]
+            values, least, most = values[vehicles], least[vehicles], most[vehicles]
         if self.margins.tube is not None:
             inside = self._margins[:, None]
             least, most = least + inside, most - inside
-        low, high = values < least, values > most
+        low, high = values < least, values > most  # neither where a jerk is unknown
         if not (low | high).any():
             return self.none
-        violated = np.concatenate([low, high], axis=2)
-        if self._first_may_be_free:
-            violated[np.isnan(before[:, 0]), 0] = False
-        violated = np.moveaxis(violated, 2, 1)
+        violated = np.moveaxis(np.concatenate([low, high], axis=2), 2, 1)
         if neighbours > 0:
             runs = np.repeat(np.arange(6 * len(vehicles)), len(self.times))
             selected = with_neighbours(violated.reshape(-1), runs, neighbours)
-            violated = selected.reshape(violated.shape) & self._required_knots(before)
+            violated = selected.reshape(violated.shape) & ~np.isnan(values[:, None, :, 0])
         which, sides, knots = np.nonzero(violated)
         return self.rows(vehicles[which], sides, self.times[knots])
-
-    @property
-    def _first_may_be_free(self) -> bool:
-        """Whether the first value is a jerk to which no acceleration before may be given."""
-        return self.quantity == "jerk" and self.first == 0
 
     @cached_property
     def _extremes(self) -> tuple[FloatArray, FloatArray]:
@@ -85,13 +82,6 @@ class KeepInBox(Constraint):
         """Margins at the constrained knots, shape (T,)."""
         knots = self.margins.knots[self.quantity]
         return knots[self.first : self.first + len(self.times)]
-
-    def _required_knots(self, before: FloatArray) -> BoolArray:
-        """Return a mask of the constrained knots, shape (P, 1, T); a first jerk may be free."""
-        required = np.ones((len(before), 1, len(self.times)), dtype=bool)
-        if self._first_may_be_free:
-            required[np.isnan(before[:, 0]), :, 0] = False
-        return required
 
     def _violated_between(self, motion: Motion, vehicles: IntArray) -> HalfSpaces:
         times, positions = turning_points(motion.of(vehicles))
@@ -119,15 +109,15 @@ class KeepInBox(Constraint):
         """Return the rows of all sides that a box has at all constrained knots.
 
         Args:
-            motion: the motion of all vehicles, which tells where a first jerk is free.
+            motion: the motion of all vehicles, which tells where jerks are unknown and so free.
         """
         count, knots = len(motion.before), len(self.times)
         vehicles, rest = np.divmod(np.arange(6 * count * knots), 6 * knots)
         sides, k = np.divmod(rest, knots)
         rows = self.rows(vehicles, sides, self.times[k])
         needed = np.isfinite(rows.bounds)
-        if self._first_may_be_free:
-            needed &= (k > 0) | ~np.isnan(motion.before[vehicles, 0])
+        if self.quantity == "jerk":
+            needed &= ~np.isnan(motion.jerks()[vehicles, k, 0])
         return rows.select(needed)
 
     def detail(self, rows: HalfSpaces, names: Sequence[str]) -> str:
@@ -141,7 +131,8 @@ def boxes_of(scenario: Scenario, margins: PlanMargins) -> list[Constraint]:
 
     Positions and velocities are not constrained at the first and the last knot, where start and
     goal fix them. Between knots only positions can violate a box: velocities are linear there,
-    accelerations and jerks are constant.
+    accelerations are constant, and jerks are their changes at the knots. Those of averages follow
+    from these (`jerk_factor`).
     """
     boxes = list[Constraint]()
     for quantity in QUANTITIES:
@@ -150,39 +141,20 @@ def boxes_of(scenario: Scenario, margins: PlanMargins) -> list[Constraint]:
             continue
         inner = quantity in ("position", "velocity")
         own, pieces = margins.of(quantity)
-        times = own.grid.elapsed
+        times, factor = own.grid.elapsed, jerk_factor(scenario) if quantity == "jerk" else None
         boxes.append(
             KeepInBox(
                 kind=quantity,
                 key=quantity,
                 name=f"{quantity} box",
                 quantity=quantity,
-                bounds=bounds,
-                times=times[1:-1] if inner else times[:-1],
+                bounds=bounds if factor is None else bounds.scaled(factor),
+                per_width=factor is not None,
+                times=times[constrained_knots(quantity)],
                 first=int(inner),
                 margins=own,
                 pieces=pieces,
                 searches=sys.maxsize * (scenario.between_knots and quantity == "position"),
             )
         )
-        if quantity == "jerk" and scenario.smoothing is not None:
-            boxes[-1:] = _of_smooth_jerks(scenario, bounds)
     return boxes
-
-
-def _of_smooth_jerks(scenario: Scenario, bounds: Bounds) -> list[Constraint]:
-    """Return the boxes of what jerks of averages follow from (`smooth_jerks`)."""
-    return [
-        KeepInBox(
-            kind="jerk",
-            key=each.key("jerk"),
-            name="jerk box",
-            quantity=each.quantity,
-            bounds=bounds.scaled(each.factor),
-            times=each.times,
-            first=each.first,
-            margins=without_errors(scenario.grid),
-            per_width=True,
-        )
-        for each in smooth_jerks(scenario)
-    ]

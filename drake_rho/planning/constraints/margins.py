@@ -19,6 +19,9 @@ from drake_rho.scenario.parts import Grid, Quantity
 from drake_rho.scenario.records import Scenario
 from drake_rho.scenario.times import Clock
 
+_AT_KNOTS: tuple[Quantity, ...] = ("position", "velocity", "jerk")
+"""Quantities with a value at every knot."""
+
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Margins:
@@ -36,7 +39,7 @@ class Margins:
     steps: dict[Quantity, FloatArray]
     """margins in each step, in the quantity's unit, shape (K-1,) each"""
     knots: dict[Quantity, FloatArray]
-    """margins at each knot, or in the step that begins there, in the quantity's unit"""
+    """margins at each knot, (K,), of accelerations in the step that begins there, (K-1,)"""
     tube: ErrorTube | None = None
     """error tube with these radii; None without a disturbance"""
 
@@ -127,8 +130,8 @@ def without_errors(grid: Grid) -> Margins:
 def _none(step: float, knots: int, start: float) -> Margins:
     quantities: tuple[Quantity, ...] = ("position", "velocity", "acceleration", "jerk")
     steps = {each: np.zeros(knots - 1) for each in quantities}
-    inner = {each: np.zeros(knots) for each in quantities[:2]}
-    return Margins(Grid(step, knots, start), steps, steps | inner)
+    every = {each: np.zeros(knots) for each in _AT_KNOTS}
+    return Margins(Grid(step, knots, start), steps, steps | every)
 
 
 def _of_positions(none: Margins, margins: FloatArray) -> Margins:
@@ -150,7 +153,8 @@ def _around(tube: ErrorTube, start: float, count: int, pieces: int, between_knot
         "jerk": np.zeros(len(greatest.position)),
     }
     knots = dict(steps)
-    knots["position"], knots["velocity"] = _greater(steps["position"]), _greater(steps["velocity"])
+    for quantity in _AT_KNOTS:
+        knots[quantity] = _greater(steps[quantity])
     if not between_knots:  # positions are constrained at knots only
         knots["position"] = greatest.ends
     return Margins(grid, steps, knots, tube)
@@ -180,8 +184,7 @@ def _reached(tube: ErrorTube, step: float, knots: int, start: float, lead: float
         "acceleration": tube.acceleration_over(begins, ends),
         "jerk": np.zeros(knots - 1),
     }
-    inner: tuple[Quantity, ...] = ("position", "velocity")
-    return Margins(grid, steps, steps | {each: _greater(steps[each]) for each in inner}, tube)
+    return Margins(grid, steps, steps | {each: _greater(steps[each]) for each in _AT_KNOTS}, tube)
 
 
 def _greater(steps: FloatArray) -> FloatArray:

@@ -7,13 +7,13 @@ import dataclasses
 import numpy as np
 
 from drake_rho.motion.dynamics import Motion
-from drake_rho.planning.constraints.base import Constraint
+from drake_rho.planning.constraints.base import Constraint, constrained_knots
 from drake_rho.planning.constraints.convex_sets import EvaluatedValues, KeepInSets
-from drake_rho.planning.constraints.margins import PlanMargins, without_errors
-from drake_rho.planning.constraints.smooth_jerks import smooth_jerks
+from drake_rho.planning.constraints.margins import PlanMargins
+from drake_rho.planning.constraints.smooth_jerks import jerk_factor
 from drake_rho.scenario.convex_sets import Balls
 from drake_rho.scenario.fields import FloatArray, IntArray
-from drake_rho.scenario.norms import NORMS, NormLimit
+from drake_rho.scenario.norms import NORMS
 from drake_rho.scenario.records import Scenario
 
 
@@ -21,8 +21,8 @@ from drake_rho.scenario.records import Scenario
 class KeepInNorm(KeepInSets):
     """Limit on a norm, imposed at the knots.
 
-    Velocities are linear between knots, accelerations and jerks constant. A motion that is in a
-    convex set at all knots is therefore in it at every instant.
+    Velocities are linear between knots, accelerations constant, and jerks are their changes at the
+    knots. A motion that is in a convex set at all knots is therefore in it at every instant.
     """
 
     times: FloatArray
@@ -36,61 +36,40 @@ class KeepInNorm(KeepInSets):
         motion = motion.subdivided(self.pieces)
         values = motion.values(self.quantity)[vehicles, knots].reshape(-1, 3)
         who, times = np.repeat(vehicles, len(self.times)), np.tile(self.times, len(vehicles))
-        if self.quantity == "jerk":  # the first acceleration may be free of a jerk limit
-            limited = (times > 0.0) | ~np.isnan(motion.before[who, 0])
-            who, times, values = who[limited], times[limited], values[limited]
+        if self.quantity == "jerk":  # unknown ones are not limited
+            known = ~np.isnan(values[:, 0])
+            who, times, values = who[known], times[known], values[known]
         return EvaluatedValues(who, times, values)
 
 
 def norms_of(scenario: Scenario, margins: PlanMargins) -> list[Constraint]:
     """Return the norm constraints of all vehicles.
 
-    The first and the last velocity are not constrained, since start and goal fix them.
+    The first and the last velocity are not constrained, since start and goal fix them. Jerks of
+    averages follow from those of the plan (`jerk_factor`).
     """
     norms = list[Constraint]()
     for norm in NORMS:
         if norm not in scenario.fleet.norms:
             continue
         limit = scenario.fleet.norms[norm]
-        inner = limit.kind.quantity == "velocity"
-        own, pieces = margins.of(limit.kind.quantity)
-        times = own.grid.elapsed
+        quantity, sets = limit.kind.quantity, limit.sets
+        factor = jerk_factor(scenario) if quantity == "jerk" else None
+        if factor is not None:
+            sets = Balls(factor * sets.origins, factor * sets.tolerances, factor * limit.limits)
+        own, pieces = margins.of(quantity)
         norms.append(
             KeepInNorm(
                 kind=norm,
                 key=norm,
                 name=limit.kind.name,
-                quantity=limit.kind.quantity,
-                sets=limit.sets,
-                times=times[1:-1] if inner else times[:-1],
-                first=int(inner),
+                quantity=quantity,
+                sets=sets,
+                per_width=factor is not None,
+                times=own.grid.elapsed[constrained_knots(quantity)],
+                first=int(quantity == "velocity"),
                 margins=own,
                 pieces=pieces,
             )
         )
-        if limit.kind.quantity == "jerk" and scenario.smoothing is not None:
-            norms[-1:] = _of_smooth_jerks(scenario, limit)
     return norms
-
-
-def _of_smooth_jerks(scenario: Scenario, limit: NormLimit) -> list[Constraint]:
-    """Return the limits of what jerks of averages follow from (`smooth_jerks`)."""
-    sets = limit.sets
-    return [
-        KeepInNorm(
-            kind=limit.field,
-            key=each.key(limit.field),
-            name=limit.kind.name,
-            quantity=each.quantity,
-            sets=Balls(
-                each.factor * sets.origins,
-                abs(each.factor) * sets.tolerances,
-                abs(each.factor) * limit.limits,
-            ),
-            times=each.times,
-            first=each.first,
-            margins=without_errors(scenario.grid),
-            per_width=True,
-        )
-        for each in smooth_jerks(scenario)
-    ]

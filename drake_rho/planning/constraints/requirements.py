@@ -10,10 +10,15 @@ from typing import Self
 
 import numpy as np
 
-from drake_rho.motion.dynamics import Motion, step_at
-from drake_rho.planning.constraints.base import END_MARGIN, Constraint, HalfSpaces
-from drake_rho.planning.constraints.margins import Margins, PlanMargins, without_errors
-from drake_rho.planning.constraints.smooth_jerks import Scaled, smooth_jerks
+from drake_rho.motion.dynamics import Motion
+from drake_rho.planning.constraints.base import (
+    END_MARGIN,
+    Constraint,
+    HalfSpaces,
+    constrained_knots,
+)
+from drake_rho.planning.constraints.margins import Margins, PlanMargins
+from drake_rho.planning.constraints.smooth_jerks import Scaled, jerk_factor
 from drake_rho.planning.constraints.stretches import with_neighbours
 from drake_rho.planning.constraints.worst_instants import worst_instants
 from drake_rho.scenario.convex_sets import AROUND_BALL
@@ -76,8 +81,10 @@ class KeepInSet(Constraint):
         else:
             who = np.repeat(members, len(self._instants))
             times = np.tile(self._instants, len(members))
-        who, times = self._without_free_jerks(motion, who, times)
         values = self._values(motion, who, times)
+        if self.quantity == "jerk":  # unknown ones are not limited
+            known = ~np.isnan(values[:, 0])
+            who, times, values = who[known], times[known], values[known]
         offset = self.requirement.offset(times, clock=self.clock)
         distances = self.requirement.set.signed_distance(values - offset)
         if self._velocity_jumps:  # the moving point has another velocity before a corner
@@ -113,17 +120,17 @@ class KeepInSet(Constraint):
     def _instants(self) -> FloatArray:
         """Times of rows that are not sought between knots, since the first knot [s], (T,).
 
-        Accelerations and jerks are those of the steps that the interval meets. Velocities are
-        linear in a step, so that they also count at the ends of the interval and at corners. The
-        states at the first and the last knot are given.
+        Accelerations are those of the steps that the interval meets, and so are jerks, each of the
+        change at the beginning of a step, with that at the last knot. Of averages jerks are those
+        at knots. Velocities are linear in a step, so that they also count at the ends of the
+        interval and at corners. The states at the first and the last knot are given.
         """
         (first, last), h, T = self._interval, self.grid.step, self.grid.duration
         knots = self.margins.grid.elapsed if self.every_instant else self.grid.elapsed
-        if self.per_width and self.quantity == "jerk":
-            inner = self.grid.elapsed[1:-1]
-            return np.asarray(inner[self.clock.within(inner, self._interval)])
         if self.quantity in ("acceleration", "jerk"):
-            begins = self.grid.elapsed[:-1]
+            begins = self.grid.elapsed[constrained_knots(self.quantity)]
+            if self.per_width:
+                return np.asarray(begins[self.clock.within(begins, self._interval)])
             return np.asarray(begins[self.clock.meets(begins, begins + h, self._interval)])
         times = knots[self.clock.within(knots, self._interval)]
         if self.every_instant or first == last:
@@ -139,18 +146,6 @@ class KeepInSet(Constraint):
         if self.partner is None:
             return values
         return values - motion.each_at(self.quantity, np.full(len(who), self.partner), times)
-
-    def _without_free_jerks(
-        self, motion: Motion, who: IntArray, times: FloatArray
-    ) -> tuple[IntArray, FloatArray]:
-        """Return the vehicles and times without first jerks of unknown accelerations before."""
-        if self.quantity != "jerk":
-            return who, times
-        free = np.isnan(motion.before[:, 0])
-        if self.partner is not None:
-            free = free | free[self.partner]
-        counted = ~(free[who] & (step_at(times, self.grid.step) == 0))
-        return who[counted], times[counted]
 
     def _worst_between(self, motion: Motion, members: IntArray) -> tuple[IntArray, FloatArray]:
         """Return vehicles and worst instants of pieces between knots in which positions violate."""
@@ -276,39 +271,13 @@ def requirements_of(scenario: Scenario, margins: PlanMargins) -> list[Constraint
             every_instant=scenario.between_knots,
             searches=sys.maxsize * inner,
         )
-        if each.quantity == "jerk" and scenario.smoothing is not None:
-            found += _of_smooth_jerks(scenario, constraint)
-        else:
-            found.append(constraint)
-    return found
-
-
-def _of_smooth_jerks(scenario: Scenario, constraint: KeepInSet) -> list[Constraint]:
-    """Return a requirement of jerks as those of what jerks of averages follow from.
-
-    Args:
-        scenario: the scenario, with a smoothing.
-        constraint: requirement in the interval that averages reach.
-    """
-    found, asked, steps = list[Constraint](), constraint.requirement, constraint.grid.elapsed
-    interval, half = asked.active or (-np.inf, np.inf), constraint.grid.step / 2.0
-    for each in smooth_jerks(scenario):
-        active = constraint.active
-        if each.part != "inner":
-            knot = steps[0] if each.part == "start" else steps[-1]
-            if not constraint.clock.within(knot, interval):
-                continue
-            active = (each.times[0] + half, each.times[0] + half)
-        found.append(
-            dataclasses.replace(
+        factor = jerk_factor(scenario) if each.quantity == "jerk" else None
+        if factor is not None:
+            constraint = dataclasses.replace(
                 constraint,
-                key=each.key(constraint.key),
-                quantity=each.quantity,
-                active=active,
-                requirement=unchecked(asked, set=Scaled(asked.set, each.factor)),
-                margins=without_errors(scenario.grid),
-                tolerances=abs(each.factor) * constraint.tolerances,
+                requirement=unchecked(each, set=Scaled(each.set, factor)),
+                tolerances=factor * tolerances,
                 per_width=True,
             )
-        )
+        found.append(constraint)
     return found

@@ -156,7 +156,8 @@ def _resting(plan: Plan, knot: int, rests: FloatArray, steps: int) -> Scenario:
         left.fleet.accelerations_before,
         [body for _, body in left.avoided],
     )
-    fleet.goal_positions, fleet.goal_velocities = read_only(rests), np.zeros(rests.shape)
+    fleet.goal_positions = read_only(rests)
+    fleet.goal_velocities = fleet.accelerations_after = np.zeros(rests.shape)
     around = window.disturbance
     if around is not None:
         around = unchecked(around, tracking=tube_of(window).tracking)

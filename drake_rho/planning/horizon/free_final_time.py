@@ -22,9 +22,10 @@ from drake_rho.planning.horizon.interfaces import Planner
 from drake_rho.planning.horizon.waypoints_ahead import Free, sooner, until, with_waypoints
 from drake_rho.planning.horizon.windows import WindowPlanner
 from drake_rho.planning.programs.backend import Solver
+from drake_rho.scenario.consistency import check_goals_at_rest
 from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.fields import FloatArray
-from drake_rho.scenario.records import Grid, KeepIn, Scenario, Sphere
+from drake_rho.scenario.records import Grid, Scenario
 from drake_rho.verification.holds import first_violation
 
 _ROUNDING = 1e-6
@@ -35,13 +36,10 @@ def check_rest_at_goals(scenario: Scenario) -> None:
     """Check that vehicles rest at their goals.
 
     Raises:
-        ScenarioError: a vehicle moves at its goal.
+        ScenarioError: a vehicle moves at its goal, or has an acceleration after it.
     """
-    for i, vehicle in enumerate(scenario.vehicles):
-        if np.any(vehicle.goal.velocity):
-            expected = "0 with a free final time: vehicles rest at their goals after the arrival"
-            field = f"vehicles[{i}].goal.velocity"
-            raise ScenarioError(field, vehicle.goal.velocity.tolist(), expected)
+    expected = "0 with a free final time: vehicles rest at their goals after the arrival"
+    check_goals_at_rest(scenario.vehicles, expected)
 
 
 def arrival_steps(plan: Plan) -> int:
@@ -227,23 +225,7 @@ def shortened(scenario: Scenario, free: Free, steps: int, factor: float) -> Scen
         if len(one.waypoints) < len(other.waypoints):
             late = {one.name: ("waypoints",)}
             raise InfeasibleError(late, scenario=scenario, because="passed after the arrival")
-    if steps == scenario.grid.knots - 1:
-        return short
-    gentle = _gentle_arrivals(scenario, grid)
-    return short.derived(requirements=(*short.requirements, *gentle)) if gentle else short
-
-
-def _gentle_arrivals(scenario: Scenario, grid: Grid) -> list[KeepIn]:
-    """Return requirements of last accelerations from which limits of jerks allow rest at once."""
-    if scenario.smoothing is not None:  # jerks of averages are limited up to rest already
-        return []
-    last = (grid.end - grid.step / 2.0, grid.end)
-    limits = {each.name: scenario.limits_of(each).max_jerk for each in scenario.vehicles}
-    return [
-        KeepIn(Sphere([0, 0, 0], jerk * grid.step), of="acceleration", vehicles=name, active=last)
-        for name, jerk in limits.items()
-        if jerk is not None
-    ]
+    return short
 
 
 def in_steps(plan: Plan, short: Scenario, arrival: int) -> Plan:

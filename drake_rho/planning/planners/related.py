@@ -39,9 +39,7 @@ def can_be_slower(scenario: Scenario) -> bool:
         return False
     for vehicle in scenario.vehicles:
         limits = scenario.limits_of(vehicle)
-        moving = np.any(vehicle.start.velocity) or np.any(vehicle.goal.velocity)
-        pushed = vehicle.start.acceleration is not None and np.any(vehicle.start.acceleration)
-        if moving or pushed or vehicle.waypoints:
+        if vehicle.waypoints or not (vehicle.start.is_at_rest and vehicle.goal.is_at_rest):
             return False
         for box in (limits.velocity, limits.acceleration, limits.jerk):
             if box is not None and (np.any(box.lower > 0.0) or np.any(box.upper < 0.0)):
@@ -58,12 +56,10 @@ def changes_with_time(scenario: Scenario) -> bool:
 
 def is_steady(scenario: Scenario) -> bool:
     """Return whether nothing but the motion depends on time, which begins and ends at rest."""
-    fleet = scenario.fleet
     return (
         not changes_with_time(scenario)
         and scenario.disturbance is None
-        and not fleet.start_velocities.any()
-        and not fleet.goal_velocities.any()
+        and scenario.fleet.are_at_rest
     )
 
 

@@ -131,19 +131,16 @@ class FreeTimePrograms:
 def drift_of(problem: Problem) -> Motion | None:
     """Return the derivative of minimum-effort motions by y at y = 1; None where all are at rest.
 
-    Given velocities at both ends grow with the square root of y, and a given acceleration before
-    the start with y.
+    Given velocities at both ends grow with the square root of y, and given accelerations before the
+    start and after the goal with y.
     """
     fleet, grid = problem.scenario.fleet, problem.scenario.grid
-    first, last, before = (
-        fleet.start_velocities,
-        fleet.goal_velocities,
-        np.nan_to_num(fleet.accelerations_before),
-    )
-    if not (first.any() or last.any() or before.any()):
+    if fleet.are_at_rest:
         return None
+    first, last = fleet.start_velocities, fleet.goal_velocities
     terminal = TerminalState(grid)
     values, _ = terminal.values((last - first) / 2.0, -grid.duration * first / 2.0)
     accelerations = terminal.rows.T @ values
     p, v = roll_out(np.zeros_like(first), first / 2.0, accelerations, grid.step)
-    return Motion(grid.step, p, v, accelerations, before)
+    outside = fleet.accelerations_before, fleet.accelerations_after
+    return Motion(grid.step, p, v, accelerations, *outside)

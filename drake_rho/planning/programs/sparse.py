@@ -115,7 +115,8 @@ class SparseRows:
             k = step_at(rows.times, h)
             if rows.quantity == "acceleration":
                 return [(u + k, one)]
-            return [(u + k, one), (np.where(k > 0, u + k - 1, -1), -one)]
+            later, earlier = np.where(k < n, u + k, -1), np.where(k > 0, u + k - 1, -1)
+            return [(later, one), (earlier, -one)]
         # before the first knot, where only averages change, the plan is at its start
         times = np.maximum(rows.times, 0.0)
         k = np.minimum(step_at(times, h), n - 1)

@@ -143,7 +143,7 @@ class _Relaxation(FreeTimeProgram):
     Args:
         effort: the minimum-effort motion in the longest final time.
         unit: unit of accelerations in the program [m/s²].
-        rates: derivative of this motion by s, and of a given acceleration before the start by y.
+        rates: derivative of this motion by s, and of given accelerations outside of it by y.
         limits: rows that have to hold.
         cones: limits of norms.
         chord: slope of the chord of y^1.5.
@@ -236,7 +236,7 @@ class _Relaxation(FreeTimeProgram):
         by_time = np.outer(rows.bounds, self.slopes_of(rows.constraint))
         if rates is not None:
             rest = np.zeros_like(rates.before)
-            with_s = dataclasses.replace(rates, before=rest)
+            with_s = dataclasses.replace(rates, before=rest, after=rest)
             with_y = dataclasses.replace(rates, accelerations=np.zeros_like(rates.accelerations))
             values = with_s.each_at(quantity, rows.vehicles, rows.times)
             by_time[:, 1] -= np.vecdot(rows.normals, values)
@@ -261,15 +261,15 @@ def _passing(effort: MinimumEffort, places: Sequence[Place]) -> Passing:
 def _rates_of(problem: Problem) -> Motion | None:
     """Return the derivative of minimum-effort motions by s; None where all are at rest.
 
-    Given velocities at both ends grow with s, and a given acceleration before the start with y.
+    Given velocities at both ends grow with s, and given accelerations outside of them with y.
     """
     fleet, grid = problem.scenario.fleet, problem.scenario.grid
-    first, last = fleet.start_velocities, fleet.goal_velocities
-    before = np.nan_to_num(fleet.accelerations_before)
-    if not (first.any() or last.any() or before.any()):
+    if fleet.are_at_rest:
         return None
+    first, last = fleet.start_velocities, fleet.goal_velocities
     terminal = TerminalState(grid)
     values, _ = terminal.values(last - first, -grid.duration * first)
     accelerations = terminal.rows.T @ values
     p, v = roll_out(np.zeros_like(first), first, accelerations, grid.step)
-    return Motion(grid.step, p, v, accelerations, before)
+    outside = fleet.accelerations_before, fleet.accelerations_after
+    return Motion(grid.step, p, v, accelerations, *outside)

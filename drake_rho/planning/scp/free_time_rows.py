@@ -82,5 +82,6 @@ def _in_its_time(found: FreeTime, problem: Problem, power: float) -> Motion:
     fleet, step = problem.scenario.fleet, problem.scenario.grid.step
     velocities = (1.0 + found.factor) / 2.0 * fleet.start_velocities  # as it is linearised
     p, v = roll_out(fleet.start_positions, velocities, found.accelerations, step)
-    before = fleet.accelerations_before * found.factor / divisor
-    return Motion(step, p, v / divisor, found.accelerations / divisor, before)
+    outside = fleet.accelerations_before, fleet.accelerations_after
+    ends = (each * found.factor / divisor for each in outside)
+    return Motion(step, p, v / divisor, found.accelerations / divisor, *ends)

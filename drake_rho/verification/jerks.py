@@ -1,0 +1,89 @@
+"""Jerks of plans, from their accelerations and those before the start and after the goal."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from drake_rho.scenario.fields import BoolArray, FloatArray
+from drake_rho.scenario.records import Scenario
+
+_NAMED = 3
+"""Largest number of vehicles that a note names."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Jerks:
+    """Jerks of a plan, which has no errors, at its knots."""
+
+    values: FloatArray
+    """changes of the acceleration over the step, from the one before the first step to the one
+    after the last [m/s³], shape (N, K, 3)"""
+    free: BoolArray
+    """mask of those that are not known and so not limited, shape (N, K)"""
+
+    @classmethod
+    def of(cls, scenario: Scenario, accelerations: FloatArray) -> Jerks:
+        """Return the jerks of a plan with accelerations (N, K-1, 3)."""
+        free = _unknown(scenario)
+        outside = scenario.fleet.accelerations_before, scenario.fleet.accelerations_after
+        before, after = (each[:, None] for each in outside)
+        whole = np.concatenate([before, accelerations, after], axis=1)
+        values = (whole[:, 1:] - whole[:, :-1]) / scenario.grid.step
+        inner = np.zeros((len(values), values.shape[1] - 2), dtype=bool)
+        return cls(values, np.column_stack([free[0], inner, free[1]]))
+
+    @classmethod
+    def at_rest(cls, scenario: Scenario) -> Jerks:
+        """Return those of vehicles that stay where they are: zero."""
+        count = len(scenario.vehicles), scenario.grid.knots
+        return cls(np.zeros((*count, 3)), np.zeros(count, dtype=bool))
+
+    @property
+    def limited(self) -> FloatArray:
+        """Values with zero in place of those that are not limited, shape (N, K, 3)."""
+        return np.where(self.free[..., None], 0.0, self.values)
+
+
+def _unknown(scenario: Scenario) -> tuple[BoolArray, BoolArray]:
+    """Return masks of vehicles with unknown accelerations before and after, (N,) each."""
+    fleet = scenario.fleet
+    outside = fleet.accelerations_before, fleet.accelerations_after
+    before, after = (np.asarray(np.isnan(each).any(axis=1)) for each in outside)
+    return before, after
+
+
+def notes_on_free_jerks(scenario: Scenario) -> tuple[str, ...]:
+    """Return notes on starts and goals in motion at which limits of jerks leave the jerk free."""
+    grid, notes = scenario.grid, list[str]()
+    for end, time, free in zip(
+        ("start", "goal"), (grid.start, grid.end), _unknown(scenario), strict=True
+    ):
+        found = np.flatnonzero(free & _limited_at(scenario, time))
+        if len(found) > 0:
+            names = [scenario.names[vehicle] for vehicle in found[:_NAMED]]
+            more = f" and {len(found) - _NAMED} more" if len(found) > _NAMED else ""
+            notes.append(
+                f"the jerk at the {end} is not limited for {', '.join(names)}{more}: in motion "
+                f"there, with no {end}.acceleration given"
+            )
+    return tuple(notes)
+
+
+def _limited_at(scenario: Scenario, time: float) -> BoolArray:
+    """Return the mask of vehicles whose jerks are limited at a time, shape (N,)."""
+    limited, grid = np.zeros(len(scenario.vehicles), dtype=bool), scenario.grid
+    if (box := scenario.fleet.bounds("jerk")) is not None:
+        limited |= np.isfinite(box.lower).any(axis=1) | np.isfinite(box.upper).any(axis=1)
+    if (norm := scenario.fleet.norms.get("max_jerk")) is not None:
+        limited |= np.isfinite(norm.limits)
+    for each in scenario.requirements:
+        at = each.interval(grid)
+        if each.quantity != "jerk" or at is None:
+            continue
+        if grid.clock.meets(np.asarray(time), np.asarray(time + grid.step), at):
+            limited[each.members(scenario.names)] = True
+            if (partner := each.partner(scenario.names)) is not None:
+                limited[partner] = True
+    return limited
