@@ -19,13 +19,15 @@ from drake_rho.planning.constraints.tightening import enlarged_by_margins
 from drake_rho.planning.errors import InfeasibleError, SolverError
 from drake_rho.planning.path_search.initial_guesses import paths_on_grids
 from drake_rho.planning.planners.first_plan import FirstPlan, plan_near
-from drake_rho.planning.planners.related import changes_with_time, is_steady
+from drake_rho.planning.planners.plan import plan as best_plan
+from drake_rho.planning.planners.related import changes_with_time, is_steady, of_each_alone
+from drake_rho.planning.planners.waypoint_times import passing_of
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs.backend import Backend
 from drake_rho.planning.scp.least_time import ROUGH, LeastTime
 from drake_rho.planning.scp.timed import Timed, latest
 from drake_rho.scenario.errors import ScenarioError
-from drake_rho.scenario.fields import FloatArray
+from drake_rho.scenario.fields import FloatArray, unchecked
 from drake_rho.scenario.records import Grid, Scenario
 from drake_rho.scenario.waypoints import AllWaypoints
 
@@ -45,6 +47,9 @@ _ROUGHLY = 3e-3
 _SPARE = 1e-3
 """Part by which a time in which plans are sought first is longer than the least time of a vehicle
 alone: at that itself there is at most one motion, around which programs take very long."""
+
+_SAME = 1e-6
+"""Relative difference of final times that counts as none."""
 
 _WORTHWHILE = 0.01
 """Part of the final time that has to be possible to gain for another search."""
@@ -72,7 +77,7 @@ class TimeSearch:
         *,
         each: bool = False,
     ) -> None:
-        self._each = each
+        self._given, self._each = scenario, each
         self._bound: float | None = None
         self._waypoints = AllWaypoints.of(scenario.vehicles)
         vehicles = self._waypoints.placed(scenario.vehicles, None)
@@ -88,23 +93,80 @@ class TimeSearch:
         Where solvers are too inexact for the limits, it is the one that bisection finds.
         """
         scenario = self._scenario
-        apart = scenario.separation is not None or Problem.of(scenario).has_links
-        smooth = scenario.smoothing is not None
-        bound = apart or smooth or scenario.avoided or scenario.requirements
         alone = TimesAlone(scenario, self._waypoints, self._backend, self._progress)
-        free = self._steady and not bound
-        each = alone.motion(spare=free and not self._each)
+        free = self._steady and not self._binds_more
+        each: Timed | None = None
+        best: Timed | None = None
+        failure: Exception | None = None
+        try:
+            each = alone.motion(spare=free and not self._each)
+            best = each if free else self._together(each)
+        except (InfeasibleError, SolverError) as error:
+            failure = error
         self._least.statistics += alone.statistics
         self._bound = alone.bound
-        best = each if free else self._together(each, apart)
+        best = self._no_later_than_known(best, each, failure)
         try:
             return self._finished(self._arriving(best, alone.durations))
         except SolverError:
-            slower = self._by_bisection(each, coupled=False)
+            slower = None if each is None else self._by_bisection(each, coupled=False)
             if slower is None:
                 raise
             slower = dataclasses.replace(slower, converged=False)
             return self._finished(self._arriving(slower, alone.durations))
+
+    @property
+    def _apart(self) -> bool:
+        """Whether vehicles have to keep a distance or a link."""
+        return self._scenario.separation is not None or Problem.of(self._scenario).has_links
+
+    @property
+    def _binds_more(self) -> bool:
+        """Whether anything is required beside what each vehicle has to keep by itself."""
+        scenario = self._scenario
+        own = of_each_alone(scenario).requirements
+        more = scenario.smoothing is not None or len(own) < len(scenario.requirements)
+        return bool(self._apart or more or scenario.avoided)
+
+    def _no_later_than_known(
+        self, best: Timed | None, alone: Timed | None, failure: Exception | None
+    ) -> Timed:
+        """Return a motion that takes no longer than the scenario itself, if `rho.plan` has a plan.
+
+        Args:
+            best: motion found; None without one.
+            alone: motion in the least time of each vehicle alone, if known.
+            failure: error to raise if there is no motion at all.
+        """
+        own = self._scenario.grid.duration
+        if best is not None and best.duration <= own * (1.0 + _SAME):
+            return best
+        if best is None or not self._excludes(own, alone):
+            found = self._shortest([self._from_own_final_time])
+            if found is not None and (best is None or found.duration < best.duration):
+                return found
+        if best is None:
+            raise failure or SolverError("no motion was found around the first plans")
+        return best
+
+    def _excludes(self, duration: float, alone: Timed | None) -> bool:
+        """Return whether vehicles alone show that there is no plan in a final time [s]."""
+        moving = self._scenario.fleet.start_velocities.any()
+        moving = moving or self._scenario.fleet.goal_velocities.any()
+        given = self._waypoints.given.any()
+        return alone is not None and not (moving or given) and duration < alone.duration
+
+    def _from_own_final_time(self) -> Timed:
+        """Return a motion in the least time around the plan for the scenario's own final time."""
+        grid, scenario = self._scenario.grid, self._given
+        planned = best_plan(
+            scenario.ending_with(grid), solver=self._backend.solver, options=self._options
+        )
+        times = AllWaypoints.of(planned.scenario.vehicles).times
+        passing = passing_of(self._waypoints, self._scenario, grid)
+        passing = dataclasses.replace(passing, times=times - grid.start)
+        known = Timed(self._scenario, grid.step, planned.accelerations, passing)
+        return self._shortest([partial(_same, known), partial(self._least.around, known)]) or known
 
     def _arriving(self, best: Timed, alone: FloatArray) -> Timed:
         """Return a motion in which vehicles arrive one by one, if that is asked for.
@@ -120,31 +182,37 @@ class TimeSearch:
         self._least.statistics += least.statistics
         return best
 
-    def _together(self, alone: Timed, apart: bool) -> Timed:
+    def _together(self, alone: Timed) -> Timed:
         """Return the motion in the least time in which all arrive.
 
         Args:
             alone: motion of each vehicle alone.
-            apart: whether vehicles have to keep a distance or a link.
         """
         scenario, options, count = self._scenario, self._options, len(self._scenario.vehicles)
         best = None
-        if apart and count > options.max_coupled:
+        if self._apart and count > options.max_coupled:
             best = self._by_bisection(alone, coupled=False)
         elif self._steady and count == 1:
             best = self._along_paths(alone)
         elif changes_with_time(scenario):
-            best = self._by_bisection(alone)
+            best = self._around_alone(alone)
+            if best is None or best.duration > (1.0 + _WORTHWHILE) * self._least_of(alone):
+                known = [] if best is None else [partial(_same, best)]
+                best = self._shortest([*known, partial(self._by_bisection, alone)])
         if best is None:
-            given = self._waypoints.given.any()
-            low = latest(scenario, alone.passing) if given else alone.duration
-            best = self._shorter(low, self._from_first_plans(alone))
+            best = self._shorter(self._least_of(alone), self._from_first_plans(alone))
         return best
+
+    def _least_of(self, alone: Timed) -> float:
+        """Return a time below which there is next to no plan, by a motion of vehicles alone [s]."""
+        given = self._waypoints.given.any()
+        return latest(self._scenario, alone.passing) if given else alone.duration
 
     def _along_paths(self, alone: Timed) -> Timed | None:
         """Return the motion in least time of one vehicle near paths around the obstacles."""
         tell(self._progress, "looking for paths around the obstacles")
-        problem, timed = self._scaled(alone, _LONGER[0] * alone.duration)
+        timed = self._lasting(alone, _LONGER[0] * alone.duration)
+        problem = self._problem(timed)
         larger = enlarged_by_margins(problem.scenario, problem.margins)
         options, found = self._options, [timed]
         for grid in islice(paths_on_grids(larger, options.max_ways, options.max_memory), 1):
@@ -159,24 +227,30 @@ class TimeSearch:
             alone: motion with times of waypoints that are to be kept in proportion.
             coupled: whether one program of all vehicles is solved afterwards.
         """
-        trials, scenario = Trials(self._backend, self._progress), self._at(alone, 1.0)
+        trials = Trials(self._backend, self._progress)
+        once = self._lasting(alone, (1.0 + _SPARE) * alone.duration)
 
         def variant(factor: float) -> Scenario:
-            return self._at(alone, factor)
+            return self._problem(self._lasting(alone, factor * once.duration)).scenario
 
-        duration, _ = durations(scenario, trials, variant)
+        # a goal may be occupied at this time, but not at others
+        duration, _ = durations(unchecked(self._scenario, grid=once.grid), trials, variant)
         plan = trials.plan
         if duration is None or plan is None:
             return None
-        _, timed = self._scaled(alone, plan.scenario.grid.duration)
+        timed = self._lasting(alone, plan.scenario.grid.duration)
         start = dataclasses.replace(timed, accelerations=plan.accelerations)
         if not coupled:
             return start
         return self._shortest([partial(self._least.around, start), partial(_same, start)])
 
-    def _at(self, like: Timed, factor: float) -> Scenario:
-        """Return the scenario with waypoints, in a multiple of little more time than a motion's."""
-        return self._scaled(like, factor * (1.0 + _SPARE) * like.duration)[0].scenario
+    def _around_alone(self, alone: Timed) -> Timed | None:
+        """Return the motion in least time near those of vehicles alone; None if none is found."""
+        for longer in (1.0, 1.0 + _SPARE, *_LONGER[:2]):
+            near = partial(self._least.around, self._lasting(alone, longer * alone.duration))
+            if (found := self._shortest([near])) is not None:
+                return found
+        return None
 
     def _from_first_plans(self, alone: Timed) -> Timed:
         """Return a motion in least time near a first plan in more time."""
@@ -191,6 +265,10 @@ class TimeSearch:
                     return found
         if infeasible := [each for each in failures if isinstance(each, InfeasibleError)]:
             raise in_no_time(infeasible, self._backend)
+        refused = [each for each in failures if isinstance(each, ScenarioError)]
+        if refused:  # in every final time, by what is required of goals and waypoints then
+            because = f"in no final time that was tried; in the last, {refused[-1]}"
+            raise InfeasibleError({}, because=because)
         none = SolverError("no motion was found around the first plans")
         raise failures[-1] if failures else none
 
@@ -233,8 +311,8 @@ class TimeSearch:
                 best = found
         return best
 
-    def _scaled(self, like: Timed, duration: float) -> tuple[Problem, Timed]:
-        """Return the problem with all waypoints in another final time, and a motion in that time.
+    def _lasting(self, like: Timed, duration: float) -> Timed:
+        """Return a motion of the scenario in another final time, or the least that it may take.
 
         Args:
             like: motion with times of waypoints that are to be kept in proportion.
@@ -244,12 +322,20 @@ class TimeSearch:
         if smoothing is not None:
             duration = max(duration, smoothing.width * steps * (1.0 + 1e-9))
         duration = max(duration, latest(self._scenario, like.passing) * (1.0 + 1e-9))
-        scaled = dataclasses.replace(like.lasting(duration), scenario=self._scenario)
-        return Problem.of(self._plans.scenario(scaled.grid, scaled.passing.times)), scaled
+        return dataclasses.replace(like.lasting(duration), scenario=self._scenario)
+
+    def _problem(self, timed: Timed) -> Problem:
+        """Return the problem with all waypoints in the final time, and at the times, of a motion.
+
+        Raises:
+            ScenarioError: a goal or a waypoint is not allowed then.
+        """
+        return Problem.of(self._plans.scenario(timed.grid, timed.passing.times))
 
     def _from_near(self, like: Timed, duration: float) -> Timed | None:
         """Return a motion in the least time from a plan near another, in a given time [s]."""
-        problem, timed = self._scaled(like, duration)
+        timed = self._lasting(like, duration)
+        problem = self._problem(timed)
         reference = Plan.from_motion(problem.scenario, timed.motion)
         plan = plan_near(problem, reference, backend=self._backend, progress=self._progress)
         return self._least.around(dataclasses.replace(timed, accelerations=plan.accelerations))
@@ -264,7 +350,8 @@ class TimeSearch:
             duration: time of the first plan [s].
             quick: whether few paths are tried.
         """
-        problem, timed = self._scaled(like, duration)
+        timed = self._lasting(like, duration)
+        problem = self._problem(timed)
         options = dataclasses.replace(self._options, max_ways=2) if quick else self._options
         search = FirstPlan(self._backend, self._progress, options)
         first = search.of(problem) if quick else search.of_any_duration(problem)

@@ -94,6 +94,9 @@ class SparseRows:
             norms = np.linalg.norm(part.responses(grid), axis=1)
             lengths.append(several * norms / scale)
             first += len(part)
+        if first == 0:
+            none = np.zeros(0)
+            return csc_array((0, self.columns)), none, none, none
         values, (rows, columns) = np.concatenate(entries), np.concatenate(places, axis=1)
         matrix = coo_array((values, (rows, columns)), shape=(first, self.columns)).tocsc()
         matrix.eliminate_zeros()
