@@ -13,7 +13,6 @@ from typing import Any
 
 from drake_rho.display.meshcat.ports import address_of, on_free_port
 
-
 _CLIENTS = 32
 """Largest number of connections at a time; further ones are closed."""
 
