@@ -11,6 +11,7 @@ from typing import Self
 import numpy as np
 
 from drake_rho.campaigns.store import StoreError, reading
+from drake_rho.scenario.errors import shorten, shortened
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 
 
@@ -50,8 +51,8 @@ class Columns:
             rows = connection.execute(f"SELECT {names} FROM runs").fetchall()  # noqa: S608
         for scenario, method, *_ in rows:
             if scenario not in source_of or method not in method_of:
-                run = f"a run of {method!r} on {scenario!r}"
-                expected = f"runs of {', '.join(methods)} on {', '.join(scenarios)}"
+                run = f"a run of {shorten(method)} on {shorten(scenario)}"
+                expected = shortened(f"runs of {', '.join(methods)} on {', '.join(scenarios)}")
                 raise StoreError(f"{path}: got {run}, expected {expected}")
         table = np.array(
             [

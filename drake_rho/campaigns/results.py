@@ -5,16 +5,16 @@ from __future__ import annotations
 import csv
 import dataclasses
 import io
-import json
 import math
 import tempfile
 from collections import Counter
 from collections.abc import Iterator
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
+from pydantic import Field, TypeAdapter, ValidationError
 
 from drake_rho.campaigns.columns import Columns
 from drake_rho.campaigns.runs import Row
@@ -26,11 +26,11 @@ from drake_rho.campaigns.statistics import (
     Quantiles,
     compare,
 )
-from drake_rho.campaigns.store import COLUMNS, StoreError, reading
+from drake_rho.campaigns.store import COLUMNS, StoreError, check_rows, reading
 from drake_rho.campaigns.tables import tables
 from drake_rho.motion.files import load
 from drake_rho.motion.flown import Flown
-from drake_rho.scenario.fields import FloatArray, IntArray
+from drake_rho.scenario.fields import FloatArray, IntArray, Name
 from drake_rho.system.files import atomic_write
 
 if TYPE_CHECKING:
@@ -39,6 +39,22 @@ if TYPE_CHECKING:
 
 ENDINGS = (".csv", ".parquet")
 """Endings of the files that `Results.export` writes."""
+
+
+@dataclasses.dataclass(frozen=True)
+class _Named:
+    """Source of scenarios, or method, of a study."""
+
+    name: Name
+
+
+@dataclasses.dataclass(frozen=True)
+class _Names:
+    """What results need of a study, which may be of another version."""
+
+    name: Name
+    scenarios: Annotated[list[_Named], Field(min_length=1)]
+    methods: Annotated[list[_Named], Field(min_length=1)]
 
 
 class Results:
@@ -54,14 +70,19 @@ class Results:
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
         with reading(self.path) as connection:
+            check_rows(connection, self.path)
             found = connection.execute("SELECT study FROM study").fetchone()
             (self.runs,) = connection.execute("SELECT count(*) FROM runs").fetchone()
         if found is None:
             raise StoreError(f"{self.path}: got no study, expected the study of the runs")
-        content = json.loads(found[0])
-        self.study: str = content["name"]
-        self.scenarios: tuple[str, ...] = tuple(each["name"] for each in content["scenarios"])
-        self.methods: tuple[str, ...] = tuple(each["name"] for each in content["methods"])
+        try:
+            names = TypeAdapter(_Names).validate_json(found[0])
+        except ValidationError:
+            expected = "the name of the study, and those of its scenarios and methods"
+            raise StoreError(f"{self.path}: got a damaged study, expected {expected}") from None
+        self.study: str = names.name
+        self.scenarios: tuple[str, ...] = tuple(each.name for each in names.scenarios)
+        self.methods: tuple[str, ...] = tuple(each.name for each in names.methods)
 
     def frame(self) -> pd.DataFrame:
         """Return a pandas frame with one row for each run (extra `results`).

@@ -15,7 +15,8 @@ from typing import Self
 
 from drake_rho.campaigns.runs import Done, Row, package_version
 from drake_rho.campaigns.study import Study, continues, study_to_json
-from drake_rho.scenario.errors import DrakeRhoError
+from drake_rho.scenario.errors import DrakeRhoError, shorten, shortened
+from drake_rho.system.files import check_readable, reason_of
 
 _APPLICATION = 0x72686F31
 """Application identifier of the SQLite file: 'rho1'."""
@@ -26,10 +27,48 @@ FORMAT = 4
 _PATIENCE = 30.0
 """Longest wait for another process that writes [s]."""
 
+_LARGEST = 1 << 40
+"""Largest size of a store [bytes]."""
+
 COLUMNS = tuple(field.name for field in dataclasses.fields(Row))
 """Columns of the table `runs`."""
 
 _SQL_TYPES = {"str": "TEXT", "int": "INTEGER", "bool": "INTEGER", "float": "REAL"}
+_TYPES = {field.name: str(field.type).removesuffix(" | None") for field in dataclasses.fields(Row)}
+_SHOWN = 100
+"""Number of characters of a damaged value that an error is made of."""
+
+_TESTS = {
+    "str": "typeof({0}) <> 'text' OR length({0}) > 100000",
+    "int": "typeof({0}) <> 'integer' OR {0} < 0 OR {0} > 1000000000",
+    "bool": "typeof({0}) <> 'integer' OR {0} NOT IN (0, 1)",
+    "float": "typeof({0}) NOT IN ('real', 'integer')",
+}
+"""Conditions in SQL that hold where a value is damaged."""
+
+_EXPECTED = {
+    "str": "text of at most 100000 characters",
+    "int": "a whole number from 0",
+    "bool": "0 or 1",
+    "float": "a number",
+}
+_WRONG = {
+    field.name: f"({_TESTS[_TYPES[field.name]]})".format(field.name)
+    + (f" AND {field.name} IS NOT NULL" if str(field.type).endswith("| None") else "")
+    for field in dataclasses.fields(Row)
+}
+_COLUMNS = ", ".join(
+    f"{field.name} {_SQL_TYPES[str(field.type).removesuffix(' | None')]}"
+    + ("" if str(field.type).endswith("| None") else " NOT NULL")
+    + (" PRIMARY KEY" if field.name == "key" else "")
+    for field in dataclasses.fields(Row)
+)
+_TABLES = {
+    "runs": f"CREATE TABLE runs ({_COLUMNS})",
+    "plans": "CREATE TABLE plans (key TEXT PRIMARY KEY, content BLOB NOT NULL)",
+    "study": "CREATE TABLE study (study TEXT NOT NULL, version TEXT NOT NULL)",
+}
+"""Tables of a store. Any other definition may hide a view without an end."""
 
 
 class StoreError(DrakeRhoError, ValueError):
@@ -49,6 +88,8 @@ class Store:
 
     def __init__(self, path: str | Path, study: Study) -> None:
         self.path = Path(path)
+        if self.path.exists():
+            _check_file(self.path)
         with _told(self.path):
             self._connection = sqlite3.connect(self.path, timeout=_PATIENCE, isolation_level=None)
             try:
@@ -105,15 +146,8 @@ class Store:
             self._connection.execute("INSERT INTO study VALUES (?, ?)", (study, package_version()))
 
     def _make_tables(self) -> None:
-        columns = ", ".join(
-            f"{field.name} {_SQL_TYPES[str(field.type).removesuffix(' | None')]}"
-            + ("" if str(field.type).endswith("| None") else " NOT NULL")
-            + (" PRIMARY KEY" if field.name == "key" else "")
-            for field in dataclasses.fields(Row)
-        )
-        self._connection.execute(f"CREATE TABLE runs ({columns})")
-        self._connection.execute("CREATE TABLE plans (key TEXT PRIMARY KEY, content BLOB NOT NULL)")
-        self._connection.execute("CREATE TABLE study (study TEXT NOT NULL, version TEXT NOT NULL)")
+        for text in _TABLES.values():
+            self._connection.execute(text)
         self._connection.execute(f"PRAGMA application_id = {_APPLICATION}")
         self._connection.execute(f"PRAGMA user_version = {FORMAT}")
 
@@ -123,7 +157,12 @@ class Store:
                 f"{self.path}: got a store of drake_rho {version}, expected one of "
                 f"{package_version()}: results of different versions are not comparable"
             )
-        if not continues(study, stored):
+        try:
+            is_continued = continues(study, stored)
+        except (ValueError, LookupError, TypeError, AttributeError, RecursionError):
+            expected = "the study of its runs"
+            raise StoreError(f"{self.path}: got a damaged study, expected {expected}") from None
+        if not is_continued:
             raise StoreError(
                 f"{self.path}: got the store of another study, expected one of this study, or of "
                 "it with fewer repetitions, scenarios or methods"
@@ -150,8 +189,7 @@ def reading(path: str | Path) -> Iterator[sqlite3.Connection]:
     """
     path = Path(path)
     with _told(path):
-        if not path.is_file():
-            raise StoreError(f"{path}: got no such file, expected the store of a campaign")
+        _check_file(path)
         # mode=ro would leave log files behind; mode=rw opens write-protected files as well
         connection = sqlite3.connect(
             f"{path.resolve().as_uri()}?mode=rw", timeout=_PATIENCE, uri=True
@@ -164,18 +202,53 @@ def reading(path: str | Path) -> Iterator[sqlite3.Connection]:
             connection.close()
 
 
+def _check_file(path: Path) -> None:
+    """Check that there is a regular file."""
+    try:
+        check_readable(path, _LARGEST)
+    except (OSError, ValueError) as error:
+        absent = isinstance(error, FileNotFoundError | ValueError)
+        given = "no such file" if absent else reason_of(error)
+        raise StoreError(f"{path}: got {given}, expected the store of a campaign") from None
+
+
 def check_format(connection: sqlite3.Connection, path: Path) -> None:
     """Check that a file is a store of this version's format.
 
     Raises:
         StoreError: the file is not one.
     """
+    connection.execute("PRAGMA trusted_schema = 0")
     (application,) = connection.execute("PRAGMA application_id").fetchone()
     (number,) = connection.execute("PRAGMA user_version").fetchone()
     if application != _APPLICATION:
         raise StoreError(f"{path}: got another SQLite file, expected the store of a campaign")
     if number != FORMAT:
         raise StoreError(f"{path}: got a store of format {number}, expected format {FORMAT}")
+    found = connection.execute("SELECT type, name, sql FROM sqlite_master").fetchall()
+    tables = {name: sql for _, name, sql in found if name in _TABLES}
+    if tables != _TABLES or any(kind in ("view", "trigger") for kind, *_ in found):
+        expected = f"the tables {', '.join(_TABLES)} of the store of a campaign, and no others"
+        raise StoreError(f"{path}: got other tables or views, expected {expected}")
+
+
+def check_rows(connection: sqlite3.Connection, path: Path) -> None:
+    """Check that all values of runs are of the types of their columns, and not too long.
+
+    Raises:
+        StoreError: one is not; the error names its row and column.
+    """
+    wrong = " OR ".join(_WRONG.values())
+    row = connection.execute(f"SELECT rowid FROM runs WHERE {wrong} LIMIT 1").fetchone()  # noqa: S608
+    if row is None:
+        return
+    tests = ", ".join(f"({test})" for test in _WRONG.values())
+    (found,) = connection.execute(f"SELECT {tests} FROM runs WHERE rowid = ?", row)  # noqa: S608
+    name = next(name for name, is_wrong in zip(_WRONG, found, strict=True) if is_wrong)
+    query = f"SELECT substr({name}, 1, {_SHOWN}) FROM runs WHERE rowid = ?"  # noqa: S608
+    (value,) = connection.execute(query, row).fetchone()
+    given, kind = f"{shorten(value)} as the {name} of run {row[0]}", _TYPES[name]
+    raise StoreError(f"{path}: got {given}, expected {_EXPECTED[kind]}")
 
 
 def _is_empty(connection: sqlite3.Connection) -> bool:
@@ -191,4 +264,4 @@ def _told(path: Path) -> Iterator[None]:
         yield
     except sqlite3.Error as error:
         expected = "a file that SQLite can read and write; earlier runs are kept"
-        raise StoreError(f"{path}: {error}; expected {expected}") from None
+        raise StoreError(f"{path}: {shortened(str(error))}; expected {expected}") from None

@@ -9,7 +9,6 @@ import threading
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any
 
 from rich.console import Console, ConsoleOptions, RenderableType
 from rich.progress import Progress, ProgressColumn
@@ -28,7 +27,7 @@ but for ends of lines and tabs."""
 
 
 def escaped(text: str) -> str:
-    """Return text with escapes, such as `\\x1b`, in place of characters that control a terminal.
+    r"""Return text with escapes, such as `\x1b`, in place of characters that control a terminal.
 
     Names and messages may come from files of others. The escapes hold in JSON too, whose writer
     leaves only those as they are that are written with four digits here.
@@ -109,10 +108,17 @@ def warnings_as_lines() -> Iterator[None]:
     """Print each warning of the package in one line on standard error; with --quiet none."""
     printed = set[str]()
 
-    def show(message: Warning | str, category: type[Warning], *others: Any) -> None:
+    def show(
+        message: Warning | str,
+        category: type[Warning],
+        filename: str,
+        lineno: int,
+        *_: object,
+        **named: object,
+    ) -> None:
         text = f"drake-rho: warning: {' '.join(str(message).split())}"
         if not issubclass(category, DrakeRhoWarning):
-            say(warnings.formatwarning(message, category, *others[:2]).rstrip(), err)
+            say(warnings.formatwarning(message, category, filename, lineno).rstrip(), err)
         elif text not in printed and not output_mode.quiet:
             say(text, err)
         printed.add(text)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from enum import StrEnum
 from functools import partial
-from typing import Annotated
+from pathlib import Path
+from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 import typer
@@ -22,14 +23,14 @@ from drake_rho.cli.options import (
     MethodOption,
     OutputOption,
     ReplanEveryOption,
-    ScenarioArgument,
     StepOption,
     WidthOption,
     WorldOption,
     planners,
 )
 from drake_rho.cli.reports import finish
-from drake_rho.cli.sources import read
+from drake_rho.cli.sources import is_result, load_result, read, refuse_options
+from drake_rho.motion.plan import Plan
 from drake_rho.planning.horizon.receding_horizon import RecedingHorizon
 from drake_rho.scenario.records import Scenario
 from drake_rho.simulation import winds
@@ -57,12 +58,21 @@ class Plant(StrEnum):
     QUADROTOR = "quadrotor"
 
 
+_EVERY = 5
+"""Default number of steps flown of each window."""
+
 DIRECTED = (WindName.CONSTANT, WindName.GUST, WindName.WORST)
 """Winds for which a direction can be given."""
 
 
 def simulate(
-    scenario: ScenarioArgument,
+    source: Annotated[
+        str,
+        typer.Argument(
+            metavar="SCENARIO|FILE",
+            help="A scenario, or a file (.npz) with a plan or flight, which is tracked as it is.",
+        ),
+    ],
     output: OutputOption = None,
     wind: Annotated[
         WindName,
@@ -87,7 +97,7 @@ def simulate(
     plant: Annotated[
         Plant, typer.Option(help="Vehicle model: point masses or Drake's quadrotors.")
     ] = Plant.POINT,
-    replan_every: ReplanEveryOption = 5,
+    replan_every: ReplanEveryOption = _EVERY,
     free_final_time: FreeFinalTimeOption = False,
     method: MethodOption = Method.AUTO,
     contingencies: ContingenciesOption = False,
@@ -99,15 +109,25 @@ def simulate(
     file_format: FormatOption = None,
     width: WidthOption = None,
 ) -> int:
-    """Simulate a scenario in wind and verify the true motion."""
+    """Simulate a scenario or a plan in wind and verify the true motion."""
     # importing Drake's simulator takes long
     from drake_rho.simulation.simulate import simulate as simulated
 
     drawing = requested_drawing(figures, file_format, width)
     check_outputs(output, drawing)
-    problem = read(scenario, duration, step, world)
-    check_wind(problem, wind, direction)
     wind_rng, error_rng = np.random.default_rng(seed).spawn(2)
+    vehicles: Literal["quadrotor"] | None = "quadrotor" if plant is Plant.QUADROTOR else None
+    if is_result(source):
+        refuse_options(source, duration, step, world)
+        _refuse_windows(source, replan_every, free_final_time, method, contingencies, latency)
+        plan = _plan_in(source)
+        check_wind(plan.scenario, wind, direction)
+        with working("computing the wind"):
+            found = _wind(plan.scenario, wind, direction, wind_rng, plan.scenario.grid.end, plan)
+            flown = simulated(plan, wind=found.wind, plant=vehicles, rng=error_rng)
+        return finish(flown, output, drawing, f"{found.description}; seed {seed}")
+    problem = read(source, duration, step, world)
+    check_wind(problem, wind, direction)
     with working("computing the wind") as work:
         planner, fallback = planners(method, work.detail)
         horizon = partial(
@@ -120,14 +140,48 @@ def simulate(
             contingencies=contingencies,
             latency=latency,
         )
-        wind_model, description = _wind(horizon(), wind, direction, wind_rng)
-        flown = simulated(
-            horizon(progress=work),
-            wind=wind_model,
-            plant="quadrotor" if plant is Plant.QUADROTOR else None,
-            rng=error_rng,
-        )
-    return finish(flown, output, drawing, f"{description}; seed {seed}")
+        grid = problem.grid
+        end = float(grid.times[min(replan_every, grid.knots - 1)])
+        found = _wind(problem, wind, direction, wind_rng, end, horizon())
+        flown = simulated(horizon(progress=work), wind=found.wind, plant=vehicles, rng=error_rng)
+    return finish(flown, output, drawing, f"{found.description}; seed {seed}")
+
+
+def _plan_in(source: str) -> Plan:
+    """Return the plan of a file with a plan or a flight.
+
+    Raises:
+        ValueError: it holds a simulation, or is damaged.
+    """
+    flown = load_result(Path(source))
+    if flown.simulation is not None:
+        raise ValueError(f"{source}: got a simulation, expected a plan or a flight")
+    return flown.plan
+
+
+def _refuse_windows(
+    source: str,
+    replan_every: int,
+    free_final_time: bool,
+    method: Method,
+    contingencies: bool,
+    latency: float,
+) -> None:
+    """Check that no option is about windows, which a plan that is tracked has not.
+
+    Raises:
+        ValueError: one is.
+    """
+    for option, value, default in (
+        ("--replan-every", replan_every, _EVERY),
+        ("--free-final-time", free_final_time, False),
+        ("--method", method, Method.AUTO),
+        ("--contingencies", contingencies, False),
+        ("--latency", latency, 0.0),
+    ):
+        if value != default:
+            expected = f"a scenario with it: the plan in {source} is flown as it is"
+            raise ValueError(f"{option}: got {value}, expected {expected}")
 
 
 def check_wind(scenario: Scenario, wind: WindName, direction: Direction | None) -> None:
@@ -151,29 +205,54 @@ def check_wind(scenario: Scenario, wind: WindName, direction: Direction | None) 
         raise ValueError(f"--direction: got {given}, expected three numbers, not all 0")
 
 
+class _Described(NamedTuple):
+    """Wind and its description."""
+
+    wind: Wind
+    """wind"""
+    description: str
+    """name, direction and times"""
+
+
 def _wind(
-    horizon: RecedingHorizon,
+    scenario: Scenario,
     name: WindName,
     direction: Direction | None,
     rng: np.random.Generator,
-) -> tuple[Wind, str]:
-    """Return the wind of a name, and a description of it."""
-    scenario, grid = horizon.scenario, horizon.scenario.grid
+    end: float,
+    flown: RecedingHorizon | Plan,
+) -> _Described:
+    """Return the wind of a name.
+
+    Args:
+        scenario: that is flown.
+        name: of the wind.
+        direction: in which it blows; the default if None.
+        rng: source of noise.
+        end: time by which the worst wind has driven vehicles in a direction [s].
+        flown: what it is worst for: a plan, or the first plan of a horizon.
+    """
+    grid = scenario.grid
     vector = direction or (1.0, 0.0, 0.0)
     along = " ".join(f"{each:g}" for each in vector)
     if name is WindName.CONSTANT:
-        return winds.constant(scenario, vector), f"constant along {along}"
+        return _Described(winds.constant(scenario, vector), f"constant along {along}")
     if name is WindName.GUST:
         begin, lasting = grid.start + 0.25 * grid.duration, 0.5 * grid.duration
         description = f"gust along {along} from {begin:g} s to {begin + lasting:g} s"
-        return winds.gust(scenario, vector, begin=begin, duration=lasting), description
+        gust = winds.gust(scenario, vector, begin=begin, duration=lasting)
+        return _Described(gust, description)
     if name is WindName.NOISE:
-        return winds.coloured_noise(scenario, rng), "noise"
+        return _Described(winds.coloured_noise(scenario, rng), "noise")
     if name is WindName.NONE:
-        return winds.none(), "none"
+        return _Described(winds.none(), "none")
     if direction is not None:
-        end = float(grid.times[min(horizon.replan_every, grid.knots - 1)])
-        return worst_case(scenario, direction, end), f"worst along {along} by {end:g} s"
-    found = attack(scenario, horizon.step(scenario.fleet.start_states, grid.start).plan)
+        worst = worst_case(scenario, direction, end)
+        return _Described(worst, f"worst along {along} by {end:g} s")
+    plan, whose = flown, "the plan"
+    if isinstance(plan, RecedingHorizon):
+        plan, whose = plan.step(scenario.fleet.start_states, grid.start).plan, "the first plan"
+    found = attack(scenario, plan)
     who = " and ".join(found.vehicles)
-    return found.wind, f"worst for the first plan: {who}, {found.constraint}, by {found.time:.4g} s"
+    description = f"worst for {whose}: {who}, {found.constraint}, by {found.time:.4g} s"
+    return _Described(found.wind, description)

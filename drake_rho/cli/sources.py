@@ -15,6 +15,7 @@ from drake_rho.scenario.errors import Description, ScenarioError
 from drake_rho.scenario.files import library, load_scenario
 from drake_rho.scenario.problems.missions import is_lsc_mission, load_lsc_mission
 from drake_rho.scenario.records import Grid, Scenario
+from drake_rho.system.files import opened, read_text
 
 _YAML = (".yaml", ".yml")
 _RESULT_FILES = "a file saved by plan, fly or simulate (.npz), or a plan exported as JSON (.json)"
@@ -22,7 +23,11 @@ _RESULT_FILES = "a file saved by plan, fly or simulate (.npz), or a plan exporte
 
 def is_result(source: str) -> bool:
     """Return whether a file holds a plan, a flight or a simulation."""
-    return source.endswith(".npz") or zipfile.is_zipfile(source)
+    if source.endswith(".npz"):
+        return True
+    with suppress(OSError, ValueError), opened(source) as file:
+        return zipfile.is_zipfile(file)
+    return False
 
 
 def load_result(path: Path) -> Flown:
@@ -34,7 +39,10 @@ def load_result(path: Path) -> Flown:
     try:
         return load(path)
     except PlanFileError:
-        if path.is_file() and is_table(path.read_text(encoding="utf-8-sig", errors="replace")):
+        is_states = False
+        with suppress(OSError, ValueError):
+            is_states = is_table(read_text(path))
+        if is_states:
             got = "a table of states (CSV), which has no scenario"
             raise PlanFileError(f"{path}: got {got}, expected {_RESULT_FILES}") from None
         raise

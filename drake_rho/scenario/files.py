@@ -228,21 +228,21 @@ class _Loader(yaml.SafeLoader):
         self._values = self._repeated = 0
         self._sizes = dict[str, int]()
 
-    def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
+    def compose_node(self, parent: Any, index: Any) -> Any:
         """Compose a node, and count the values in it as if no alias stood for any of them."""
-        event: Any = self.peek_event()
+        event: Any = self.peek_event()  # type: ignore[no-untyped-call]
         if isinstance(event, yaml.AliasEvent):
             self._repeat(event)
         before = self._values
         self._values += 1
-        node: yaml.Node | None = super().compose_node(parent, index)
+        node = super().compose_node(parent, index)
         if not isinstance(event, yaml.AliasEvent) and event.anchor is not None:
             self._sizes[event.anchor] = self._values - before
         return node
 
-    def _repeat(self, alias: yaml.AliasEvent) -> None:
+    def _repeat(self, alias: Any) -> None:
         """Count the values that an alias repeats."""
-        name: Any = alias.anchor
+        name = alias.anchor
         if name in self.anchors and name not in self._sizes:
             words = f"aliases of other values, not {reprlib.repr(name)} inside of itself"
             raise yaml.MarkedYAMLError(problem=words, problem_mark=alias.start_mark)

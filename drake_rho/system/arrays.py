@@ -62,7 +62,8 @@ class Archive(Mapping[str, np.ndarray]):
             with self._archive.open(member) as content:
                 header = read_header(content)
                 if header.size != member.file_size - content.tell():
-                    raise ValueError(f"{name} is damaged: {header.shape} values are not there")
+                    found = f"{member.file_size} bytes with a header of shape {header.shape}"
+                    raise ValueError(f"{name} has {found}, whose numbers are more or fewer")
             if header.size > most:
                 raise ValueError(f"{name} has {header.size} bytes, more than {most}")
             self._headers[name] = header

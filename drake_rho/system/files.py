@@ -8,6 +8,7 @@ import stat
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from io import BufferedReader
 from pathlib import Path
 from typing import IO
 
@@ -38,7 +39,7 @@ def check_readable(path: str | Path, most: int = LARGEST_FILE) -> int:
     return found.st_size
 
 
-def opened(path: str | Path, most: int = LARGEST_FILE) -> IO[bytes]:
+def opened(path: str | Path, most: int = LARGEST_FILE) -> BufferedReader:
     """Open a regular file for reading; the errors are those of `check_readable`."""
     check_readable(path, most)
     return open(path, "rb")

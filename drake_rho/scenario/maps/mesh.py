@@ -16,9 +16,13 @@ from drake_rho.scenario.fields import LARGEST, BoolArray, FloatArray, record
 from drake_rho.scenario.maps.map import Map
 from drake_rho.scenario.maps.mesh_files import read_mesh
 from drake_rho.scenario.maps.parts import Triangles
+from drake_rho.scenario.maps.shells import Shells
 from drake_rho.scenario.maps.source import Source, absolute, named, source_of
 from drake_rho.scenario.maps.stored import NumberRows, WholeRows
 from drake_rho.scenario.poses import AnyPose, pose_of
+
+_SAME = 1e-9
+"""Distance at which vertices count as one, in sizes of the mesh: programs round them so."""
 
 
 @record
@@ -124,21 +128,21 @@ class Mesh(Map):
 
     @cached_property
     def is_watertight(self) -> bool:
-        """Whether every edge joins two triangles, so that there is an inside.
+        """Whether every edge joins two triangles, so that all of them enclose an inside.
 
-        Vertices at the same position count as one.
+        Vertices within a billionth of the size of each other count as one, a triangle that is there
+        twice may count once, and one without an area does not count.
         """
-        _, numbers = np.unique(self.vertices, axis=0, return_inverse=True)
-        triangles = numbers.reshape(-1)[self.triangles]
-        different = triangles != np.roll(triangles, -1, axis=1)
-        triangles = triangles[different.all(axis=1)]
-        edges = np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=-1).reshape(-1, 2)
-        counts = np.unique(np.sort(edges, axis=1), axis=0, return_counts=True)[1]
-        return bool(np.all(counts % 2 == 0))
+        return self._shells.are_closed
+
+    @cached_property
+    def _shells(self) -> Shells:
+        """Those of its triangles that enclose an inside."""
+        return Shells.of(self.vertices, self.triangles, _SAME * self.size)
 
     def _inside(self, x: FloatArray, distances: FloatArray) -> FloatArray:
-        """Return distances with a negative sign inside of a watertight mesh."""
-        if not self.is_watertight:
+        """Return distances with a negative sign inside of triangles that enclose something."""
+        if not self._shells.enclosing.any():
             return distances
         within = np.all(np.abs(x) <= self.extent, axis=-1)
         if not within.any():
@@ -152,7 +156,7 @@ class Mesh(Map):
         return -self.parts.local_outward(x)
 
     def _is_inside(self, x: FloatArray) -> BoolArray:
-        """Return which positions relative to the centre, (Q, 3), a watertight mesh encloses: (Q,).
+        """Return which positions relative to the centre, (Q, 3), closed shells enclose: (Q,).
 
         A vertical ray from inside crosses the surface an odd number of times. Where solids
         overlap, it leaves more of them than it enters. Both triangles of an edge see it as the same
@@ -161,7 +165,10 @@ class Mesh(Map):
         parts = self.parts
         upper = np.concatenate([x[:, :2], np.full((len(x), 1), parts.tree.upper[2] + 1.0)], axis=1)
         rays, numbers = parts.tree.pairs(x, upper, np.zeros(len(x)))
-        corners, points = parts.corners[numbers], x[rays]
+        among = self._shells.enclosing[numbers]
+        rays, numbers = rays[among], numbers[among]
+        corners = self._shells.vertices[self._shells.triangles[numbers]] - self.center
+        points = x[rays]
         crossed = np.zeros(len(rays), dtype=bool)
         for k in range(3):
             crossed ^= _crosses(corners[:, k], corners[:, (k + 1) % 3], points)

@@ -1,0 +1,103 @@
+"""Shells of a mesh: triangles that share edges, and which of them enclose an inside."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Self
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Shells:
+    """Triangles with vertices that are joined where they are at one place."""
+
+    vertices: FloatArray
+    """positions [m], shape (V, 3)"""
+    triangles: IntArray
+    """numbers of the vertices of each triangle, shape (F, 3)"""
+    enclosing: BoolArray
+    """triangles that are the boundary of an inside, each once, shape (F,)"""
+    are_closed: bool
+    """whether every triangle with an area is of a closed shell"""
+
+    @classmethod
+    def of(cls, vertices: FloatArray, triangles: IntArray, tolerance: float) -> Self:
+        """Return the shells of a mesh.
+
+        Vertices at one place are joined, those within the tolerance only where shells are open
+        without that.
+
+        Args:
+            vertices: positions [m], shape (V, 3).
+            triangles: numbers of the vertices of each triangle, shape (F, 3).
+            tolerance: distance along each axis within which vertices are joined [m].
+        """
+        exact = cls._joined(vertices, triangles, vertices)
+        if exact.are_closed:
+            return exact
+        return cls._joined(vertices, triangles, _clusters(vertices, tolerance))
+
+    @classmethod
+    def _joined(cls, vertices: FloatArray, triangles: IntArray, places: np.ndarray) -> Self:
+        """Return the shells with vertices joined whose places (V, 3) are equal."""
+        _, first, numbers = np.unique(places, axis=0, return_index=True, return_inverse=True)
+        triangles = numbers.reshape(-1)[triangles]
+        has_area: BoolArray = (triangles != np.roll(triangles, -1, axis=1)).all(axis=1)
+        edges = _edges(triangles, len(first))
+        shells = _shells(edges, has_area)
+        once = has_area & _first_of_equal(triangles)
+        is_open = _open(edges, shells, has_area)
+        stays_open = is_open & _open(edges, shells, once)
+        counted = np.where(is_open[shells], once, has_area)
+        closed = has_area.any() and not stays_open[shells[has_area]].any()
+        return cls(vertices[first], triangles, counted & ~stays_open[shells], bool(closed))
+
+
+def _clusters(vertices: FloatArray, tolerance: float) -> IntArray:
+    """Return numbers that are equal along an axis for coordinates without a gap, shape (V, 3)."""
+    numbers = np.empty(vertices.shape, dtype=np.int64)
+    for axis, values in enumerate(vertices.T):
+        order = np.argsort(values, kind="stable")
+        gaps = np.diff(values[order], prepend=values[order[:1]]) > tolerance
+        numbers[order, axis] = np.cumsum(gaps)
+    return numbers
+
+
+def _edges(triangles: IntArray, vertices: int) -> IntArray:
+    """Return the numbers of the three edges of each triangle, from 0, shape (F, 3)."""
+    ends = np.sort(np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=-1), axis=-1)
+    pairs = ends[..., 0] * vertices + ends[..., 1]
+    numbers: IntArray = np.unique(pairs, return_inverse=True)[1].reshape(triangles.shape)
+    return numbers
+
+
+def _shells(edges: IntArray, has_area: BoolArray) -> IntArray:
+    """Return the number of the shell of each triangle: of those that edges connect, shape (F,)."""
+    count, most = len(edges), int(edges.max()) + 1
+    joining = edges[has_area]
+    rows = np.repeat(np.flatnonzero(has_area), 3)
+    shape = (count + most, count + most)
+    graph = coo_array((np.ones(joining.size, bool), (rows, count + joining.ravel())), shape=shape)
+    numbers: IntArray = connected_components(graph, directed=False)[1][:count]
+    return numbers
+
+
+def _first_of_equal(triangles: IntArray) -> BoolArray:
+    """Return which triangles are the first with their three vertices, shape (F,)."""
+    first = np.unique(np.sort(triangles, axis=1), axis=0, return_index=True)[1]
+    found: BoolArray = np.isin(np.arange(len(triangles)), first)
+    return found
+
+
+def _open(edges: IntArray, shells: IntArray, counted: BoolArray) -> BoolArray:
+    """Return which shells have an edge of an odd number of the triangles that are counted."""
+    counts = np.bincount(edges[counted].ravel(), minlength=int(edges.max()) + 1)
+    odd = (counts[edges] % 2 == 1).any(axis=1)
+    found = np.zeros(int(shells.max()) + 1, dtype=bool)
+    found[shells[counted & odd]] = True
+    return found
