@@ -69,8 +69,13 @@ class Clock:
     def meets(
         self, begins: FloatArray, ends: FloatArray, interval: tuple[float, float]
     ) -> BoolArray:
-        """Return whether steps, which do not include their ends, meet an interval, which does."""
-        return np.asarray(~self.after(begins, interval[1]) & self.after(ends, interval[0]))
+        """Return whether steps one after another meet an interval, which includes its ends.
+
+        Each step includes the time at which it begins, and the last one also that at which it ends.
+        """
+        passed = ~self.after(ends, interval[0])
+        passed[-1:] = self.before(ends[-1:], interval[0])
+        return np.asarray(~self.after(begins, interval[1]) & ~passed)
 
     def overlap(self, one: tuple[float, float], other: tuple[float, float]) -> bool:
         """Return whether two intervals that include their ends have a time in common."""
