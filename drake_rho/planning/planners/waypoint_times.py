@@ -45,6 +45,9 @@ _PASSED = 1e-3
 _SAMPLES = 8
 """Number of samples of each step among which a plan's nearest to a waypoint is sought."""
 
+_TRIES = 15
+"""Number of times of a waypoint that are compared."""
+
 _ALIKE = 1e-3
 """Part of the final time by which times of another guess have to differ."""
 
@@ -228,16 +231,37 @@ class WaypointTimes:
 
     def _passed(self, start: Timed, price: float) -> Timed | None:
         """Return a motion that misses the waypoints least, or hardly; None if there is none."""
-        scale = start.problem.effort.units
-        scale = float(np.sum(scale**2)) * start.accelerations.shape[1]
-        price *= (scale + cost_of(start.scenario.fleet, start.accelerations)) / float(start.scenario.fleet.lengths.max())
-        passing = dataclasses.replace(start.passing, price=price)
         search = LeastTime(self._backend, self._progress, final_time=False)
-        found = search.around(dataclasses.replace(start, passing=passing), _ROUGHLY)
-        if found is None:
-            return None
-        passing = dataclasses.replace(found.passing, price=np.inf)
-        return dataclasses.replace(found, passing=passing, short=0.0)
+        found = search.around(_priced(start, price), _ROUGHLY)
+        return found and _exact(found)
+
+    def _compared(self, start: Timed) -> Timed:
+        """Return the motion with the best of many times for each free waypoint, one by one.
+
+        It may still miss waypoints.
+        """
+        search = LeastTime(self._backend, self._progress, final_time=False)
+        best, priced = None, _priced(start, _PRICES[0])
+        for w in np.flatnonzero(~start.passing.given):
+            for time in self._samples(priced.passing, w):
+                times = np.array(priced.passing.times)
+                times[w] = time
+                passing = self._within(dataclasses.replace(priced.passing, times=times))
+                found = search.at_same_times(dataclasses.replace(priced, passing=passing))
+                if found is not None and (best is None or found.cost < best.cost):
+                    best = found
+            priced = best or priced
+        return _exact(priced)
+
+    def _samples(self, passing: Passing, w: int) -> FloatArray:
+        """Return times at which a waypoint may be passed, between its neighbours' [s]."""
+        own = passing.vehicles == passing.vehicles[w]
+        others = np.arange(len(passing))
+        low = passing.times[own & (others < w)].max(initial=0.0)
+        high = passing.times[own & (others > w)].min(initial=self._without.grid.duration)
+        samples = np.linspace(low, high, _TRIES + 2)[1:-1]
+        allowed = [(samples >= first) & (samples <= last) for first, last in self._allowed[w]]
+        return samples[np.any(allowed, axis=0)] if allowed else samples
 
     def near(self, plan: Plan) -> Scenario:
         """Return the scenario with the times that are best near a plan of it with other times."""
@@ -250,9 +274,11 @@ class WaypointTimes:
         That plan keeps clear of everything, and its motion is moved to the waypoints.
         """
         for times in (self._nearest(plan), self._first.times):
-            best = self._best(self._from_plan(plan, times))
-            if best.missed <= _PASSED:
-                yield self._timed(best)
+            start = self._from_plan(plan, times)
+            for guess in (start, self._compared(start)):
+                best = self._best(guess)
+                if best.missed <= _PASSED:
+                    yield self._timed(best)
 
     def _from_plan(self, plan: Plan, times: FloatArray) -> Timed:
         passing = self._within(dataclasses.replace(self._first, times=times))
@@ -276,6 +302,20 @@ class WaypointTimes:
         times = self._given.grid.start + timed.passing.times
         vehicles = self._waypoints.placed(self._given.vehicles, times)
         return dataclasses.replace(self._given, vehicles=vehicles)
+
+
+def _priced(timed: Timed, price: float) -> Timed:
+    """Return a motion that may miss free waypoints at a price, in units of costs and lengths."""
+    units, steps = timed.problem.effort.units, timed.accelerations.shape[1]
+    cost = float(np.sum(units**2)) * steps + cost_of(timed.scenario.fleet, timed.accelerations)
+    price *= cost / float(timed.scenario.fleet.lengths.max())
+    return dataclasses.replace(timed, passing=dataclasses.replace(timed.passing, price=price))
+
+
+def _exact(timed: Timed) -> Timed:
+    """Return a motion as a guess for one that misses no waypoint."""
+    passing = dataclasses.replace(timed.passing, price=np.inf)
+    return dataclasses.replace(timed, passing=passing, short=0.0)
 
 
 def at_times_tried(error: InfeasibleError) -> InfeasibleError:
