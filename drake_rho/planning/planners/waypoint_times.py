@@ -14,6 +14,7 @@ from drake_rho.motion.plan import Plan
 from drake_rho.planning.call.progress import Progress, tell
 from drake_rho.planning.errors import InfeasibleError
 from drake_rho.planning.planners.allowed_times import allowed_times
+from drake_rho.planning.planners.related import changes_with_time
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs.backend import Backend
 from drake_rho.planning.programs.free_times import Passing
@@ -162,7 +163,16 @@ class WaypointTimes:
     @cached_property
     def _allowed(self) -> list[FloatArray]:
         """Intervals of time in which each waypoint may be passed, since the first knot [s]."""
+        if not changes_with_time(self._without):
+            return [np.array([[0.0, self._without.grid.duration]])] * len(self._waypoints)
         return allowed_times(self._without, self._waypoints)
+
+    @property
+    def _more_than_limits(self) -> bool:
+        """Whether the best times depend on more than limits, even without a reference."""
+        own = self._without
+        required = own.requirements or own.disturbance is not None or own.smoothing is not None
+        return bool(required) or changes_with_time(own)
 
     def without_free(self) -> Scenario:
         """Return the scenario without the free waypoints, which has a plan if any times have one."""
@@ -183,7 +193,9 @@ class WaypointTimes:
         tell(self._progress, "looking for the times of waypoints")
         known = list[FloatArray]()
         for start in self._starts():
-            best = self._best(self._in_view(start))
+            best = self._best(start)
+            if self._more_than_limits:
+                best = self._best(self._in_view(best))
             times = best.passing.times
             if not any(np.allclose(times, each, atol=_ALIKE * best.duration) for each in known):
                 known.append(times)
@@ -196,7 +208,7 @@ class WaypointTimes:
         passing = self._first
         start = Timed(scenario, grid.step, accelerations, passing)
         fast, _ = in_least_time(start, self._backend, self._progress)
-        yield self._best(fast)
+        yield fast
         yield start
         for power in _POWERS:
             times = grid.duration * (passing.times / grid.duration) ** power
