@@ -14,6 +14,7 @@ from drake_rho.motion.plan import Plan
 from drake_rho.planning.call.progress import Progress, tell
 from drake_rho.planning.errors import InfeasibleError
 from drake_rho.planning.planners.allowed_times import allowed_times
+from drake_rho.planning.planners.related import changes_with_time
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs.backend import Backend
 from drake_rho.planning.programs.free_times import Passing
@@ -44,6 +45,9 @@ _PASSED = 1e-3
 
 _SAMPLES = 8
 """Number of samples of each step among which a plan's nearest to a waypoint is sought."""
+
+_TRIES = 15
+"""Number of times of a waypoint that are compared."""
 
 _ALIKE = 1e-3
 """Part of the final time by which times of another guess have to differ."""
@@ -157,7 +161,16 @@ class WaypointTimes:
     @cached_property
     def _allowed(self) -> list[FloatArray]:
         """Intervals of time in which each waypoint may be passed, since the first knot [s]."""
+        if not changes_with_time(self._without):
+            return [np.array([[0.0, self._without.grid.duration]])] * len(self._waypoints)
         return allowed_times(self._without, self._waypoints)
+
+    @property
+    def _more_than_limits(self) -> bool:
+        """Whether the best times depend on more than limits, even without a reference."""
+        own = self._without
+        required = own.requirements or own.disturbance is not None or own.smoothing is not None
+        return bool(required) or changes_with_time(own)
 
     def without_free(self) -> Scenario:
         """Return the scenario without the free waypoints, which has a plan if any times have one."""
@@ -178,7 +191,9 @@ class WaypointTimes:
         tell(self._progress, "looking for the times of waypoints")
         known = list[FloatArray]()
         for start in self._starts():
-            best = self._best(self._in_view(start))
+            best = self._best(start)
+            if self._more_than_limits:
+                best = self._best(self._in_view(best))
             times = best.passing.times
             if not any(np.allclose(times, each, atol=_ALIKE * best.duration) for each in known):
                 known.append(times)
@@ -191,7 +206,7 @@ class WaypointTimes:
         passing = self._first
         start = Timed(scenario, grid.step, accelerations, passing)
         fast, _ = in_least_time(start, self._backend, self._progress)
-        yield self._best(fast)
+        yield fast
         yield start
         for power in _POWERS:
             times = grid.duration * (passing.times / grid.duration) ** power
@@ -231,18 +246,37 @@ class WaypointTimes:
 
     def _passed(self, start: Timed, price: float) -> Timed | None:
         """Return a motion that misses the waypoints least, or hardly; None if there is none."""
-        scale = start.problem.effort.units
-        scale = float(np.sum(scale**2)) * start.accelerations.shape[1]
-        price *= (scale + cost_of(start.scenario.fleet, start.accelerations)) / float(
-            start.scenario.fleet.lengths.max()
-        )
-        passing = dataclasses.replace(start.passing, price=price)
         search = LeastTime(self._backend, self._progress, final_time=False)
-        found = search.around(dataclasses.replace(start, passing=passing), _ROUGHLY)
-        if found is None:
-            return None
-        passing = dataclasses.replace(found.passing, price=np.inf)
-        return dataclasses.replace(found, passing=passing, short=0.0)
+        found = search.around(_priced(start, price), _ROUGHLY)
+        return found and _exact(found)
+
+    def _compared(self, start: Timed) -> Timed:
+        """Return the motion with the best of many times for each free waypoint, one by one.
+
+        It may still miss waypoints.
+        """
+        search = LeastTime(self._backend, self._progress, final_time=False)
+        best, priced = None, _priced(start, _PRICES[0])
+        for w in np.flatnonzero(~start.passing.given):
+            for time in self._samples(priced.passing, w):
+                times = np.array(priced.passing.times)
+                times[w] = time
+                passing = self._within(dataclasses.replace(priced.passing, times=times))
+                found = search.at_same_times(dataclasses.replace(priced, passing=passing))
+                if found is not None and (best is None or found.cost < best.cost):
+                    best = found
+            priced = best or priced
+        return _exact(priced)
+
+    def _samples(self, passing: Passing, w: int) -> FloatArray:
+        """Return times at which a waypoint may be passed, between its neighbours' [s]."""
+        own = passing.vehicles == passing.vehicles[w]
+        others = np.arange(len(passing))
+        low = passing.times[own & (others < w)].max(initial=0.0)
+        high = passing.times[own & (others > w)].min(initial=self._without.grid.duration)
+        samples = np.linspace(low, high, _TRIES + 2)[1:-1]
+        allowed = [(samples >= first) & (samples <= last) for first, last in self._allowed[w]]
+        return samples[np.any(allowed, axis=0)] if allowed else samples
 
     def near(self, plan: Plan) -> Scenario:
         """Return the scenario with the times that are best near a plan of it with other times."""
@@ -255,9 +289,11 @@ class WaypointTimes:
         That plan keeps clear of everything, and its motion is moved to the waypoints.
         """
         for times in (self._nearest(plan), self._first.times):
-            best = self._best(self._from_plan(plan, times))
-            if best.missed <= _PASSED:
-                yield self._timed(best)
+            start = self._from_plan(plan, times)
+            for guess in (start, self._compared(start)):
+                best = self._best(guess)
+                if best.missed <= _PASSED:
+                    yield self._timed(best)
 
     def _from_plan(self, plan: Plan, times: FloatArray) -> Timed:
         passing = self._within(dataclasses.replace(self._first, times=times))
@@ -281,6 +317,20 @@ class WaypointTimes:
         times = self._given.grid.start + timed.passing.times
         vehicles = self._waypoints.placed(self._given.vehicles, times)
         return dataclasses.replace(self._given, vehicles=vehicles)
+
+
+def _priced(timed: Timed, price: float) -> Timed:
+    """Return a motion that may miss free waypoints at a price, in units of costs and lengths."""
+    units, steps = timed.problem.effort.units, timed.accelerations.shape[1]
+    cost = float(np.sum(units**2)) * steps + cost_of(timed.scenario.fleet, timed.accelerations)
+    price *= cost / float(timed.scenario.fleet.lengths.max())
+    return dataclasses.replace(timed, passing=dataclasses.replace(timed.passing, price=price))
+
+
+def _exact(timed: Timed) -> Timed:
+    """Return a motion as a guess for one that misses no waypoint."""
+    passing = dataclasses.replace(timed.passing, price=np.inf)
+    return dataclasses.replace(timed, passing=passing, short=0.0)
 
 
 def at_times_tried(error: InfeasibleError) -> InfeasibleError:
