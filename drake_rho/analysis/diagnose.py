@@ -6,32 +6,41 @@ Of a plan in the least time it is the limits that make it as long as it is.
 from __future__ import annotations
 
 import dataclasses
+import re
+from collections.abc import Mapping
 from typing import overload
 
+from drake_rho.analysis.adjustable import Adjustable, adjustable_numbers
+from drake_rho.analysis.changes import Change, least_change, least_duration, new_duration
 from drake_rho.analysis.diagnosis import Diagnosis
 from drake_rho.analysis.infeasible_subset import infeasible_subset
+from drake_rho.analysis.least_violation import least_violations
 from drake_rho.analysis.sensitivity import TimeSensitivity
 from drake_rho.analysis.time_sensitivity import SensitivityAnalysis
-from drake_rho.analysis.trials import Trials, durations, least_factor, precision_of
+from drake_rho.analysis.trials import Trials, durations, precision_of
 from drake_rho.motion.plan import Plan
 from drake_rho.planning.call.progress import Progress, tell
 from drake_rho.planning.call.time_limit import with_time_limit
-from drake_rho.planning.errors import InfeasibleError, OutOfTimeError, SolverError
+from drake_rho.planning.errors import InfeasibleError, Names, OutOfTimeError, SolverError
 from drake_rho.planning.planners.first_plan import first_plan
 from drake_rho.planning.planners.related import can_be_slower
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs.backend import Backend, Solver, SolverName
-from drake_rho.planning.scp.minimum_violation import minimum_violation
 from drake_rho.scenario.arguments import checked
-from drake_rho.scenario.records import Box, Limits, Scenario, Vehicle
+from drake_rho.scenario.records import Scenario
 from drake_rho.system.threads import single_threaded_blas
 from drake_rho.verification.check import Check
-from drake_rho.verification.verify import verify
+
+_PENALTIES = 8
+"""Largest number of penalties in a trial of a change, which begins near a plan."""
+
+_LONGEST = 8.0
+"""Largest multiple of a duration that is tried where motions cannot be flown more slowly."""
 
 
 @overload
 def diagnose(
-    scenario: Scenario,
+    scenario: Scenario | InfeasibleError,
     *,
     solver: Solver | SolverName | None = None,
     progress: Progress | None = None,
@@ -53,7 +62,7 @@ def diagnose(
 @with_time_limit
 @single_threaded_blas()
 def diagnose(
-    scenario: Scenario | Plan,
+    scenario: Scenario | Plan | InfeasibleError,
     *,
     planned: Scenario | None = None,
     solver: Solver | SolverName | None = None,
@@ -62,18 +71,22 @@ def diagnose(
 ) -> Diagnosis | TimeSensitivity:
     """Find out why a scenario has no plan, or which limits make a plan of least time so long.
 
-    Of a scenario without a plan, it finds the constraints that cannot be met together, the least
-    violation, and changes that give a plan. Of a plan of `plan_minimum_time`, it finds by how much
-    the final time falls if each limit is relaxed by a little: each is relaxed in turn, in a program
-    with a free final time around the plan. Where limits bend, the change is that to first order.
+    Of a scenario without a plan, it finds what is missed by how much, the constraints that cannot
+    be met together, and for each limit in every conflict the least change that gives a plan: its
+    number is bisected, between the present one and that which a plan without the limit needs. If
+    none suffices alone, all limits in the conflicts are changed together. Of a plan of
+    `plan_minimum_time`, it finds by how much the final time falls if each limit is relaxed by a
+    little: each is relaxed in turn, in a program with a free final time around the plan. Where
+    limits bend, the change is that to first order.
 
     Conflicts with obstacles are those of the first linearisation, around the plan without
-    obstacles. Changes that give a plan are found with the first plan of `plan_scp`, which also
-    tries paths round obstacles. Where a longer duration is not always possible (`can_be_slower`),
+    obstacles. Trials of changes begin near the plan found before: with obstacles or other vehicles,
+    a smaller change may suffice. Where a longer duration is not always possible (`can_be_slower`),
     shorter ones are tried as well.
 
     Args:
-        scenario: scenario to diagnose, or plan of the least time.
+        scenario: scenario to diagnose, or a planner's error about one, so that no plan is looked
+            for again; or plan of the least time.
         planned: for a plan, the scenario that it was planned for, whose times of waypoints are
             kept. If not given, the times of all waypoints count as found.
         solver: `"clarabel"`, `"daqp"` or `"osqp"`, or a Drake solver; Clarabel if not given. Plans
@@ -97,8 +110,13 @@ def diagnose(
         ...     [rho.Vehicle("scout", rho.State([0, 0, 2]), rho.State([20, 0, 2]))],
         ...     limits=rho.Limits(max_acceleration=0.7),
         ... )
-        >>> rho.diagnose(scenario).conflicts
+        >>> diagnosis = rho.diagnose(scenario)
+        >>> diagnosis.conflicts
         {'scout': ('goal x', 'maximum acceleration from 0 s to 9.75 s')}
+        >>> for change in diagnosis.changes:
+        ...     print(change)
+        duration: 10.691 s instead of 10 s
+        max_acceleration: 0.80002 m/s² instead of 0.7 m/s²
         >>> print(rho.diagnose(rho.plan_minimum_time(scenario)))
         hurry: 10.69 s; what makes it so long
         limit             change    vehicles  less time
@@ -109,42 +127,136 @@ def diagnose(
     if planned is not None:
         raise ValueError("planned: got a scenario beside a scenario, expected it beside a plan")
     backend = Backend.of(solver)
-    violations: tuple[Check, ...] = ()
-    tolerable, premise, trials = None, "", Trials(backend, progress)
+    search = _Search(Trials(backend, progress, _PENALTIES), backend, progress)
+    if isinstance(scenario, InfeasibleError):
+        if scenario.scenario is None:
+            raise ValueError("scenario: got an error about no scenario, expected a planner's error")
+        return search.infeasible(scenario.scenario, scenario)
     try:
         plan = first_plan(Problem.of(scenario), backend=backend, progress=progress)
     except InfeasibleError as error:
+        return search.infeasible(scenario, error)
+    return search.feasible(scenario, plan)
+
+
+@dataclasses.dataclass(frozen=True)
+class _Search:
+    """Search for reasons and remedies."""
+
+    trials: Trials
+    backend: Backend
+    progress: Progress | None
+
+    def feasible(self, scenario: Scenario, plan: Plan) -> Diagnosis:
+        """Return the diagnosis of a scenario that has a plan: its shortest duration."""
+        self.trials.begin(plan)
+        shortest, longest = durations(scenario, self.trials)
+        return Diagnosis(
+            scenario=scenario,
+            conflicts={},
+            violations=(),
+            changes=(),
+            shortest_duration=shortest,
+            longest_duration=longest,
+            is_monotone=is_monotone(scenario),
+            cut=self.trials.cut,
+        )
+
+    def infeasible(self, scenario: Scenario, error: InfeasibleError) -> Diagnosis:
+        """Return the diagnosis of a scenario without a plan."""
+        trials, violations = self.trials, tuple[Check, ...]()
         trials.begin(None)
         tolerable = _largest_tolerable_wind(scenario, trials)
         conflicts, premise = error.conflicts, error.premise
         try:
             if tolerable is None and scenario.disturbance is not None:
-                error = _undisturbed(error, scenario, backend)
-            tell(progress, "looking for constraints that cannot be met together")
-            conflicts, premise = infeasible_subset(error, solver=backend.solver), error.premise
-            tell(progress, "looking for the least violation")
-            violations = verify(minimum_violation(Problem.of(scenario), backend)).violations
+                error = _undisturbed(error, scenario, self.backend)
+            tell(self.progress, "looking for constraints that cannot be met together")
+            conflicts = infeasible_subset(error, solver=self.backend.solver)
+            premise = error.premise
+            tell(self.progress, "looking for the least violation")
+            violations = least_violations(scenario, error, self.backend)
         except OutOfTimeError:
             trials.cut = True
+        changes = self._changes(scenario, error, conflicts)
+        shortest, longest = self._durations(scenario, error)
+        if (other := longest or shortest) is not None:
+            changes = [new_duration(scenario, other), *changes]
         if tolerable is not None:  # without it there is a plan, so it is part of every conflict
             conflicts = {name: (*why, "disturbance") for name, why in conflicts.items()}
-    else:
-        trials.begin(plan)
-        conflicts, violations = {}, verify(plan).violations
-    shortest, longest = durations(scenario, trials)
-    stronger = _smallest_relaxation(scenario, trials)
-    return Diagnosis(
-        scenario=scenario,
-        conflicts=conflicts,
-        violations=tuple(one for one in violations if one.vehicle in conflicts),
-        shortest_duration=shortest,
-        longest_duration=longest,
-        is_monotone=is_monotone(scenario),
-        acceleration_factor=stronger,
-        premise=premise,
-        bearable_wind=tolerable,
-        cut=trials.cut,
-    )
+        return Diagnosis(
+            scenario=scenario,
+            conflicts=conflicts,
+            violations=violations,
+            changes=tuple(changes),
+            shortest_duration=shortest,
+            longest_duration=longest,
+            is_monotone=is_monotone(scenario),
+            premise=premise,
+            bearable_wind=tolerable,
+            cut=trials.cut,
+        )
+
+    def _changes(
+        self, scenario: Scenario, error: InfeasibleError, conflicts: Mapping[str, Names]
+    ) -> list[Change]:
+        """Return the least changes of single limits that give a plan, or of all together."""
+        wanted = [
+            each
+            for each in adjustable_numbers(scenario, list(conflicts))
+            if _may_help(each, error, conflicts)
+        ]
+        alone = [each for each in wanted if _is_in_every(each, error, conflicts)]
+        found = [least_change(scenario, [each], self.trials) for each in alone]
+        changes = [each for each in found if each is not None]
+        if changes or len(wanted) < 2:
+            return changes
+        together = least_change(scenario, wanted, self.trials)
+        return [] if together is None else [together]
+
+    def _durations(
+        self, scenario: Scenario, error: InfeasibleError
+    ) -> tuple[float | None, float | None]:
+        """Return the least duration with a plan, and the greatest if only shorter ones have one."""
+        if _has_no_path(error):
+            return None, None
+        if can_be_slower(scenario):
+            return least_duration(scenario, self.trials), None
+        return durations(scenario, self.trials, largest=_LONGEST)
+
+
+def _has_no_path(error: InfeasibleError) -> bool:
+    """Return whether paths were searched, and there is none however fast a vehicle may fly."""
+    searched = error.statistics.searched
+    return searched is not None and searched.ways == 0 and searched.layers == 0
+
+
+def _may_help(each: Adjustable, error: InfeasibleError, conflicts: Mapping[str, Names]) -> bool:
+    """Return whether numbers bound a motion in some conflict."""
+    if _has_no_path(error) and each.name not in ("obstacle", "position box"):
+        return False
+    return any(_is_in(each, vehicle, error, conflicts) for vehicle in conflicts)
+
+
+def _is_in_every(each: Adjustable, error: InfeasibleError, conflicts: Mapping[str, Names]) -> bool:
+    """Return whether numbers are in every conflict, so that changing them alone may give a plan."""
+    return all(_is_in(each, vehicle, error, conflicts) for vehicle in conflicts)
+
+
+def _is_in(
+    each: Adjustable, vehicle: str, error: InfeasibleError, conflicts: Mapping[str, Names]
+) -> bool:
+    """Return whether numbers are named in the conflict of a vehicle.
+
+    A conflict with linearised obstacles or pairs names only some of the limits that may help.
+    """
+    if vehicle not in each.vehicles:
+        return False
+    if error.obstacles.get(vehicle):
+        pairs = 0 in error.obstacles[vehicle]
+        return pairs if each.name == "separation" else True
+    following = re.compile(re.escape(each.name) + r"(?!\d)")
+    return any(following.match(name) for name in conflicts[vehicle])
 
 
 def is_monotone(scenario: Scenario) -> bool:
@@ -188,38 +300,3 @@ def _largest_tolerable_wind(scenario: Scenario, trials: Trials) -> float | None:
         middle = (low + high) / 2.0
         low, high = (middle, high) if tolerates(middle) else (low, middle)
     return low * disturbance.acceleration
-
-
-def _smallest_relaxation(scenario: Scenario, trials: Trials) -> float | None:
-    limits = [scenario.limits_of(vehicle) for vehicle in scenario.vehicles]
-    if not any(each.acceleration or each.max_acceleration for each in limits):
-        return None
-
-    def suffices(factor: float, near: bool = False) -> bool:
-        words = f"acceleration limits {factor:.5g} times as wide"
-        return trials.has_plan(lambda: _stronger(scenario, factor), words, near=near)
-
-    return least_factor(suffices, trials.feasible, precision_of(scenario))
-
-
-def _stronger(scenario: Scenario, factor: float) -> Scenario:
-    """Return the scenario with every limit on accelerations scaled by `factor` about zero."""
-
-    def wider(limits: Limits | None) -> Limits | None:
-        if limits is None:
-            return None
-        box, most = limits.acceleration, limits.max_acceleration
-        return dataclasses.replace(
-            limits,
-            acceleration=box and Box(factor * box.lower, factor * box.upper),
-            max_acceleration=most and factor * most,
-        )
-
-    def stronger(vehicle: Vehicle) -> Vehicle:
-        return dataclasses.replace(vehicle, limits=wider(vehicle.limits))
-
-    return dataclasses.replace(
-        scenario,
-        limits=wider(scenario.limits) or Limits(),
-        vehicles=tuple(stronger(vehicle) for vehicle in scenario.vehicles),
-    )

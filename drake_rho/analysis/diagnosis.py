@@ -6,19 +6,27 @@ import dataclasses
 
 import numpy as np
 
+from drake_rho.analysis.changes import Change, NewNumbers
+from drake_rho.analysis.least_violation import partner_of
+from drake_rho.scenario.clock import clock_time
 from drake_rho.scenario.described import Described
 from drake_rho.scenario.records import Scenario
 from drake_rho.verification.check import Check
 
-_LINES, _REASONS, _SHOWN = 12, 3, 5
-"""Largest numbers of lines of a printed diagnosis, and of vehicles and violations in it."""
+_SHOWN = 4
+"""Largest number of vehicles of a printed diagnosis that are named with what they miss, and with
+their conflicts."""
 
 _CUT = "time was up before everything was tried: smaller changes may suffice"
 
 
 @dataclasses.dataclass(frozen=True)
 class Diagnosis(metaclass=Described):
-    """Reason why a scenario has no plan, and changes that give one; prints in 12 lines at most."""
+    """Reason why a scenario has no plan, and changes that give one.
+
+    It prints what is missed by whom and by how much, then the constraints that cannot be met
+    together, then the changes.
+    """
 
     scenario: Scenario
     """scenario that was diagnosed"""
@@ -26,21 +34,21 @@ class Diagnosis(metaclass=Described):
     """for each vehicle without a plan, constraints that cannot be met together; empty if there is
     a plan"""
     violations: tuple[Check, ...]
-    """violations of the motion with the least total violation, the worst first"""
+    """violations of the motion with the least total violation, missed goals first; of each vehicle
+    and constraint the worst one, and of each pair one"""
+    changes: tuple[Change, ...]
+    """changes with each of which a plan was found, the least of each limit: of the duration, and of
+    the limits in every conflict, or else of all of them together"""
     shortest_duration: float | None
     """least duration T for which a plan was found with everything else unchanged [s]; None if none
-    was found up to `diagnose.LARGEST_FACTOR` times the scenario's duration"""
+    was found"""
     longest_duration: float | None
     """greatest duration T for which a plan was found [s], if plans were found for shorter durations
     than the scenario's only; else None. A longer duration is not always possible with a
     disturbance, moving obstacles, waypoints, or motion at start or goal"""
     is_monotone: bool
     """whether a plan for one duration implies a plan for every longer one, so that the shortest
-    duration is exact to `diagnose.PRECISION`; else shorter ones may have been missed"""
-    acceleration_factor: float | None
-    """least factor on every acceleration box and every maximum acceleration for which a plan was
-    found, with thrust and tilt unchanged; None if there is no such limit, or if no factor up to
-    `diagnose.LARGEST_FACTOR` was found to help"""
+    duration is exact to `trials.PRECISION`; else shorter ones may have been missed"""
     premise: str = ""
     """assumption under which the conflicts are proved, as in 'with the margins that are kept for
     the disturbance'; empty if they are proved for the scenario itself"""
@@ -58,45 +66,56 @@ class Diagnosis(metaclass=Described):
         """True if a plan was found after all."""
         return not self.conflicts
 
+    @property
+    def acceleration_factor(self) -> float | None:
+        """Factor by which acceleration limits have to grow for a plan; None if it is not known.
+
+        It is 1 if there is a plan, and None if no change of these limits alone was found to help.
+        """
+        if self.feasible:
+            limits = map(self.scenario.limits_of, self.scenario.vehicles)
+            limited = any(each.acceleration or each.max_acceleration for each in limits)
+            return 1.0 if limited else None
+        for change in self.changes:
+            if all(_is_of_accelerations(each) for each in change.numbers):
+                return max(each.factor for each in change.numbers)
+        return None
+
     def __str__(self) -> str:
         return f"{self.reason}\n{self.remedy}".rstrip()
 
     @property
     def reason(self) -> str:
-        """Constraints that cannot be met together, in five lines at most, or that a plan exists."""
+        """What is missed, and constraints that cannot be met together; or that a plan exists."""
         if self.feasible:
             cut = f"; {_CUT}" if self.cut else ""
             return f"{self.scenario.name}: there is a plan{self._shorter()}{cut}"
-        shown = list(self.conflicts.items())[:_REASONS]
-        more = len(self.conflicts) - len(shown)
         premise = f" {self.premise}" if self.premise else ""
+        missed = self._missed()
+        why = [f"{vehicle}: {', '.join(names)}" for vehicle, names in self.conflicts.items()]
         return "\n".join(
             [
-                f"{self.scenario.name}: no plan was found; these constraints cannot be met together"
-                f"{premise}:",
-                *(f"  {vehicle}: {', '.join(names)}" for vehicle, names in shown),
-                *([f"  and {more} more vehicles"] if more > 0 else []),
+                f"{self.scenario.name}: no plan was found",
+                *(["missed by the motion with the least total violation:"] if missed else []),
+                *_some(missed, "vehicles"),
+                f"cannot be met together{premise}:",
+                *_some(_pairs_once(why), "vehicles"),
             ]
         )
 
     @property
     def remedy(self) -> str:
-        """Least total violation, and changes with which there is a plan; empty if there is one."""
+        """Changes with which there is a plan; empty if there is one already."""
         if self.feasible:
             return ""
-        violations = [
-            f"  {one.vehicle}: {one.what} by {one.excess:.3g} {one.unit} at {one.time:.4g} s"
-            for one in self.violations[:_SHOWN]
-        ]
-        below, above = [*self._disturbed(), *self._repairs()], len(self.reason.splitlines())
-        return "\n".join(
-            [
-                *(["the motion with the least total violation violates"] if violations else []),
-                *violations[: _LINES - above - 1 - len(below)],
-                *below,
-                *([_CUT] if self.cut else []),
-            ]
-        )
+        return "\n".join([*self._disturbed(), *self._repairs(), *([_CUT] if self.cut else [])])
+
+    def _missed(self) -> list[str]:
+        """Return a line for each vehicle, with all that it misses."""
+        lines = dict[str, list[str]]()
+        for each in self.violations:
+            lines.setdefault(each.vehicle, []).append(_told(each))
+        return [f"{vehicle}: {', '.join(parts)}" for vehicle, parts in lines.items()]
 
     def _duration(self, shortest: float) -> str:
         steps, note = self.scenario.grid.knots - 1, "" if self.is_monotone else " or perhaps less"
@@ -121,10 +140,7 @@ class Diagnosis(metaclass=Described):
             )
         elif self.shortest_duration is not None:
             changes.append(self._duration(self.shortest_duration))
-        if self.acceleration_factor is not None:
-            changes.append(
-                f"acceleration limits {_rounded_up(self.acceleration_factor)} times as wide"
-            )
+        changes += [str(each) for each in self.changes if not each.is_of_duration]
         disturbance = self.scenario.disturbance
         if disturbance is not None and self.bearable_wind:
             changes.append(
@@ -134,9 +150,9 @@ class Diagnosis(metaclass=Described):
         if not changes and self.cut:
             return []  # nothing is known
         if not changes:
-            return ["no plan was found with more time or with wider acceleration limits either"]
-        heads = ["there is a plan with", *["or with"] * (len(changes) - 1)]
-        return [f"{head} {change}" for head, change in zip(heads, changes, strict=True)]
+            return ["no plan was found with more time or with wider limits either"]
+        head = "there is a plan with" if len(changes) == 1 else "there is a plan with any one of"
+        return [f"{head}:", *(f"  {change}" for change in changes)]
 
     def _disturbed(self) -> list[str]:
         """Return a line on whether the disturbance is the reason, or no line if it is not."""
@@ -146,6 +162,31 @@ class Diagnosis(metaclass=Described):
             alone = "with the estimation errors alone there is none"
             return [f"without a disturbance there is a plan; {alone}"]
         return ["without a disturbance there is a plan"]
+
+
+def _told(check: Check) -> str:
+    """Return in words what is missed, by how much and when."""
+    by, at = f"{check.excess:.3g} {check.unit}", clock_time(check.time, 4)
+    if check.kind == "goals":
+        return f"{check.constraint} {check.part} by {by}"
+    if (partner := partner_of(check)) is not None:
+        return f"too close to {partner} by {by} at {at}"
+    return f"{check.constraint} by {by} at {at}"
+
+
+def _pairs_once(lines: list[str]) -> list[str]:
+    return lines
+
+
+def _some(lines: list[str], of: str) -> list[str]:
+    """Return the first lines, indented, and how many more there are."""
+    more = len(lines) - _SHOWN
+    rest = [f"  and {more} more {of}"] if more > 0 else []
+    return [*(f"  {line}" for line in lines[:_SHOWN]), *rest]
+
+
+def _is_of_accelerations(numbers: NewNumbers) -> bool:
+    return numbers.limit.split()[0] in ("acceleration", "max_acceleration")
 
 
 def _rounded_up(value: float) -> str:

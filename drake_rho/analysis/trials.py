@@ -9,10 +9,12 @@ from typing import Protocol
 from drake_rho.motion.plan import Plan
 from drake_rho.planning.call.progress import Progress, tell, within
 from drake_rho.planning.errors import InfeasibleError, OutOfTimeError, SolverError
-from drake_rho.planning.planners.first_plan import first_plan, plan_near
+from drake_rho.planning.planners.first_plan import FirstPlan, plan_near
 from drake_rho.planning.planners.related import can_be_slower, rescaled, time_scaled_plan
-from drake_rho.planning.problem import Problem
+from drake_rho.planning.problem import Problem, finest, with_finer_margins
 from drake_rho.planning.programs.backend import Backend
+from drake_rho.planning.scp.restoration import MAX_RESTORATIONS
+from drake_rho.planning.scp.subproblem import plan_around
 from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.records import Scenario
 
@@ -46,6 +48,8 @@ class Trials:
     Args:
         backend: solves their programs.
         progress: called with a short description of each trial.
+        most: the largest number of penalties in one restoration of a trial. Where it is given,
+            motions are first sought without obstacles and pairs, and fleets get no paths.
 
     Attributes:
         plan: the last plan found.
@@ -53,7 +57,10 @@ class Trials:
         cut: whether time was up; all later trials then fail.
     """
 
-    def __init__(self, backend: Backend, progress: Progress | None) -> None:
+    def __init__(
+        self, backend: Backend, progress: Progress | None, most: int = MAX_RESTORATIONS
+    ) -> None:
+        self._most = most
         self.plan: Plan | None = None
         self.feasible: bool | None = None
         self.cut = False
@@ -85,11 +92,15 @@ class Trials:
         return True
 
     def _found(self, scenario: Scenario, progress: Progress | None, near: bool) -> Plan:
-        problem = Problem.of(scenario)
+        problem, quick = Problem.of(scenario), self._most < MAX_RESTORATIONS
         if near and self.plan is not None:
+            if quick and (scenario.avoided or scenario.separation is not None):
+                plan_around(finest(scenario), None, self._backend)  # proves that there is none
             reference = time_scaled_plan(self.plan, scenario)
-            return plan_near(problem, reference, backend=self._backend, progress=progress)
-        return first_plan(problem, backend=self._backend, progress=progress)
+            backend, most = self._backend, self._most
+            return plan_near(problem, reference, backend=backend, progress=progress, most=most)
+        search = FirstPlan(self._backend, progress, most=self._most, with_paths=not quick)
+        return with_finer_margins(search.of, problem)
 
 
 class Trial(Protocol):
@@ -100,8 +111,10 @@ class Trial(Protocol):
         ...
 
 
-def some_factor(has_plan: Trial, feasible: bool | None, *, shorter: bool) -> float | None:
-    """Return a factor that has a plan; None if none does.
+def some_factor(
+    has_plan: Trial, feasible: bool | None, *, shorter: bool, largest: float = LARGEST_FACTOR
+) -> float | None:
+    """Return a factor that has a plan; None if none up to the largest does.
 
     Powers of two are tried and, if `shorter`, powers of `SHORTER`. Whether 1 has a plan may be
     known before (`feasible`).
@@ -109,7 +122,7 @@ def some_factor(has_plan: Trial, feasible: bool | None, *, shorter: bool) -> flo
     if has_plan(1.0) if feasible is None else feasible:
         return 1.0
     longer, less = 2.0, SHORTER
-    while longer <= LARGEST_FACTOR:
+    while longer <= largest:
         if has_plan(longer):
             return longer
         while shorter and less >= 1.0 / longer:
@@ -138,19 +151,11 @@ def boundary(has_plan: Trial, one: float, other: float, precision: float) -> flo
     return one
 
 
-def least_factor(has_plan: Trial, feasible: bool | None, precision: float) -> float | None:
-    """Return the least factor of at least 1 that has a plan, by doubling, then bisection.
-
-    None if no factor up to the largest has a plan. Whether 1 has one may be known (`feasible`).
-    """
-    factor = some_factor(has_plan, feasible, shorter=False)
-    if factor is None or factor == 1.0:
-        return factor
-    return boundary(has_plan, factor, factor / 2.0, precision)
-
-
 def durations(
-    scenario: Scenario, trials: Trials, variant: Callable[[float], Scenario] | None = None
+    scenario: Scenario,
+    trials: Trials,
+    variant: Callable[[float], Scenario] | None = None,
+    largest: float = LARGEST_FACTOR,
 ) -> tuple[float | None, float | None]:
     """Return the least duration with a plan, and the greatest if below the scenario's [s].
 
@@ -161,6 +166,7 @@ def durations(
         scenario: of a duration of which others are multiples.
         trials: makes the trials; its plan is one of the least duration in the end.
         variant: returns the scenario with a multiple of its duration; `rescaled` if not given.
+        largest: largest multiple that is tried.
     """
     duration, precision = scenario.grid.duration, precision_of(scenario)
 
@@ -169,7 +175,8 @@ def durations(
         make = partial(rescaled, scenario) if variant is None else variant
         return trials.has_plan(lambda: make(factor), words, near=near)
 
-    high = some_factor(lasting, trials.feasible, shorter=not can_be_slower(scenario))
+    slower = can_be_slower(scenario)
+    high = some_factor(lasting, trials.feasible, shorter=not slower, largest=largest)
     if high is None:
         return None, None
     longest = None

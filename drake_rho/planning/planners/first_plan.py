@@ -25,7 +25,7 @@ from drake_rho.planning.planners.related import can_be_slower, fitted, rescaled
 from drake_rho.planning.problem import Problem, with_finer_margins
 from drake_rho.planning.programs.backend import Backend
 from drake_rho.planning.scp.fleet_steps import FleetSteps
-from drake_rho.planning.scp.restoration import Step, restore_feasibility
+from drake_rho.planning.scp.restoration import MAX_RESTORATIONS, Step, restore_feasibility
 from drake_rho.planning.scp.subproblem import Subproblem, plan_around
 
 _SHORTER = 0.75, 0.5
@@ -45,6 +45,10 @@ class FirstPlan:
     """called with a few words on what is being done"""
     options: Options = dataclasses.field(default_factory=Options)
     """bounds of the search"""
+    most: int = MAX_RESTORATIONS
+    """largest number of penalties in one restoration of a fleet"""
+    with_paths: bool = True
+    """whether a fleet that is not brought apart gets paths that avoid each other"""
 
     def of_any_duration(self, problem: Problem, reference: Plan | None = None) -> Plan:
         """Return a first plan, which may be one for a shorter duration, flown slower.
@@ -106,10 +110,10 @@ class FirstPlan:
                 )
                 plan = single._around_obstacles(independent, list(error.conflicts), error)
             start = Plan.from_accelerations(scenario, plan.accelerations, plan.statistics)
-            return brought_apart(problem, start, self.backend, self.progress)
+            return brought_apart(problem, start, self.backend, self.progress, self.most)
         except InfeasibleError as error:
             error.scenario = scenario  # as it is, separation and all
-            if not error.about_linearisation:
+            if not (error.about_linearisation and self.with_paths):
                 raise
             return self._along_paths(problem, error)
 
@@ -212,7 +216,11 @@ def _on_worker(problem: Problem, backend: Backend, options: Options) -> PathResu
 
 
 def brought_apart(
-    problem: Problem, start: Plan, backend: Backend, progress: Progress | None = None
+    problem: Problem,
+    start: Plan,
+    backend: Backend,
+    progress: Progress | None = None,
+    most: int = MAX_RESTORATIONS,
 ) -> Plan:
     """Return a plan whose vehicles keep apart, from one in which they are independent.
 
@@ -220,7 +228,8 @@ def brought_apart(
         InfeasibleError: no plan was found.
     """
     subproblem = Subproblem(problem, decoupled, backend)
-    return restore_feasibility(subproblem, start, step=fleet_step(subproblem), progress=progress)
+    step = fleet_step(subproblem)
+    return restore_feasibility(subproblem, start, step=step, most=most, progress=progress)
 
 
 def fleet_step(subproblem: Subproblem) -> Step | None:
@@ -240,6 +249,7 @@ def plan_near(
     *,
     backend: Backend | None = None,
     progress: Progress | None = None,
+    most: int = MAX_RESTORATIONS,
 ) -> Plan:
     """Return a first plan that is found from a reference alone: no paths are looked for.
 
@@ -248,6 +258,7 @@ def plan_near(
         reference: positions of the same vehicles at as many knots, that need not be flown.
         backend: Clarabel if not given.
         progress: called after each linearisation.
+        most: the largest number of penalties of a restoration.
 
     Raises:
         InfeasibleError: there is no plan, or none was found from there.
@@ -261,7 +272,7 @@ def plan_near(
             return linearised_once(problem, None, backend)
         subproblem = Subproblem(problem, decoupled, backend)
         step = fleet_step(subproblem)
-        return restore_feasibility(subproblem, reference, step=step, progress=progress)
+        return restore_feasibility(subproblem, reference, step=step, most=most, progress=progress)
 
     return with_finer_margins(find, problem)
 

@@ -1,0 +1,322 @@
+"""Numbers of a scenario that bound its motions, which `adjustable_numbers` lists.
+
+Of each, the scenario is known in which it bounds nothing, the numbers that a motion of that
+scenario needs, and the scenario with any numbers between these and its own.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from functools import partial
+
+import numpy as np
+
+from drake_rho.motion.plan import Plan
+from drake_rho.scenario.fields import FloatArray
+from drake_rho.scenario.kinds import BOXES, LIMITS
+from drake_rho.scenario.norms import NORMS
+from drake_rho.scenario.parts import Quantity
+from drake_rho.scenario.records import Box, HalfSpace, KeepIn, Limits, Scenario, Sphere
+from drake_rho.verification.verify import verify
+
+_MORE = 0.02
+"""Part by which the numbers that a motion needs are exceeded."""
+
+_LARGEST_TILT = np.pi / 2.0 - 1e-6
+"""Largest tilt that is suggested [rad]."""
+
+_SAMPLES = 8
+"""Instants of a step at which positions are compared with the sides of a box."""
+
+_UNITS = {"position": "m", "velocity": "m/s", "acceleration": "m/s²", "jerk": "m/s³"}
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Adjustable:
+    """Numbers that bound motions, in one place of a scenario."""
+
+    limit: str
+    """field in which they stand, such as 'max_speed', with its vehicle if it is a vehicle's"""
+    name: str
+    """name of the constraint in conflicts"""
+    vehicles: tuple[str, ...]
+    """names of the vehicles that they bound"""
+    unit: str
+    """unit of the numbers"""
+    now: FloatArray
+    """numbers in the scenario, shape (M,); the lower and then the upper bounds of a box"""
+    changed: Callable[[Scenario, FloatArray], Scenario]
+    """function that returns a scenario with other numbers"""
+    without: Callable[[Scenario], Scenario]
+    """function that returns a scenario in which they bound nothing"""
+    excess: Callable[[Plan], FloatArray]
+    """function that returns what a motion needs beyond the numbers, shape (M,), 0 for nothing"""
+    largest: float = np.inf
+    """largest value of a number"""
+
+    def needed(self, plan: Plan) -> FloatArray:
+        """Return numbers with which a motion holds; None of them is tighter than now."""
+        numbers = self.now + (1.0 + _MORE) * self.excess(plan)
+        return np.minimum(numbers, self.largest)
+
+
+def adjustable_numbers(scenario: Scenario, vehicles: Sequence[str]) -> list[Adjustable]:
+    """Return the numbers of a scenario that bound the motions of some vehicles."""
+    found = [each for field in LIMITS for each in _of_field(scenario, field, vehicles)]
+    found += [
+        _of_requirement(scenario, number, each)
+        for number, each in enumerate(scenario.requirements, start=1)
+        if isinstance(each.set, Box | Sphere | HalfSpace)
+    ]
+    found += _of_waypoints(scenario, vehicles)
+    if scenario.separation is not None and len(scenario.vehicles) > 1:
+        found.append(_of_separation(scenario))
+    return found + _of_radii(scenario, vehicles)
+
+
+def _of_field(scenario: Scenario, field: str, vehicles: Sequence[str]) -> list[Adjustable]:
+    """Return a field of `Limits` of the scenario, and of each vehicle that has its own."""
+    own, shared = list[Adjustable](), list[str]()
+    for vehicle in scenario.vehicles:
+        if vehicle.limits is None or getattr(vehicle.limits, field) is None:
+            shared.append(vehicle.name)
+        elif vehicle.name in vehicles:
+            own.append(_limit(scenario, field, vehicle.name, (vehicle.name,)))
+    if set(shared) & set(vehicles) and getattr(scenario.limits, field) is not None:
+        own.insert(0, _limit(scenario, field, None, tuple(shared)))
+    return own
+
+
+def _limit(scenario: Scenario, field: str, owner: str | None, members: Sequence[str]) -> Adjustable:
+    """Return one field of `Limits`, of the scenario or of a vehicle."""
+    limits = _limits_of(scenario, owner)
+    is_box = field in BOXES
+    name = f"{field} box" if is_box else NORMS[field].name  # type: ignore[index]
+    unit = _UNITS[field if is_box else NORMS[field].quantity]  # type: ignore[index]
+    measured = partial(_outside_box, scenario, field, members) if is_box else None
+    return Adjustable(
+        limit=field if owner is None else f"{field} of {owner}",
+        name=name,
+        vehicles=tuple(members),
+        unit="rad" if field == "max_tilt" else unit,
+        now=_numbers(getattr(limits, field)),
+        changed=partial(_with_limit, field, owner),
+        without=lambda other: _with_limit(field, owner, other, None),
+        excess=measured or partial(_violated, scenario, field, members, name),
+        largest=_LARGEST_TILT if field == "max_tilt" else np.inf,
+    )
+
+
+def _limits_of(scenario: Scenario, owner: str | None) -> Limits:
+    if owner is None:
+        return scenario.limits
+    return scenario.vehicles[scenario.index_of(owner)].limits or Limits()
+
+
+def _numbers(limit: float | Box) -> FloatArray:
+    if isinstance(limit, Box):
+        return np.concatenate([limit.lower, limit.upper])
+    return np.array([limit])
+
+
+def _with_limit(
+    field: str, owner: str | None, scenario: Scenario, numbers: FloatArray | None
+) -> Scenario:
+    """Return a scenario with another limit of its own or of a vehicle; None for no limit."""
+    limit: Box | float | None = None
+    if numbers is not None:
+        limit = Box(numbers[:3], numbers[3:]) if len(numbers) == 6 else float(numbers[0])
+    limits = dataclasses.replace(_limits_of(scenario, owner), **{field: limit})
+    if owner is None:
+        return dataclasses.replace(scenario, limits=limits)
+    vehicles = [
+        dataclasses.replace(each, limits=limits) if each.name == owner else each
+        for each in scenario.vehicles
+    ]
+    if limit is None and getattr(scenario.limits, field) is not None:  # it would hold instead
+        shared = dataclasses.replace(scenario.limits, **{field: None})
+        vehicles = [
+            dataclasses.replace(each, limits=shared.overridden_by(each.limits))
+            if each.name == owner
+            else dataclasses.replace(each, limits=scenario.limits_of(each))
+            for each in vehicles
+        ]
+        scenario = dataclasses.replace(scenario, limits=shared, vehicles=tuple(vehicles))
+    return dataclasses.replace(scenario, vehicles=tuple(vehicles))
+
+
+def _outside_box(
+    scenario: Scenario, field: Quantity, members: Sequence[str], plan: Plan
+) -> FloatArray:
+    """Return how far a motion leaves each side of a box outwards, lower ones negative, (6,)."""
+    who, motion = np.array([scenario.index_of(name) for name in members]), plan.motion()
+    box = getattr(scenario.limits_of(scenario.vehicles[who[0]]), field)
+    if field == "position":
+        steps = _SAMPLES * (scenario.grid.knots - 1)
+        values = motion.at("position", np.linspace(0.0, scenario.grid.duration, steps + 1))
+    else:
+        values = motion.jerks() if field == "jerk" else motion.values(field)
+    values = values[who].reshape(-1, 3)
+    below = np.minimum(np.nanmin(values, axis=0) - box.lower, 0.0)
+    above = np.maximum(np.nanmax(values, axis=0) - box.upper, 0.0)
+    return np.nan_to_num(np.concatenate([below, above]), posinf=0.0, neginf=0.0)
+
+
+def _violated(
+    scenario: Scenario, kind: str, members: Sequence[str], name: str, plan: Plan
+) -> FloatArray:
+    """Return by how much a motion violates a constraint of some vehicles, (1,)."""
+    report = verify(Plan.from_accelerations(scenario, plan.accelerations))
+    excess = [
+        each.excess
+        for each in report.checks
+        if each.kind == kind and each.vehicle in members and each.constraint.startswith(name)
+    ]
+    return np.array([max([0.0, *excess])])
+
+
+def _of_requirement(scenario: Scenario, number: int, required: KeepIn) -> Adjustable:
+    """Return the size of a requirement's set: radius, sides or offset."""
+    kept, name = required.set, required.called(number)
+
+    def changed(other: Scenario, numbers: FloatArray) -> Scenario:
+        sets = list(other.requirements)
+        sets[number - 1] = dataclasses.replace(required, set=_resized(kept, numbers))
+        return dataclasses.replace(other, requirements=tuple(sets))
+
+    def without(other: Scenario) -> Scenario:
+        far = 1e3 * (1.0 + float(np.abs(now).max()) + float(scenario.fleet.lengths.max()))
+        return changed(other, now + far * outward)
+
+    members = tuple(scenario.names[index] for index in required.members(scenario.names))
+    if isinstance(kept, Box):
+        field, now, outward = "sides", _numbers(kept), np.repeat([-1.0, 1.0], 3)
+    elif isinstance(kept, Sphere):
+        field, now, outward = "radius", np.array([kept.radius]), np.ones(1)
+    else:
+        field, now, outward = "offset", np.array([kept.offset]), np.ones(1)
+        outward = outward * float(np.linalg.norm(kept.normal))
+    return Adjustable(
+        limit=f"{field} of {name}",
+        name=name,
+        vehicles=members,
+        unit=required.unit,
+        now=now,
+        changed=changed,
+        without=without,
+        excess=lambda plan: (
+            outward * _violated(scenario, "requirements", scenario.names, name, plan)
+        ),
+    )
+
+
+def _resized(kept: Box | Sphere | HalfSpace, numbers: FloatArray) -> Box | Sphere | HalfSpace:
+    if isinstance(kept, Box):
+        return Box(numbers[:3], numbers[3:])
+    if isinstance(kept, Sphere):
+        return dataclasses.replace(kept, radius=float(numbers[0]))
+    return dataclasses.replace(kept, offset=float(numbers[0]))
+
+
+def _of_waypoints(scenario: Scenario, vehicles: Sequence[str]) -> list[Adjustable]:
+    """Return the tolerances of the waypoints of some vehicles."""
+    found = list[Adjustable]()
+    for vehicle in scenario.vehicles:
+        for number, waypoint in enumerate(vehicle.waypoints, start=1):
+            if vehicle.name not in vehicles or waypoint.time is None:
+                continue
+            changed = partial(_with_tolerance, vehicle.name, number)
+            far = 10.0 * float(scenario.fleet.lengths.max())
+            name = f"waypoint {number}"
+            found.append(
+                Adjustable(
+                    limit=f"within of {name} of {vehicle.name}",
+                    name=name,
+                    vehicles=(vehicle.name,),
+                    unit="m",
+                    now=np.array([waypoint.within]),
+                    changed=changed,
+                    without=partial(_apply, changed, np.array([far])),
+                    excess=partial(_violated, scenario, "waypoints", (vehicle.name,), name),
+                )
+            )
+    return found
+
+
+def _apply(
+    changed: Callable[[Scenario, FloatArray], Scenario], numbers: FloatArray, scenario: Scenario
+) -> Scenario:
+    return changed(scenario, numbers)
+
+
+def _with_tolerance(owner: str, number: int, scenario: Scenario, numbers: FloatArray) -> Scenario:
+    """Return a scenario with another tolerance of a waypoint."""
+    vehicles = list(scenario.vehicles)
+    index = scenario.index_of(owner)
+    waypoints = list(vehicles[index].waypoints)
+    within = float(numbers[0])
+    waypoints[number - 1] = dataclasses.replace(waypoints[number - 1], within=within)
+    vehicles[index] = dataclasses.replace(vehicles[index], waypoints=tuple(waypoints))
+    return dataclasses.replace(scenario, vehicles=tuple(vehicles))
+
+
+def _of_separation(scenario: Scenario) -> Adjustable:
+    """Return the distance of the separation."""
+    apart = scenario.separation
+    assert apart is not None  # noqa: S101  # callers have looked
+
+    def changed(other: Scenario, numbers: FloatArray) -> Scenario:
+        nearer = dataclasses.replace(apart, distance=float(numbers[0]))
+        return dataclasses.replace(other, separation=nearer)
+
+    return Adjustable(
+        limit="distance of separation",
+        name="separation",
+        vehicles=scenario.names,
+        unit="m",
+        now=np.array([apart.distance]),
+        changed=changed,
+        without=lambda other: other.without_separation(),
+        excess=lambda plan: (
+            -np.minimum(
+                _violated(scenario, "separation", scenario.names, "separation", plan),
+                0.99 * apart.distance,
+            )
+        ),
+    )
+
+
+def _of_radii(scenario: Scenario, vehicles: Sequence[str]) -> list[Adjustable]:
+    """Return the radius of vehicles that have the same, if it is all that obstacles have to do with."""
+    radii = dict.fromkeys(each.radius for each in scenario.vehicles if each.name in vehicles)
+    if not scenario.avoided or len(radii) != 1 or 0.0 in radii:
+        return []
+    (radius,) = radii
+
+    def changed(other: Scenario, numbers: FloatArray) -> Scenario:
+        smaller = [
+            dataclasses.replace(each, radius=float(numbers[0])) if each.name in vehicles else each
+            for each in other.vehicles
+        ]
+        return dataclasses.replace(other, vehicles=tuple(smaller))
+
+    return [
+        Adjustable(
+            limit="radius"
+            if len(vehicles) == len(scenario.vehicles) > 1 or len(scenario.vehicles) == 1
+            else f"radius of {', '.join(vehicles)}",
+            name="obstacle",
+            vehicles=tuple(vehicles),
+            unit="m",
+            now=np.array([radius]),
+            changed=changed,
+            without=partial(_apply, changed, np.array([1e-3 * radius])),
+            excess=lambda plan: (
+                -np.minimum(
+                    _violated(scenario, "obstacles", vehicles, "obstacle", plan),
+                    (1 - 1e-3) * radius,
+                )
+            ),
+        )
+    ]

@@ -1,0 +1,251 @@
+"""Least changes of a scenario without a plan that give it one.
+
+Of each limit, a plan without it shows how much is enough; bisection then finds how little is. Every
+trial begins with the plan of a wider limit, so that only the first one is a search.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Protocol
+
+import numpy as np
+
+from drake_rho.analysis.adjustable import Adjustable
+from drake_rho.analysis.trials import Trials, precision_of
+from drake_rho.motion.plan import Plan
+from drake_rho.planning.planners.related import rescaled, time_scaled_plan
+from drake_rho.scenario.described import Described
+from drake_rho.scenario.fields import FloatArray
+from drake_rho.scenario.records import Limits, Scenario
+from drake_rho.verification.verify import verify
+
+LONGEST = 2.0**10
+"""Largest multiple of a duration that is tried."""
+
+_WIDER = 1.0, 2.0, 4.0
+"""Multiples of what a plan without a limit needs beyond it that are tried."""
+
+_FINEST_CHANGE = 0.05
+"""Precision of a change that is itself small, as a part of what a plan without the limit needs."""
+
+_MOST_RESTARTS = 3
+"""Largest number of bisections, each begun beyond the boundary that the one before found."""
+
+_DIGITS = 5
+"""Digits of suggested numbers."""
+
+
+class _Trial(Protocol):
+    """Trial of a part of a change; `near` begins with the plan found before."""
+
+    def __call__(self, part: float, near: bool = True) -> bool: ...
+
+
+@dataclasses.dataclass(frozen=True)
+class NewNumbers(metaclass=Described):
+    """New value of one limit; of a box, its lower and then its upper bounds."""
+
+    limit: str
+    """field, such as 'max_speed' or 'duration'; with the vehicle or the part that it belongs to, as
+    in 'max_speed of scout'"""
+    unit: str
+    """SI unit of the numbers"""
+    now: tuple[float, ...]
+    """numbers in the scenario"""
+    needed: tuple[float, ...]
+    """numbers with which there is a plan"""
+
+    @property
+    def factor(self) -> float:
+        """Largest ratio of a needed number and that in the scenario; 1 where none changes."""
+        pairs = zip(self.needed, self.now, strict=True)
+        return max((new / old for new, old in pairs if new != old and old != 0.0), default=1.0)
+
+    def __str__(self) -> str:
+        return f"{self.limit}: {_words(self.needed, self.now, self.unit)}"
+
+
+@dataclasses.dataclass(frozen=True)
+class Change(metaclass=Described):
+    """Least change of one limit, or of several together, with which a plan was found."""
+
+    numbers: tuple[NewNumbers, ...]
+    """new numbers, rounded to five digits away from those of the scenario; several if only all of
+    them together give a plan"""
+    scenario: Scenario = dataclasses.field(repr=False)
+    """scenario with these numbers"""
+
+    @property
+    def is_of_duration(self) -> bool:
+        """Whether only the duration changes."""
+        return [each.limit for each in self.numbers] == ["duration"]
+
+    def __str__(self) -> str:
+        return " and ".join(map(str, self.numbers))
+
+
+def least_change(
+    scenario: Scenario, adjustables: Sequence[Adjustable], trials: Trials
+) -> Change | None:
+    """Return the least change of some limits together that gives a plan; None if none is found.
+
+    Limits change in proportion: each from its number towards what a plan without them needs.
+    """
+    limits = [each.limit for each in adjustables]
+
+    def without() -> Scenario:
+        free = scenario
+        for each in adjustables:
+            free = each.without(free)
+        return free
+
+    if not trials.has_plan(without, f"no limit on {' and '.join(limits)}"):
+        return None
+    assert trials.plan is not None  # noqa: S101  # the trial found it
+    now = [each.now for each in adjustables]
+    enough = [each.needed(trials.plan) for each in adjustables]
+    largest = max(map(_relative, now, enough))
+    if largest == 0.0:
+        return None
+
+    def numbers(part: float) -> list[FloatArray]:
+        return [
+            _rounded(a, a + part * (b - a), each.largest)
+            for each, a, b in zip(adjustables, now, enough, strict=True)
+        ]
+
+    def changed(part: float) -> Scenario:
+        made = scenario
+        for each, new in zip(adjustables, numbers(part), strict=True):
+            made = each.changed(made, new)
+        return made
+
+    def has_plan(part: float, near: bool = True) -> bool:
+        words = ", ".join(map(_told, adjustables, numbers(part)))
+        return trials.has_plan(lambda: changed(part), words, near=near)
+
+    part = next((part for part in _WIDER if has_plan(part)), None)
+    if part is None:
+        return None
+    precision = precision_of(scenario) / largest
+    part = _least(has_plan, part, min(precision, _FINEST_CHANGE), confirm=_is_quick(scenario))
+    new = [
+        NewNumbers(each.limit, each.unit, tuple(each.now.tolist()), tuple(found.tolist()))
+        for each, found in zip(adjustables, numbers(part), strict=True)
+    ]
+    return Change(tuple(new), changed(part))
+
+
+def least_duration(scenario: Scenario, trials: Trials) -> float | None:
+    """Return the least duration with a plan [s], where motions can be flown more slowly.
+
+    A plan without limits of velocities, accelerations and jerks has them all if it is flown slowly
+    enough. None if there is no such plan.
+    """
+    duration = scenario.grid.duration
+    if not trials.has_plan(lambda: _unlimited(scenario), "no limit but obstacles and space"):
+        return None
+    factor = 2.0
+    while factor <= LONGEST and not _holds(trials.plan, rescaled(scenario, factor)):
+        factor *= 2.0
+
+    def has_plan(part: float, near: bool = True) -> bool:
+        words = f"a duration of {(1.0 + part) * duration:.5g} s"
+        return trials.has_plan(lambda: rescaled(scenario, 1.0 + part), words, near=near)
+
+    if not has_plan(factor - 1.0):
+        return None
+    quick = _is_quick(scenario)
+    part = _least(has_plan, factor - 1.0, precision_of(scenario), confirm=quick)
+    return duration * (1.0 + part)
+
+
+def new_duration(scenario: Scenario, duration: float) -> Change:
+    """Return the change of a duration, rounded to five digits away from that of the scenario [s]."""
+    now = scenario.grid.duration
+    (needed,) = _rounded(np.array([now]), np.array([duration])).tolist()
+    numbers = NewNumbers("duration", "s", (now,), (needed,))
+    return Change((numbers,), rescaled(scenario, needed / now))
+
+
+def _unlimited(scenario: Scenario) -> Scenario:
+    """Return a scenario with limits on positions only."""
+    vehicles = tuple(
+        dataclasses.replace(each, limits=Limits(position=scenario.limits_of(each).position))
+        for each in scenario.vehicles
+    )
+    return dataclasses.replace(scenario, limits=Limits(), vehicles=vehicles)
+
+
+def _holds(plan: Plan | None, slower: Scenario) -> bool:
+    return plan is not None and verify(time_scaled_plan(plan, slower)).ok
+
+
+def _least(has_plan: _Trial, enough: float, precision: float, *, confirm: bool) -> float:
+    """Return the least value with a plan between 0, which has none, and `enough`, by bisection.
+
+    If it is to be confirmed, a search just below has to fail; else bisection goes on there.
+    """
+    high = enough
+    for _ in range(_MOST_RESTARTS):
+        low = 0.0
+        while high - low > precision * (1.0 + high):
+            middle = (low + high) / 2.0
+            low, high = (low, middle) if has_plan(middle) else (middle, high)
+        if not confirm or low == 0.0 or not has_plan(low, near=False):
+            break
+        high = low
+    return high
+
+
+def _is_quick(scenario: Scenario) -> bool:
+    """Return whether a search that fails is quick enough to confirm a bisection."""
+    return scenario.separation is None and bool(scenario.avoided)
+
+
+def _relative(now: FloatArray, needed: FloatArray) -> float:
+    """Return the largest change of a number, as a part of the largest of them."""
+    finite = np.abs(now[np.isfinite(now)]).max(initial=0.0)
+    largest = max(finite, float(np.abs(np.where(np.isfinite(now), needed, 0.0)).max()))
+    changes = np.where(np.isfinite(now), needed - now, 0.0)
+    return float(np.abs(changes).max() / largest) if largest > 0.0 else 0.0
+
+
+def _rounded(now: FloatArray, needed: FloatArray, largest: float = np.inf) -> FloatArray:
+    """Return numbers rounded away from those of now, but not beyond the largest."""
+    rounded = needed.copy()
+    for k in np.flatnonzero((needed != now) & np.isfinite(needed)):
+        if needed[k] == 0.0:
+            continue
+        unit = 10.0 ** (np.floor(np.log10(abs(needed[k]))) - _DIGITS + 1)
+        part = needed[k] / unit
+        whole = np.ceil(part * (1 - 1e-12)) if needed[k] > now[k] else np.floor(part)
+        rounded[k] = float(f"{whole * unit:.{_DIGITS}g}")
+    return np.minimum(rounded, largest)
+
+
+def _told(adjustable: Adjustable, numbers: FloatArray) -> str:
+    now = tuple(adjustable.now.tolist())
+    new = NewNumbers(adjustable.limit, adjustable.unit, now, tuple(numbers.tolist()))
+    return str(new)
+
+
+def _words(needed: Sequence[float], now: Sequence[float], unit: str) -> str:
+    """Return new numbers beside those before; of a box, on the axes that change."""
+    if len(needed) == 1:
+        return f"{needed[0]:.5g} {unit} instead of {now[0]:.5g} {unit}"
+    sides = [
+        (axis, needed[k], needed[k + 3], now[k], now[k + 3])
+        for k, axis in enumerate("xyz")
+        if (needed[k], needed[k + 3]) != (now[k], now[k + 3])
+    ]
+    return ", ".join(
+        f"{axis} {_interval(low, high)} {unit} instead of {_interval(below, above)} {unit}"
+        for axis, low, high, below, above in sides
+    )
+
+
+def _interval(low: float, high: float) -> str:
+    return f"±{high:.5g}" if low == -high else f"{low:.5g} to {high:.5g}"
