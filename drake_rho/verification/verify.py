@@ -10,6 +10,7 @@ from drake_rho.motion.dynamics import Motion
 from drake_rho.motion.flight import Sighting
 from drake_rho.motion.flown import Flown
 from drake_rho.scenario.arguments import checked
+from drake_rho.scenario.fields import FloatArray
 from drake_rho.verification.averages import averaged
 from drake_rho.verification.boxes import check_boxes
 from drake_rho.verification.check import Check
@@ -17,6 +18,7 @@ from drake_rho.verification.kinds import refuse_unchecked
 from drake_rho.verification.norms import check_norms
 from drake_rho.verification.notes import (
     notes_on,
+    notes_on_jumps,
     notes_on_simulation,
     notes_on_tracks,
     notes_on_uncertainty,
@@ -56,7 +58,10 @@ def verify(flown: Flown) -> Report:
     With a disturbance, a plan is verified with its error tube: every constraint must hold wherever
     in the tube vehicles are. Limits are tightened by the error radius, which is exact at every
     time and reported as `Check.errors`. Each window of a flight is verified with its own tube, from
-    its first knot to that of the next window. Jerk and goal are those of the plan. The margins that
+    its first knot to that of the next window, and from the states that it began with. Where these
+    were measured the motion jumps: it is verified up to its jump and from there on, and a note
+    tells the largest jump. At that time itself the measured states count; for a waypoint the
+    state before counts too if there is a tube, since the vehicle is within both tubes then. Jerk and goal are those of the plan. The margins that
     planners keep are not used.
 
     With a smoothing the smooth motion is verified, from before the first knot until after the last,
@@ -100,10 +105,13 @@ def verify(flown: Flown) -> Report:
         else:
             plan = flown.plan
             fleet, grid = plan.scenario.fleet, plan.scenario.grid
-            motion = Motion.from_starts(fleet, plan.accelerations, grid.step)
-            trajectory = PiecewiseTrajectory.of(plan.scenario, motion, Tubes.of(flown))
+            begins = _beginnings(flown)
+            motion = Motion.in_pieces(fleet, plan.accelerations, grid.step, begins)
+            tubes = Tubes.of(flown)
+            trajectory = PiecewiseTrajectory.of(plan.scenario, motion, tubes, plan.jumps)
             own, jerks = check_planned(plan, trajectory), motion.jerks()
             trajectory, notes = averaged(trajectory), notes_on(trajectory)
+            notes += notes_on_jumps(plan)
         columns = [
             *own,
             *check_boxes(trajectory, jerks),
@@ -128,6 +136,16 @@ def verify(flown: Flown) -> Report:
     )
     notes = (*notes, *notes_on_tracks(scenario), *notes_on_uncertainty(scenario))
     return Report(scenario, checks, summary, sightings, notes)
+
+
+def _beginnings(flown: Flown) -> dict[int, FloatArray]:
+    """Return the states (N, 6) to which a motion jumps, by knots: those of windows, if it has any.
+
+    A plan without windows, such as that of a flight, has them itself.
+    """
+    plan = flown.plan
+    begins = {each.first_knot: each.plan.scenario.fleet.start_states for each in flown.windows}
+    return {knot: begins.get(knot, plan.states(knot)) for knot in plan.jumps}
 
 
 def _is_avoided(sighting: Sighting) -> bool:
