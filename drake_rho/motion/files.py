@@ -330,9 +330,7 @@ def _unpack(prefix: str, content: Mapping[str, np.ndarray], maps: Sequence[Map])
     jumps = content[_JUMPS].tolist() if prefix == "plan" and _JUMPS in content else []
     if not all(isinstance(each, int) for each in jumps):
         raise ValueError(f"{_JUMPS} has values that are not whole numbers")
-    return Plan(
-        scenario, positions, velocities, accelerations, statistics, jumps=tuple(jumps)
-    )
+    return Plan(scenario, positions, velocities, accelerations, statistics, jumps=tuple(jumps))
 
 
 def _check_numbers(prefix: str, arrays: Mapping[str, np.ndarray]) -> None:

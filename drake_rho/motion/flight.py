@@ -124,7 +124,11 @@ class Sighting:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Flight(ShownInNotebooks, metaclass=Described):
-    """Flight of a scenario with a receding horizon."""
+    """Flight of a scenario with a receding horizon, as it was flown.
+
+    It is a sequence of pieces. A window that began at measured states begins one, so that the
+    motion jumps to these; other windows go on with the piece before.
+    """
 
     plan: Plan
     """the flown trajectories: of every window the part until the next, from the states with which
@@ -170,12 +174,12 @@ class Flight(ShownInNotebooks, metaclass=Described):
 
     @property
     def scenario(self) -> Scenario:
-        """The flown scenario."""
+        """The flown scenario, with the starts that were given, not the states measured there."""
         return self.plan.scenario
 
     @property
     def cost(self) -> float:
-        """Performance index (13) of the flown trajectories [m²/s⁴]."""
+        """Performance index (13) of the commanded accelerations [m²/s⁴]."""
         return self.plan.cost
 
     def at(self, times: npt.ArrayLike, vehicle: str | None = None) -> Samples:

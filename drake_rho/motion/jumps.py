@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 
 from drake_rho.motion.plan import Plan
+from drake_rho.scenario.clock import clock_time
 from drake_rho.scenario.described import Described
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.records import TOLERANCE
@@ -54,14 +55,30 @@ def largest_jump(plan: Plan) -> Jump | None:
     """
     if not plan.jumps:
         return None
-    fleet = plan.scenario.fleet
-    for sizes, quantity in zip(both := jump_sizes(plan), ("position", "velocity"), strict=True):
-        if (sizes > TOLERANCE * fleet.scale(quantity)[:, None]).any():
+    fleet, (away, faster) = plan.scenario.fleet, jump_sizes(plan)
+    for sizes, scale in ((away, fleet.scale("position")), (faster, fleet.scale("velocity"))):
+        if (sizes > TOLERANCE * scale[:, None]).any():
             i, j = np.unravel_index(np.argmax(sizes), sizes.shape)
             return Jump(
                 vehicle=plan.scenario.names[i],
                 time=float(plan.times[plan.jumps[j]]),
-                position=float(both[0][i, j]),
-                velocity=float(both[1][i, j]),
+                position=float(away[i, j]),
+                velocity=float(faster[i, j]),
             )
     return None
+
+
+def check_continuous(plan: Plan, expected: str) -> None:
+    """Check that a motion which is to be flown does not jump.
+
+    Args:
+        plan: the motion, such as the record of a flight.
+        expected: what is expected instead, in words.
+
+    Raises:
+        ValueError: it jumps to measured states.
+    """
+    if (jump := largest_jump(plan)) is not None:
+        got = f"a flight that jumps to measured states, as {jump.vehicle} at "
+        got += f"{clock_time(jump.time)} by {jump}"
+        raise ValueError(f"flown: got {got}, expected {expected}")

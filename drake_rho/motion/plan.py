@@ -86,8 +86,8 @@ class Plan(ShownInNotebooks, metaclass=Described):
                 raise ValueError(f"{name}: got {value} for {where}, expected finite numbers")
             object.__setattr__(self, name, array)
         if not all(a < b for a, b in pairwise([-1, *self.jumps, knots - 1])):
-            expected = f"increasing knots from 0 to {knots - 2}"
-            raise ValueError(f"jumps: got {self.jumps}, expected {expected}")
+            increasing = f"increasing knots from 0 to {knots - 2}"
+            raise ValueError(f"jumps: got {self.jumps}, expected {increasing}")
 
     def __repr__(self) -> str:
         """Return '<Plan of paper: 4 vehicles, 50 knots, cost 16741.4 m²/s⁴>', without arrays."""

@@ -58,11 +58,13 @@ def verify(flown: Flown) -> Report:
     With a disturbance, a plan is verified with its error tube: every constraint must hold wherever
     in the tube vehicles are. Limits are tightened by the error radius, which is exact at every
     time and reported as `Check.errors`. Each window of a flight is verified with its own tube, from
-    its first knot to that of the next window, and from the states that it began with. Where these
-    were measured the motion jumps: it is verified up to its jump and from there on, and a note
-    tells the largest jump. At that time itself the measured states count; for a waypoint the
-    state before counts too if there is a tube, since the vehicle is within both tubes then. Jerk and goal are those of the plan. The margins that
+    its first knot to that of the next window. Jerk and goal are those of the plan. The margins that
     planners keep are not used.
+
+    A flight is verified as flown, from the states with which its windows began. Where these were
+    measured it jumps: it is verified up to the jump and from there on, and a note tells the largest
+    jump. At that very time the measured states count. With a disturbance a vehicle is in both tubes
+    then, so that a waypoint at that time is passed if one of the two proves it.
 
     With a smoothing the smooth motion is verified, from before the first knot until after the last,
     which is computed anew from the accelerations (`drake_rho.verification.averages`). Limits on
