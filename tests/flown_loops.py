@@ -290,7 +290,7 @@ def closed_samples(loop: Loop) -> list[tuple[FloatArray, FloatArray]]:
 
     Among the times are those at which obstacles become known or active, or cease to be.
     """
-    pieces, scenario = [], loop.horizon.scenario
+    pieces, scenario = [], loop.flight.scenario
     clock = [end for each in scenario.bodies for end in (each.known_from, *(each.active or ()))]
     ends = np.array(clock) - scenario.grid.start
     if loop.horizon.scenario.smoothing is not None:
