@@ -78,6 +78,9 @@ class Certificate(metaclass=Described):
     balls nor ellipsoids; they may account for part of the gap"""
     cut: bool = False
     """whether time was up before the bound had converged"""
+    jumps: bool = False
+    """whether it is that of a flight that jumps to measured states, which may cost less than every
+    plan from the starts, and is none of these"""
 
     @property
     def cost(self) -> float:
@@ -107,7 +110,7 @@ class Certificate(metaclass=Described):
     @property
     def is_globally_optimal(self) -> bool:
         """True if the plan satisfies its constraints and its gap is at most `GLOBAL_GAP`."""
-        return self.holds and abs(self.gap) <= GLOBAL_GAP
+        return self.holds and not self.jumps and abs(self.gap) <= GLOBAL_GAP
 
     @property
     def least_eigenvalue(self) -> float:
@@ -139,6 +142,7 @@ class Certificate(metaclass=Described):
 
     def _title(self) -> str:
         verdict = "globally optimal" if self.is_globally_optimal else "not proved optimal"
+        verdict = "no plan, since it jumps to measured states" if self.jumps else verdict
         verdict = verdict if self.holds else "violates its constraints"
         verdict += " (time was up)" if self.cut and not self.is_globally_optimal else ""
         return (

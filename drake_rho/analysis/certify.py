@@ -27,6 +27,7 @@ from drake_rho.analysis.certificate import Certificate, VehicleCertificate
 from drake_rho.analysis.lagrangian import Lagrangian
 from drake_rho.motion.costs import costs_of
 from drake_rho.motion.flight import Flight
+from drake_rho.motion.jumps import largest_jump
 from drake_rho.motion.plan import Plan
 from drake_rho.planning.call.options import ALONE
 from drake_rho.planning.call.progress import Progress, tell
@@ -97,8 +98,8 @@ def certify(
 
     Args:
         flown: any plan or flight of a scenario; it need not be optimal or satisfy its constraints.
-            A flight whose windows begin with thinner tubes than a plan has by then may cost less
-            than any plan.
+            A flight whose windows begin with thinner tubes than a plan has by then, or at measured
+            states, may cost less than any plan.
         solver: `"clarabel"`, `"daqp"` or `"osqp"`, or a Drake solver; Clarabel if not given.
         progress: called with a short description of the current step, as after each linearisation.
         time_limit: seconds, above 0, after which the best bound so far is returned (`cut`): at
@@ -164,7 +165,8 @@ def certify(
     names = [scenario.obstacle_name(number) for number, _ in scenario.known]
     not_counted = tuple(name for name in names if name in left_out)
     cut = cut or seconds_left() <= 0.0
-    return Certificate(plan.scenario, tuple(certificates), verify(flown).ok, not_counted, cut)
+    holds, jumps = verify(flown).ok, largest_jump(plan) is not None
+    return Certificate(plan.scenario, tuple(certificates), holds, not_counted, cut, jumps)
 
 
 def _before_averages(scenario: Scenario) -> Scenario:

@@ -14,6 +14,7 @@ from drake_rho.exports.clearance import spare
 from drake_rho.exports.folders import check_folder
 from drake_rho.exports.record import Exported
 from drake_rho.motion.flown import Flown
+from drake_rho.motion.jumps import check_continuous
 from drake_rho.motion.plan import Plan
 from drake_rho.motion.samples import check_rate
 from drake_rho.scenario.fields import FloatArray
@@ -76,11 +77,13 @@ def planned(flown: Flown, format: str) -> Plan:
     """Return the plan to write in a format for motions that are still to be flown.
 
     Raises:
-        ValueError: a simulation was given, whose motion has already been flown.
+        ValueError: a simulation was given, or a flight that jumps to measured states: their motions
+            have already been flown, and no vehicle can follow a jump.
     """
+    expected = f"a plan or a flight with {format}, as what is to be flown"
     if flown.simulation is not None:
-        expected = f"a plan or a flight with {format}, as what is to be flown"
         raise ValueError(f"flown: got a simulation, expected {expected}")
+    check_continuous(flown.plan, expected)
     return flown.plan
 
 

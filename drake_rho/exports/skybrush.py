@@ -12,6 +12,7 @@ from drake_rho.exports.format import Format, exported
 from drake_rho.exports.milliseconds import milliseconds
 from drake_rho.exports.record import Exported
 from drake_rho.motion.flown import Flown, sample
+from drake_rho.motion.jumps import jump_sizes
 from drake_rho.motion.tables import write_rows
 from drake_rho.scenario.fields import FloatArray, IntArray
 
@@ -55,11 +56,30 @@ def _chord_deviations(flown: Flown, ticks: IntArray) -> FloatArray:
     """Return upper bounds of the distance between motions and straight lines between samples [m].
 
     A motion whose acceleration is at most a is within a w²/8 of the line between two of its points
-    that are a time w apart, and so is an average of it. The shape is (N,).
+    that are a time w apart, and so is an average of it. A jump between them adds at most its size,
+    and w/4 times that of its velocity. The shape is (N,).
     """
     accelerations = flown.plan.accelerations
     if flown.simulation is not None:
         accelerations = np.moveaxis(flown.simulation.accelerations, 0, 1)
     longest = float(np.diff(ticks).max(initial=0)) / 1000.0
     most = np.linalg.norm(accelerations, axis=-1).max(axis=-1)
-    return np.asarray(most * longest**2 / 8.0)
+    return np.asarray(most * longest**2 / 8.0 + _jumped(flown, ticks, longest))
+
+
+def _jumped(flown: Flown, ticks: IntArray, longest: float) -> FloatArray:
+    """Return upper bounds of what jumps between two samples add to deviations [m], shape (N,).
+
+    Args:
+        flown: the motion.
+        ticks: of the samples [ms], shape (M,).
+        longest: time between two samples [s].
+    """
+    plan = flown.plan
+    if flown.simulation is not None or not plan.jumps:
+        return np.zeros(len(plan.positions))
+    positions, velocities = jump_sizes(plan)
+    after = np.searchsorted(ticks / 1000.0, plan.scenario.grid.elapsed[list(plan.jumps)])
+    added = positions + velocities * longest / 4.0
+    between = np.array([np.bincount(after, each, len(ticks)) for each in added])
+    return np.asarray((between[:, 1:] + between[:, :-1]).max(axis=1, initial=0.0))

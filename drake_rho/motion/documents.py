@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import io
 import json
 from typing import IO, Annotated, Any, Literal
@@ -42,6 +43,7 @@ class _Document:
     times: list[_Number]
     knots: list[Annotated[int, Field(ge=0)]]
     vehicles: list[_Vehicle]
+    jumps: list[Annotated[int, Field(ge=0)]] = dataclasses.field(default_factory=list)
 
 
 _DOCUMENT = TypeAdapter(_Document)
@@ -71,6 +73,8 @@ def write_document(file: IO[bytes], flown: Flown, rate: float | None = None) -> 
             for name, states in samples.by_vehicle()
         ],
     }
+    if flown.simulation is None and flown.plan.jumps:
+        content["jumps"] = flown.plan.jumps
     text = io.TextIOWrapper(file, "utf-8", newline="\n")
     json.dump(content, text, ensure_ascii=False, allow_nan=False)
     text.write("\n")
@@ -108,4 +112,5 @@ def read_document(text: str) -> Plan:
         np.array([getattr(vehicle, part) for vehicle in document.vehicles])[:, knots]
         for part in ("positions", "velocities", "accelerations")
     )
-    return Plan(scenario, p, v, a[:, :-1], document.statistics)
+    jumps = tuple(document.jumps)
+    return Plan(scenario, p, v, a[:, :-1], document.statistics, jumps=jumps)

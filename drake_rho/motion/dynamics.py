@@ -7,7 +7,8 @@ all results of this module are exact at any time, not only at the knots.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
+from itertools import pairwise
 from typing import TYPE_CHECKING, Self, get_args
 
 import numpy as np
@@ -82,6 +83,33 @@ class Motion:
         p, v = roll_out(fleet.start_positions, fleet.start_velocities, accelerations, step)
         ends = fleet.accelerations_before, fleet.accelerations_after
         return cls(step, p, v, accelerations, *ends, fleet.flown)
+
+    @classmethod
+    def in_pieces(
+        cls,
+        fleet: Fleet,
+        accelerations: FloatArray,
+        step: float,
+        begins: Mapping[int, FloatArray],
+    ) -> Self:
+        """Return the motions of a fleet that begin anew, from given states, at some knots.
+
+        The arrays have the states after each such knot; those before follow from the step before.
+
+        Args:
+            fleet: with the starts, from which the motions begin unless states are given there.
+            accelerations: in the steps [m/s²], shape (N, K-1, 3).
+            step: h [s].
+            begins: positions [m] and velocities [m/s], shape (N, 6), by knots counted from 0.
+        """
+        begins = {0: fleet.start_states} | dict(begins)
+        knots = [*sorted(begins), accelerations.shape[1]]
+        p, v = (np.empty((len(accelerations), knots[-1] + 1, 3)) for _ in range(2))
+        for first, last in pairwise(knots):
+            start, piece = begins[first], slice(first, last + 1)
+            flown = accelerations[:, first:last]
+            p[:, piece], v[:, piece] = roll_out(start[:, :3], start[:, 3:], flown, step)
+        return cls(step, p, v, accelerations, fleet.accelerations_before, fleet.flown)
 
     def with_accelerations(self, accelerations: FloatArray) -> Motion:
         """Return the motions with other accelerations from the same starts."""

@@ -17,7 +17,7 @@ import numpy as np
 from pydantic import Field, TypeAdapter
 
 from drake_rho.motion.documents import is_document, read_document
-from drake_rho.motion.flight import Flight, Window
+from drake_rho.motion.flight import Flight, Window, beginnings
 from drake_rho.motion.flown import Flown
 from drake_rho.motion.plan import Plan
 from drake_rho.motion.simulation import Simulation
@@ -67,6 +67,8 @@ scenarios hold their maps themselves."""
 _SIMULATED = ("times", "positions", "velocities", "wind", "commands")
 _ELAPSED, _LOST = "simulation.elapsed", "simulation.lost"
 _STATISTICS = TypeAdapter(Statistics)
+_JUMPS = "plan.jumps"
+"""Name of the knots at which a flight jumps, in files of flights that do."""
 _PARTS = ("scenario", "statistics", *_ARRAYS)
 
 
@@ -100,6 +102,8 @@ def save(planned: Flown, path: str | Path) -> None:
     content = {"format": f"drake_rho {planned.kind} 1"} | _pack("plan", planned.plan, maps)
     if planned.flight is not None:
         content |= _pack_windows(planned.windows, maps)
+    if planned.plan.jumps:
+        content[_JUMPS] = np.array(planned.plan.jumps)
     if planned.simulation is not None:
         content |= _pack_simulation(planned.simulation)
     for number, each in enumerate(maps):
@@ -180,7 +184,7 @@ def _unpack_all(path: str | Path, content: Archive) -> Flown:
     first_knots = [] if form == _PLAN else content["first_knots"].tolist()
     prefixes = [f"window{number}.{kind}" for number in range(len(first_knots)) for kind in _KINDS]
     expected = {f"{prefix}.{part}" for prefix in ["plan", *prefixes] for part in _PARTS}
-    optional = {"format"}
+    optional = {"format", _JUMPS}
     if form != _PLAN:
         expected |= {"first_knots", "infeasible"}
         optional |= set(_WINDOW_FIELDS)
@@ -239,7 +243,22 @@ def _unpack_flight(content: Archive, first_knots: list[int], maps: Sequence[Map]
     _check_windows(plan, windows)
     if (smooth := plan.smooth()) is not None:
         windows = tuple(each.going_on(smooth.flown_until(each.first_knot)) for each in windows)
-    return Flight(plan, windows)
+    return _with_jumps(Flight(plan, windows))
+
+
+def _with_jumps(flight: Flight) -> Flight:
+    """Return a flight from measured states as flown, which older files forget.
+
+    Their plans integrate the accelerations of all windows from the starts.
+    """
+    plan = flight.plan
+    if plan.jumps or not beginnings(plan.scenario, flight.windows):
+        return flight
+    flown = Flight.composed(plan.scenario, flight.windows)
+    forgetful = Plan.from_accelerations(plan.scenario, flown.plan.accelerations)
+    if any(not np.array_equal(getattr(plan, each), getattr(forgetful, each)) for each in _ARRAYS):
+        return flight
+    return Flight(flown.plan.with_statistics(plan.statistics), flight.windows)
 
 
 def _contingencies(content: Mapping[str, np.ndarray]) -> set[str]:
@@ -315,7 +334,10 @@ def _unpack(prefix: str, content: Archive, maps: Sequence[Map]) -> Plan:
     arrays = {name: content[f"{prefix}.{name}"] for name in _ARRAYS}
     _check_numbers(prefix, arrays)
     positions, velocities, accelerations = (arrays[name] for name in _ARRAYS)
-    return Plan(scenario, positions, velocities, accelerations, statistics)
+    jumps = content[_JUMPS].tolist() if prefix == "plan" and _JUMPS in content else []
+    if not all(isinstance(each, int) for each in jumps):
+        raise ValueError(f"{_JUMPS} has values that are not whole numbers")
+    return Plan(scenario, positions, velocities, accelerations, statistics, jumps=tuple(jumps))
 
 
 def _check_shape(content: Archive, name: str, expected: tuple[int, ...]) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from drake_rho.motion.plan import Plan, summary
+from drake_rho.motion.remainders import goes_on
 from drake_rho.motion.samples import Samples
 from drake_rho.motion.statistics import Statistics
 from drake_rho.scenario.described import Described, ShownInNotebooks
@@ -123,23 +124,33 @@ class Sighting:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Flight(ShownInNotebooks, metaclass=Described):
-    """Flight of a scenario with a receding horizon."""
+    """Flight of a scenario with a receding horizon, as it was flown.
+
+    It is a sequence of pieces. A window that began at measured states begins one, so that the
+    motion jumps to these; other windows go on with the piece before.
+    """
 
     plan: Plan
-    """the flown trajectories"""
+    """the flown trajectories: of every window the part until the next, from the states with which
+    it began. Where these were measured, the motion jumps (`Plan.jumps`)"""
     windows: tuple[Window, ...]
     """predictions of which the flight consists, in the order of time"""
 
     @classmethod
     def composed(cls, scenario: Scenario, windows: Sequence[Window]) -> Self:
-        """Return the flight of a scenario by windows, each flown until the next."""
+        """Return the flight of a scenario by windows, each flown until the next.
+
+        A window that began at measured states begins a new piece of the motion there. The others
+        go on with the one before.
+        """
+        begins = beginnings(scenario, windows)
         ends = [*(window.first_knot for window in windows[1:]), scenario.grid.knots - 1]
         flown = [
             window.plan.accelerations[:, : end - window.first_knot]
             for window, end in zip(windows, ends, strict=True)
         ]
         statistics = sum((window.statistics for window in windows), Statistics())
-        plan = Plan.from_accelerations(scenario, np.concatenate(flown, axis=1), statistics)
+        plan = Plan.in_pieces(scenario, np.concatenate(flown, axis=1), begins, statistics)
         return cls(plan, tuple(windows))
 
     def __repr__(self) -> str:
@@ -163,16 +174,18 @@ class Flight(ShownInNotebooks, metaclass=Described):
 
     @property
     def scenario(self) -> Scenario:
-        """The flown scenario."""
+        """The flown scenario, with the starts that were given, not the states measured there."""
         return self.plan.scenario
 
     @property
     def cost(self) -> float:
-        """Performance index (13) of the flown trajectories [m²/s⁴]."""
+        """Performance index (13) of the commanded accelerations [m²/s⁴]."""
         return self.plan.cost
 
     def at(self, times: npt.ArrayLike, vehicle: str | None = None) -> Samples:
         """Return positions, velocities and accelerations at times; they are exact at any time.
+
+        Where a window began at measured states they jump; at that time they are the measured ones.
 
         Args:
             times: times on the scenario's clock [s], shape (T,), or a single one.
@@ -227,3 +240,21 @@ class Flight(ShownInNotebooks, metaclass=Described):
     def lasting(self, seconds: float) -> Flight:
         """Return the flight with another wall time of planning [s]."""
         return dataclasses.replace(self, plan=self.plan.lasting(seconds))
+
+
+def beginnings(scenario: Scenario, windows: Sequence[Window]) -> dict[int, FloatArray]:
+    """Return the states, (N, 6) each, of windows that did not begin as planned, by first knots.
+
+    Args:
+        scenario: of the flight, from whose starts the first window is planned.
+        windows: of the flight, in the order of time.
+    """
+    begins, fleet, planned = dict[int, FloatArray](), scenario.fleet, scenario.fleet.start_states
+    for number, window in enumerate(windows):
+        if number > 0:
+            before = windows[number - 1]
+            fleet = before.plan.scenario.fleet
+            planned = before.plan.states(window.first_knot - before.first_knot)
+        if not goes_on(fleet, planned, states := window.plan.states(0)):
+            begins[window.first_knot] = states
+    return begins

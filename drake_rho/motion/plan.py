@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
+from itertools import pairwise
 from typing import TYPE_CHECKING, Literal, Self
 
 import numpy as np
@@ -63,6 +65,10 @@ class Plan(ShownInNotebooks, metaclass=Described):
     """statistics of planning"""
     reference: Plan | None = None
     """motion around which obstacles were linearised; None if there was none"""
+    jumps: tuple[int, ...] = ()
+    """knots, from 0, at which a flight's motion begins anew: its windows from there began at
+    measured states. Arrays have the states after a jump; those before it follow from the step that
+    ends there. None in what a planner returns"""
 
     def __post_init__(self) -> None:
         vehicles, knots = len(self.scenario.vehicles), self.scenario.grid.knots
@@ -79,6 +85,9 @@ class Plan(ShownInNotebooks, metaclass=Described):
                 value = array[vehicle, knot, axis]
                 raise ValueError(f"{name}: got {value} for {where}, expected finite numbers")
             object.__setattr__(self, name, array)
+        if not all(a < b for a, b in pairwise([-1, *self.jumps, knots - 1])):
+            increasing = f"increasing knots from 0 to {knots - 2}"
+            raise ValueError(f"jumps: got {self.jumps}, expected {increasing}")
 
     def __repr__(self) -> str:
         """Return '<Plan of paper: 4 vehicles, 50 knots, cost 16741.4 m²/s⁴>', without arrays."""
@@ -93,6 +102,30 @@ class Plan(ShownInNotebooks, metaclass=Described):
         with np.errstate(over="ignore", invalid="ignore"):  # the plan checks for finite values
             motion = Motion.from_starts(scenario.fleet, accelerations, scenario.grid.step)
         return cls.from_motion(scenario, motion, statistics)
+
+    @classmethod
+    def in_pieces(
+        cls,
+        scenario: Scenario,
+        accelerations: FloatArray,
+        begins: Mapping[int, FloatArray],
+        statistics: Statistics | None = None,
+    ) -> Self:
+        """Return motions that begin anew at some knots, as flights from measured states do.
+
+        Args:
+            scenario: the flown scenario.
+            accelerations: in the steps [m/s²], shape (N, K-1, 3).
+            begins: positions [m] and velocities [m/s], shape (N, 6), by knots counted from 0.
+            statistics: of planning.
+        """
+        with np.errstate(over="ignore", invalid="ignore"):  # the plan checks for finite values
+            step = scenario.grid.step
+            motion = Motion.in_pieces(scenario.fleet, accelerations, step, begins)
+        p, v = motion.positions, motion.velocities
+        return cls(
+            scenario, p, v, accelerations, statistics or Statistics(), jumps=tuple(sorted(begins))
+        )
 
     @classmethod
     def from_motion(
@@ -180,6 +213,7 @@ class Plan(ShownInNotebooks, metaclass=Described):
         Returns:
             A record with arrays of shape (N, T, 3), or (T, 3) for one vehicle. Accelerations are
             those of the step that begins at a knot, at the last knot of the step that ends there.
+            At a jump all states are those after it.
 
         Raises:
             ValueError: a time is outside the flight, or there is no such vehicle.
@@ -214,6 +248,7 @@ class Plan(ShownInNotebooks, metaclass=Described):
             self.positions[vehicles],
             self.velocities[vehicles],
             self.accelerations[vehicles],
+            jumps=self.jumps,
         )
 
     def motion(self) -> Motion:
@@ -311,6 +346,7 @@ class Plan(ShownInNotebooks, metaclass=Described):
             np.concatenate([self.velocities, still], axis=1),
             np.concatenate([self.accelerations, still], axis=1),
             self.statistics,
+            jumps=self.jumps,
         )
 
     def tail(self, knot: int) -> Plan:
@@ -327,4 +363,5 @@ class Plan(ShownInNotebooks, metaclass=Described):
             accelerations=self.accelerations[:, knot:],
             statistics=Statistics(),
             reference=None,
+            jumps=tuple(each - knot for each in self.jumps if each > knot),
         )

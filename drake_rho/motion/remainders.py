@@ -44,6 +44,23 @@ def remainder(scenario: Scenario, motion: Motion, knot: int) -> Scenario:
     )
 
 
+def goes_on(fleet: Fleet, planned: FloatArray, states: FloatArray) -> bool:
+    """Return whether states are those with which the rest of a plan begins, to the last digit.
+
+    Args:
+        fleet: of the plan.
+        planned: its positions [m] and velocities [m/s] at a knot, shape (N, 6).
+        states: those at which another plan begins, shape (N, 6).
+    """
+    if np.array_equal(states, planned):
+        return True
+    at_limits = (
+        _without_rounding(fleet, "position", planned[:, :3]),
+        _without_rounding(fleet, "velocity", planned[:, 3:]),
+    )
+    return np.array_equal(states, np.concatenate(at_limits, axis=1))
+
+
 def _without_rounding(fleet: Fleet, quantity: Quantity, values: FloatArray) -> FloatArray:
     """Return the vehicles' values, projected to their limits where within the tolerance.
 

@@ -35,7 +35,7 @@ class Simulation(ShownInNotebooks, metaclass=Described):
     """
 
     flight: Flight
-    """planned windows; `flight.plan` integrates their accelerations from the start, and so is the
+    """planned windows; `flight.plan` is what they planned until the next one began, and so is the
     flown motion only where there was no wind"""
     times: FloatArray
     """times on the scenario's clock, from its first knot to its last [s], shape (M,)"""
@@ -106,7 +106,7 @@ class Simulation(ShownInNotebooks, metaclass=Described):
 
     @property
     def plan(self) -> Plan:
-        """Motion that the accelerations of all windows give without wind."""
+        """Motion planned by the windows, each until the next, which jumps where they began."""
         return self.flight.plan
 
     @property

@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 
 from drake_rho.motion.flight import Flight
+from drake_rho.motion.jumps import check_continuous
 from drake_rho.motion.plan import Plan
 from drake_rho.motion.simulation import Simulation
 from drake_rho.planning.call.progress import Progress
@@ -47,8 +48,8 @@ def simulate(
 
     A scenario is flown with a receding horizon, which plans windows during the flight. So is the
     scenario of a `RecedingHorizon` of one's own. A plan, or the plan of a flight, is tracked as it
-    is, with the feedback of its scenario. Without a disturbance there is no feedback, and `verify`
-    notes this.
+    is, with the feedback of its scenario; a flight that jumps to measured states is refused.
+    Without a disturbance there is no feedback, and `verify` notes this.
 
     With a smoothing, plans and windows are flown as averaged, in small steps of constant
     acceleration: the simulation's scenario is that of these steps, from where windows begin where
@@ -118,6 +119,8 @@ def simulate(
         horizon = scenario
     else:
         _check_no_windows(scenario.kind, replan_every, free_final_time, planner, fallback)
+        expected = f"a plan, or a {scenario.kind} without jumps, which vehicles could follow"
+        check_continuous(scenario.plan, expected)
         plan = adopted(_disturbed(scenario.plan.scenario, disturbance), scenario.plan)
         horizon = OnePlan(in_small_steps(plan))
     return simulated(as_flown(horizon), winds.none() if wind is None else wind, plant, rng)

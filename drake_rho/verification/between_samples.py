@@ -44,10 +44,14 @@ def greatest_velocity(
     assert trajectory.tubes is not None  # noqa: S101  # callers check this
     times = trajectory.times
     at, radii = measure(trajectory.velocities), trajectory.tubes.at("velocity", times)
-    found = _greatest(times, at, radii)
+    found, ends = _greatest(times, at, radii), at[:, 1:]
+    if len(k := trajectory.last_before_jumps) > 0:
+        ends = measure(trajectory.ends[1])
+        radii = trajectory.tubes.before("velocity", times[k + 1])
+        found = _greater(found, _greatest(times[k + 1], ends[:, k], radii))
     over = trajectory.tubes.over("velocity", times[:-1], times[1:])
     rest = (1,) * (at.ndim - 2)
-    most = np.maximum(at[:, :-1], at[:, 1:]) + over.reshape(-1, *rest)
+    most = np.maximum(at[:, :-1], ends) + over.reshape(-1, *rest)
     higher = ~(most <= (found.values + found.errors)[:, None])  # true for NaN as well
     steps = np.flatnonzero(higher.any(axis=(0, *range(2, at.ndim))))
     inner = np.arange(1, _samples_per_step(trajectory)) / _samples_per_step(trajectory)

@@ -103,9 +103,8 @@ def _extremes_of_velocity(trajectory: PiecewiseTrajectory, bounds: Bounds) -> _E
     if trajectory.higher is not None:
         return _extremes_at_all_times(trajectory, bounds, 1)
     if trajectory.tubes is None:
-        return _extremes_at(
-            trajectory.times, trajectory.velocities, np.zeros(len(trajectory.times))
-        )
+        times, velocities = trajectory.all_velocities
+        return _extremes_at(times, velocities, np.zeros(len(times)))
     signs = np.array([-1.0, 1.0])[:, None]
     found = greatest_velocity(trajectory, lambda v: signs * v[..., None, :])
     return _Extremes(found.times, signs * found.values, found.errors)

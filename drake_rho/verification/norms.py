@@ -93,9 +93,8 @@ def _greatest_speed(trajectory: PiecewiseTrajectory) -> Maximum:
         precision = PRECISION * trajectory.scenario.fleet.norms["max_speed"].sets.tolerances
         return greatest_of_smooth(trajectory, 1, partial(_length_beyond, np.zeros(3)), precision)
     if trajectory.tubes is None:
-        return _greatest_norm(
-            trajectory.times, trajectory.velocities, np.zeros(len(trajectory.times))
-        )
+        times, velocities = trajectory.all_velocities
+        return _greatest_norm(times, velocities, np.zeros(len(times)))
     return greatest_velocity(trajectory, lambda v: np.linalg.norm(v, axis=-1))
 
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from drake_rho.motion.jumps import largest_jump
+from drake_rho.motion.plan import Plan
 from drake_rho.motion.simulation import Simulation
 from drake_rho.scenario.clock import clock_time
 from drake_rho.scenario.disturbance import Disturbance
@@ -40,6 +42,18 @@ def notes_on(trajectory: PiecewiseTrajectory) -> tuple[str, ...]:
     return (
         f"verified {disturbance_in_words(disturbance, trajectory.scenario.grid)}",
         f"vehicles end within {position:.4g} m and {velocity:.4g} m/s of their goals",
+    )
+
+
+def notes_on_jumps(plan: Plan) -> tuple[str, ...]:
+    """Return a note on the largest jump of a flight whose windows began at measured states."""
+    if (jump := largest_jump(plan)) is None:
+        return ()
+    count = len(plan.jumps)
+    windows = "1 window" if count == 1 else f"{count} windows"
+    return (
+        f"{windows} began at measured states off the motion before: its largest jump is that of "
+        f"{jump.vehicle} at {clock_time(jump.time)}, by {jump}",
     )
 
 

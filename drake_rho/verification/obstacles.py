@@ -105,11 +105,11 @@ class RelativeMotion:
                 from the bounding box reach them, no closer bound is computed.
         """
         outside = _outside_of_box(self.positions, shape.extent)
-        lowest = self._between(outside)
+        lowest = self._between(outside, outside[:, 1:])
         near = np.flatnonzero(~(lowest >= enough).all(axis=1))
         if len(near) > 0 and not isinstance(shape, Map):  # encounters are compared with its parts
             outside[near] = shape.local_distance(self.positions[near])
-            lowest = self._between(outside)
+            lowest = self._between(outside, outside[:, 1:])
         return lowest
 
     @property
@@ -118,14 +118,29 @@ class RelativeMotion:
         elapsed = self.trajectory.elapsed
         return self.obstacle.is_active((elapsed[:-1] + elapsed[1:]) / 2.0)
 
-    def _between(self, distances: FloatArray) -> FloatArray:
-        """Return lower bounds between the instants from distances at them [m], shape (N, J).
+    def _at_ends(self, outside: FloatArray, extent: FloatArray) -> FloatArray:
+        """Return distances from a bounding box at the ends of pieces [m], (N, J), as at instants.
+
+        Args:
+            outside: at the instants [m], shape (N, J + 1).
+            extent: half the sides of the box [m], shape (3,).
+        """
+        k = self.trajectory.last_before_jumps
+        if len(k) == 0:
+            return outside[:, 1:]
+        ends = np.array(outside[:, 1:])
+        jumped = self.trajectory.positions[:, k + 1] - self.trajectory.ends[0][:, k]
+        ends[:, k] = _outside_of_box(self.positions[:, k + 1] - jumped, extent)
+        return ends
+
+    def _between(self, distances: FloatArray, ends: FloatArray) -> FloatArray:
+        """Return lower bounds in pieces from distances at instants and ends [m], shape (N, J).
 
         In a piece a distance changes no faster than at the greatest speed. The distances given are
         from where the obstacle is taken to be, the bounds from where it may be.
         """
         lengths = self.pieces.speeds.reshape(len(distances), -1)
-        lowest: FloatArray = (distances[:, :-1] + distances[:, 1:] - lengths) / 2.0
+        lowest: FloatArray = (distances[:, :-1] + ends - lengths) / 2.0
         return lowest - self.grown
 
     @property
@@ -162,7 +177,8 @@ class RelativeMotion:
         since = since if since > 0.0 else instants[0]
         during = (instants[:-1] >= since) == known
         during &= self.active_pieces
-        lowest = self._between(outside) - trajectory.errors_over
+        lowest = self._between(outside, self._at_ends(outside, shape.extent))
+        lowest -= trajectory.errors_over
         owners, piece = np.nonzero(~(lowest >= values[:, None]) & during)  # what is no number too
         near = self.pieces.select(owners * len(during) + piece)
         distance = shape.local_distance

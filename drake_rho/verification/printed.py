@@ -97,9 +97,12 @@ def _place(check: Check) -> str:
 
 
 def _gap(summary: Summary) -> str:
-    """Return the largest possible gap to the optimum, from the least effort as a lower bound."""
+    """Return the largest possible gap to the optimum, from the least effort as a lower bound.
+
+    What jumps is no plan from the starts, so that the bound is none for its cost.
+    """
     least = summary.least_effort
-    if not summary.cost >= (1.0 - _ROUNDING) * least > 0.0:
+    if summary.largest_jump is not None or not summary.cost >= (1.0 - _ROUNDING) * least > 0.0:
         return ""
     return f"; gap to the optimum at most {percent(max(0.0, 1.0 - least / summary.cost))}"
 

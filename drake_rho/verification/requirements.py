@@ -267,15 +267,31 @@ class _Check:
         times = trajectory.elapsed[instants]
         if len(times) == 0:
             return self._nothing()
-        values, errors = self._relative(trajectory.velocities[:, instants]), np.zeros(len(times))
+        values, errors = trajectory.velocities[:, instants], np.zeros(len(times))
         if trajectory.tubes is not None:
-            errors = self._vehicles * trajectory.tubes.at("velocity", trajectory.times[instants])
+            errors = trajectory.tubes.at("velocity", trajectory.times[instants])
+        if len(k := self._before_jumps(trajectory)) > 0:
+            values = np.concatenate([values, trajectory.ends[1][:, k]], axis=1)
+            left = np.zeros(len(k))
+            if trajectory.tubes is not None:
+                left = trajectory.tubes.before("velocity", trajectory.times[k + 1])
+            times, errors = np.append(times, trajectory.elapsed[k + 1]), np.append(errors, left)
+        values, errors = self._relative(values), self._vehicles * errors
         distances = self._distances(values, times)
         if self.requirement.track is not None:  # which has another velocity before a corner
             before = self._distances(values, times, before=True)
             late = self._clock.after(times, self.interval[0])
             distances = np.maximum(distances, np.where(late, before, -np.inf))
         return _worst_of(times, distances, errors)
+
+    def _before_jumps(self, trajectory: PiecewiseTrajectory) -> IntArray:
+        """Return the pieces that end in a jump, at every instant, and in which it is active."""
+        k = trajectory.last_before_jumps
+        if not trajectory.scenario.between_knots:
+            return k[:0]
+        ends = trajectory.elapsed[k + 1]
+        begun = self._clock.after(ends, self.interval[0])
+        return k[begun & self._clock.within(ends, self.interval)]
 
     def _steps(self, begins: FloatArray, ends: FloatArray) -> BoolArray:
         """Return flags of the steps [begin, end) that the interval meets."""

@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 
 from drake_rho.motion.flown import Flown
+from drake_rho.motion.jumps import Jump, largest_jump
 from drake_rho.scenario.described import Described
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.records import TOLERANCE, Scenario
@@ -36,6 +37,8 @@ class Summary(metaclass=Described):
     separation [m²/s⁴]: a lower bound on the cost of every plan"""
     cost_bound: float | None = None
     """largest cost of a flight with bounded costs, known from its first window [m²/s⁴]"""
+    largest_jump: Jump | None = None
+    """largest jump of a flight whose windows began at measured states; None if there is none"""
 
     @classmethod
     def of(cls, trajectory: PiecewiseTrajectory, flown: Flown) -> Summary:
@@ -45,9 +48,10 @@ class Summary(metaclass=Described):
         smooth motion is sought at all times.
         """
         scenario = trajectory.scenario
-        speeds = np.linalg.norm(trajectory.velocities, axis=2)
+        times, velocities = trajectory.all_velocities
+        speeds = np.linalg.norm(velocities, axis=2)
         vehicle, instant = np.unravel_index(np.argmax(speeds), speeds.shape)
-        top_speed, time = speeds[vehicle, instant], trajectory.times[instant]
+        top_speed, time = speeds[vehicle, instant], times[instant]
         if trajectory.higher is not None:
             precision = PRECISION * TOLERANCE * scenario.fleet.scale("velocity")
             found = greatest_of_smooth(trajectory, 1, _length, precision)
@@ -62,6 +66,7 @@ class Summary(metaclass=Described):
             cost=flown.cost,
             least_effort=least_effort(scenario),
             cost_bound=flown.windows[0].cost_bound if flown.windows else None,
+            largest_jump=None if flown.simulation else largest_jump(flown.plan),
         )
 
 

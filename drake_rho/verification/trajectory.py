@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from functools import cached_property
 from math import comb
 
@@ -19,6 +20,9 @@ from drake_rho.verification.tubes import ErrorRadii, Tubes
 @dataclasses.dataclass(frozen=True, eq=False)
 class PiecewiseTrajectory:
     """Motions in J pieces of time, the same for all vehicles.
+
+    States at the instants are those with which pieces begin. The piece before ends there, unless
+    the motion jumps.
 
     Accelerations are constant in each piece; those of smooth motions are polynomials in time.
     """
@@ -44,12 +48,25 @@ class PiecewiseTrajectory:
     higher: FloatArray | None = None
     """coefficients of positions as polynomials of the time since a piece began, from the third
     power up [m/s³], …, shape (N, J, n, 3); None where accelerations are constant in pieces"""
+    jumps: IntArray = dataclasses.field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    """indices of instants at which the motion jumps to measured states, shape (S,)"""
 
     @classmethod
     def of(
-        cls, scenario: Scenario, motion: Motion, tubes: Tubes | None = None
+        cls,
+        scenario: Scenario,
+        motion: Motion,
+        tubes: Tubes | None = None,
+        jumps: Sequence[int] = (),
     ) -> PiecewiseTrajectory:
-        """Return the trajectory of a motion on a scenario's grid, whose steps are the pieces."""
+        """Return the trajectory of a motion on a scenario's grid, whose steps are the pieces.
+
+        Args:
+            scenario: whose constraints are verified.
+            motion: of all vehicles.
+            tubes: around the motion, if vehicles do not follow it exactly.
+            jumps: knots, from 0, at which it begins anew.
+        """
         grid = scenario.grid
         return cls(
             scenario,
@@ -61,12 +78,41 @@ class PiecewiseTrajectory:
             motion.accelerations,
             motion.accelerations,
             tubes,
+            jumps=np.array(jumps, dtype=np.int64),
         )
 
     @cached_property
     def times(self) -> FloatArray:
         """Instants on the scenario's clock [s], shape (J + 1,)."""
         return np.asarray(self.scenario.grid.start + self.elapsed)
+
+    @cached_property
+    def ends(self) -> tuple[FloatArray, FloatArray]:
+        """Positions [m] and velocities [m/s] at the ends of the pieces, (N, J, 3) each."""
+        if len(self.jumps) == 0:
+            return self.positions[:, 1:], self.velocities[:, 1:]
+        p, v = np.array(self.positions[:, 1:]), np.array(self.velocities[:, 1:])
+        k = self.last_before_jumps
+        s, a = self.durations[k, None], self.accelerations[:, k]
+        p[:, k] = self.positions[:, k] + s * (self.velocities[:, k] + s / 2.0 * a)
+        v[:, k] = self.velocities[:, k] + s * a
+        return p, v
+
+    @property
+    def last_before_jumps(self) -> IntArray:
+        """Indices of the pieces that end where the motion jumps, at most S of them."""
+        return self.jumps[self.jumps > 0] - 1
+
+    @property
+    def all_velocities(self) -> tuple[FloatArray, FloatArray]:
+        """Times on the scenario's clock [s] and velocities then [m/s], also just before jumps.
+
+        Between these the velocity is linear. The shapes are (M,) and (N, M, 3).
+        """
+        if len(k := self.last_before_jumps) == 0:
+            return self.times, self.velocities
+        times = np.append(self.times, self.times[k + 1])
+        return times, np.concatenate([self.velocities, self.ends[1][:, k]], axis=1)
 
     @property
     def steps(self) -> Steps:
@@ -136,6 +182,7 @@ class PiecewiseTrajectory:
             a[:, :-1],
             self.commands[:, k[:-1]],
             self.tubes,
+            jumps=np.searchsorted(instants, self.elapsed[self.jumps]),
         )
 
     def _cut_smooth(

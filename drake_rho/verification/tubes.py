@@ -23,7 +23,7 @@ import numpy as np
 from drake_rho.motion.flown import Flown
 from drake_rho.motion.scenario_tube import tube_of
 from drake_rho.motion.tube import ErrorTube
-from drake_rho.scenario.fields import FloatArray, IntArray
+from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.parts import Quantity
 
 
@@ -33,12 +33,14 @@ class Tubes:
 
     At the time where one tube follows another, the errors from the one plan are in the one ball and
     the errors from the other plan in the other: constraints are checked there with the greater of
-    the two radii.
+    the two radii. Where the motion jumps, the states after it have the later tube.
     """
 
     tubes: tuple[ErrorTube, ...]
     begins: FloatArray
     """time from which each tube is valid, on the scenario's clock [s], increasing, shape (T,)"""
+    anew: BoolArray
+    """whether the motion jumps where each tube begins, shape (T,)"""
 
     @classmethod
     def of(cls, flown: Flown) -> Self | None:
@@ -46,11 +48,13 @@ class Tubes:
         if flown.scenario.disturbance is None:
             return None
         if flown.flight is None:
-            return cls((tube_of(flown.scenario),), np.array([flown.scenario.grid.start]))
+            start = np.array([flown.scenario.grid.start])
+            return cls((tube_of(flown.scenario),), start, np.zeros(1, dtype=bool))
         grid = flown.scenario.grid
         knots = np.array([window.first_knot for window in flown.windows])
         tubes = tuple(tube_of(window.plan.scenario) for window in flown.windows)
-        return cls(tubes, grid.start + grid.elapsed[knots])
+        anew = np.isin(knots, flown.plan.jumps)
+        return cls(tubes, grid.start + grid.elapsed[knots], anew)
 
     @property
     def last(self) -> ErrorTube:
@@ -59,8 +63,13 @@ class Tubes:
 
     def at(self, quantity: Quantity, times: FloatArray) -> FloatArray:
         """Return radii at times on the scenario's clock, in the quantity's unit, shape (M,)."""
-        radii = (self._of(quantity, self._number(times, side), times) for side in (1, -1))
-        return np.maximum(*radii)
+        later, earlier = self._number(times), self._number(times, -1)
+        earlier = np.where(self.anew[later], later, earlier)
+        return np.maximum(*(self._of(quantity, which, times) for which in (later, earlier)))
+
+    def before(self, quantity: Quantity, times: FloatArray) -> FloatArray:
+        """Return radii just before times on the scenario's clock, shape (M,)."""
+        return self._of(quantity, self._number(times, -1), times)
 
     def position_in(self, times: FloatArray, begins: FloatArray, ends: FloatArray) -> FloatArray:
         """Return ρ_p [m] at times in intervals that have one tube each; arrays of one shape."""
@@ -109,7 +118,7 @@ class ConstantTubes(Tubes):
     @classmethod
     def with_radii(cls, radii: Mapping[Quantity, float]) -> Self:
         """Return tubes with given radii."""
-        return cls((), np.zeros(0), radii)
+        return cls((), np.zeros(0), np.zeros(0, dtype=bool), radii)
 
     def at(self, quantity: Quantity, times: FloatArray) -> FloatArray:
         """Return the radius for every time."""

@@ -10,6 +10,7 @@ from drake_rho.motion.dynamics import Motion
 from drake_rho.motion.flight import Sighting
 from drake_rho.motion.flown import Flown
 from drake_rho.scenario.arguments import checked
+from drake_rho.scenario.fields import FloatArray
 from drake_rho.verification.averages import averaged
 from drake_rho.verification.boxes import check_boxes
 from drake_rho.verification.check import Check
@@ -18,6 +19,7 @@ from drake_rho.verification.kinds import refuse_unchecked
 from drake_rho.verification.norms import check_norms
 from drake_rho.verification.notes import (
     notes_on,
+    notes_on_jumps,
     notes_on_simulation,
     notes_on_tracks,
     notes_on_uncertainty,
@@ -59,6 +61,11 @@ def verify(flown: Flown) -> Report:
     time and reported as `Check.errors`. Each window of a flight is verified with its own tube, from
     its first knot to that of the next window. Jerk and goal are those of the plan. The margins that
     planners keep are not used.
+
+    A flight is verified as flown, from the states with which its windows began. Where these were
+    measured it jumps: it is verified up to the jump and from there on, and a note tells the largest
+    jump. At that very time the measured states count. With a disturbance a vehicle is in both tubes
+    then, so that a waypoint at that time is passed if one of the two proves it.
 
     With a smoothing the smooth motion is verified, from before the first knot until after the last,
     which is computed anew from the accelerations (`drake_rho.verification.averages`). Limits on
@@ -105,10 +112,13 @@ def verify(flown: Flown) -> Report:
         else:
             plan = flown.plan
             fleet, grid = plan.scenario.fleet, plan.scenario.grid
-            motion = Motion.from_starts(fleet, plan.accelerations, grid.step)
-            trajectory = PiecewiseTrajectory.of(plan.scenario, motion, Tubes.of(flown))
+            begins = _beginnings(flown)
+            motion = Motion.in_pieces(fleet, plan.accelerations, grid.step, begins)
+            tubes = Tubes.of(flown)
+            trajectory = PiecewiseTrajectory.of(plan.scenario, motion, tubes, plan.jumps)
             own = check_planned(plan, trajectory)
             trajectory, notes = averaged(trajectory), notes_on(trajectory)
+            notes += notes_on_jumps(plan)
         jerks = Jerks.of(flown.plan.scenario, flown.plan.accelerations)
         columns = [
             *own,
@@ -135,6 +145,16 @@ def verify(flown: Flown) -> Report:
     about = (notes_on_free_jerks, notes_on_tracks, notes_on_uncertainty)
     notes = (*notes, *(note for notes_of in about for note in notes_of(scenario)))
     return Report(scenario, checks, summary, sightings, notes)
+
+
+def _beginnings(flown: Flown) -> dict[int, FloatArray]:
+    """Return the states (N, 6) to which a motion jumps, by knots: those of windows, if it has any.
+
+    A plan without windows, such as that of a flight, has them itself.
+    """
+    plan = flown.plan
+    begins = {each.first_knot: each.plan.scenario.fleet.start_states for each in flown.windows}
+    return {knot: begins.get(knot, plan.states(knot)) for knot in plan.jumps}
 
 
 def _is_avoided(sighting: Sighting) -> bool:

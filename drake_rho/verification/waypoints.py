@@ -6,12 +6,17 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from drake_rho.scenario.fields import FloatArray
 from drake_rho.verification.check import Column
 from drake_rho.verification.trajectory import PiecewiseTrajectory
 
 
 def check_waypoints(trajectory: PiecewiseTrajectory) -> Iterator[Column]:
-    """Verify the distance of every vehicle from each of its waypoints at the waypoint's time."""
+    """Verify the distance of every vehicle from each of its waypoints at the waypoint's time.
+
+    Where the motion jumps just then, the state after it counts. With errors vehicles are in the
+    tubes of both states, and the one that is closer to the waypoint counts.
+    """
     scenario = trajectory.scenario
     vehicles = np.arange(len(scenario.vehicles))
     scale = scenario.fleet.scale("position")
@@ -23,6 +28,11 @@ def check_waypoints(trajectory: PiecewiseTrajectory) -> Iterator[Column]:
         errors = np.zeros(len(vehicles))
         if trajectory.tubes is not None:
             errors = np.where(due, trajectory.tubes.at("position", times), 0.0)
+            for who, piece in _at_jumps(trajectory, times):
+                before = trajectory.ends[0][who, piece] - waypoints.positions[who]
+                away, radius = np.linalg.norm(before), trajectory.tubes.before("position", times)
+                if away + radius[who] < distances[who] + errors[who]:
+                    distances[who], errors[who] = away, radius[who]
         within = np.where(errors > 0.0, waypoints.within - errors, waypoints.within)
         yield Column(
             kind="waypoints",
@@ -37,3 +47,15 @@ def check_waypoints(trajectory: PiecewiseTrajectory) -> Iterator[Column]:
             unit="m",
             due=due,
         )
+
+
+def _at_jumps(trajectory: PiecewiseTrajectory, times: FloatArray) -> Iterator[tuple[int, int]]:
+    """Yield vehicles with waypoints at a jump, and the pieces that end there.
+
+    Args:
+        trajectory: of all vehicles.
+        times: of a waypoint of each vehicle, on the scenario's clock [s], shape (N,).
+    """
+    for piece in trajectory.last_before_jumps.tolist():
+        near = trajectory.scenario.grid.clock.same(times, trajectory.times[piece + 1])
+        yield from ((vehicle, piece) for vehicle in np.flatnonzero(near).tolist())

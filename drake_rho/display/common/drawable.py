@@ -50,6 +50,11 @@ class Drawn(Protocol):
         """Velocities at the knots [m/s], shape (N, K, 3)."""
         ...
 
+    @property
+    def jumps(self) -> tuple[int, ...]:
+        """Knots, from 0, at which the motion jumps, as that of a flight from measured states."""
+        ...
+
     def motion(self) -> Motion:
         """Return the motion as a function of the time since the first knot."""
         ...
@@ -66,6 +71,8 @@ class TrueMotion:
 
     simulation: Simulation
     """recorded simulation"""
+
+    jumps: ClassVar[tuple[()]] = ()
 
     @property
     def scenario(self) -> Scenario:
@@ -119,6 +126,7 @@ class StraightLines:
 
     kind: ClassVar = "scenario"
     windows: ClassVar[tuple[()]] = ()
+    jumps: ClassVar[tuple[()]] = ()
     simulation: ClassVar[None] = None
 
     @property
@@ -177,6 +185,7 @@ class Smoothed:
 
     kind: ClassVar = "plan"
     windows: ClassVar[tuple[()]] = ()
+    jumps: ClassVar[tuple[()]] = ()
     simulation: ClassVar[None] = None
 
     @property

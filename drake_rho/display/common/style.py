@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -49,6 +50,8 @@ VIEW_ELEVATION, VIEW_AZIMUTH = 22.0, -58.0
 """Viewpoint of a scene: angle above the horizon and around the vertical axis [deg]."""
 STEEP_ELEVATION = 62.0
 """Elevation of the viewpoint of an animated scene whose flights are hidden by maps otherwise."""
+_JUST = 1e-6
+"""Part of a step by which a motion is drawn before a jump: more than times differ by rounding."""
 PER_STEP = 12
 """Least number of points at which the exact motion is drawn in each step."""
 MAX_NAMED = len(COLOURS)
@@ -118,7 +121,41 @@ def view(
 
 
 def dense_times(plan: Drawn) -> FloatArray:
-    """Return the times since the first knot at which the motion is drawn, knots included [s]."""
+    """Return the times since the first knot at which the motion is drawn, knots included [s].
+
+    There is one just before each jump.
+    """
     grid = plan.scenario.grid
     per_step = max(PER_STEP, round(grid.step / plan.motion().step))
-    return np.linspace(0.0, grid.duration, per_step * (grid.knots - 1) + 1)
+    times = np.linspace(0.0, grid.duration, per_step * (grid.knots - 1) + 1)
+    return times if not plan.jumps else np.union1d(times, before_jumps(plan))
+
+
+def before_jumps(plan: Drawn) -> FloatArray:
+    """Return times just before the jumps of a motion under way, since its first knot [s], (S,)."""
+    grid = plan.scenario.grid
+    knots = [each for each in plan.jumps if each > 0]
+    return np.asarray(grid.elapsed[knots] - _JUST * grid.step)
+
+
+def in_pieces(plan: Drawn, times: FloatArray) -> list[slice]:
+    """Return slices of increasing times since the first knot, (M,), one for each piece of motion.
+
+    A piece begins where the motion jumps.
+    """
+    if not plan.jumps:
+        return [slice(0, len(times))]
+    ends = np.searchsorted(times, before_jumps(plan), side="right")
+    cuts = np.unique([0, *ends.tolist(), len(times)]).tolist()
+    return [slice(first, last) for first, last in pairwise(cuts)]
+
+
+def with_gaps(plan: Drawn, times: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return times since the first knot, (M,), and values, (..., M), with NaN at jumps.
+
+    Lines through them have gaps there.
+    """
+    begins = [each.start for each in in_pieces(plan, times)[1:]]
+    if not begins:
+        return times, values
+    return np.insert(times, begins, times[begins]), np.insert(values, begins, np.nan, axis=-1)

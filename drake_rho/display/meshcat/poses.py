@@ -36,6 +36,7 @@ def lifts(motion: Motion, times: FloatArray, step: float) -> FloatArray:
 
     The acceleration is averaged over a step around each time, since a plan's acceleration is
     constant in each step and the attitude would jump. The vertical component is at least g/2.
+    Where velocities jump to measured ones, nothing accelerates.
     """
     half = min(step, float(motion.step) * motion.accelerations.shape[1]) / 2.0
     end = motion.step * motion.accelerations.shape[1]

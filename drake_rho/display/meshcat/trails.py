@@ -16,7 +16,12 @@ from pydrake.geometry import Meshcat, Rgba
 from drake_rho.display.common.drawable import Drawn
 from drake_rho.display.common.map_faces import has_map
 from drake_rho.display.common.names import as_path
-from drake_rho.display.common.style import CONTINGENCY, palette, window_colours
+from drake_rho.display.common.style import (
+    CONTINGENCY,
+    before_jumps,
+    palette,
+    window_colours,
+)
 from drake_rho.display.meshcat.meshes import tube
 from drake_rho.display.meshcat.playback import Playback
 from drake_rho.display.meshcat.scene import ROOT, Scene, coloured
@@ -90,11 +95,16 @@ def first_times(windows: Sequence[Window]) -> list[float]:
 
 
 def _pieces(plan: Drawn, trails: int) -> list[tuple[int, int]]:
-    """Return the first and last knots of a trail's pieces: one step each, or more to limit them."""
+    """Return the first and last knots of a trail's pieces: one step each, or more to limit them.
+
+    A piece ends where the motion jumps, unless there are more jumps than pieces.
+    """
     steps = plan.scenario.grid.knots - 1
     pieces = _MAX_PIECES_IN_MAPS if has_map(plan.scenario) else _MAX_PIECES
     count = max(1, min(steps, pieces // trails))
     knots: IntArray = np.unique(np.linspace(0, steps, count + 1).round().astype(int))
+    if len(plan.jumps) <= count:
+        knots = np.union1d(knots, np.array(plan.jumps, dtype=np.int64))
     return list(pairwise(knots.tolist()))
 
 
@@ -102,6 +112,8 @@ def _paths(plan: Drawn, first: int, last: int, per_step: int) -> FloatArray:
     """Return points along all vehicles' paths between two knots [m], shape (N, M, 3)."""
     elapsed = plan.scenario.grid.elapsed
     times = np.linspace(elapsed[first], elapsed[last], per_step * (last - first) + 1)
+    if last in plan.jumps:
+        times[-1] = before_jumps(plan)[[each for each in plan.jumps if each > 0].index(last)]
     return plan.motion().at("position", times)
 
 

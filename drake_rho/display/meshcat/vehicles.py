@@ -104,7 +104,8 @@ def record_vehicles(meshcat: Meshcat, shown: Drawn, vehicles: Vehicles, playback
     """Record the vehicles' poses and scales."""
     motion = shown.motion()
     places, velocities = (motion.at(each, playback.times) for each in ("position", "velocity"))
-    up = lifts(motion, playback.times, shown.scenario.grid.step)
+    flown = motion.with_accelerations(motion.accelerations) if shown.jumps else motion
+    up = lifts(flown, playback.times, shown.scenario.grid.step)
     poses = vehicle_poses(vehicles.kinds, places, velocities, up)
     for vehicle, each, scales, with_ball in zip(
         shown.scenario.vehicles, poses, vehicles.scales, vehicles.with_ball, strict=True

@@ -33,6 +33,7 @@ from drake_rho.display.common.style import (
     dense_times,
     vehicle_colours,
     vehicle_marker,
+    with_gaps,
 )
 from drake_rho.display.plots.labels import Labels, along
 from drake_rho.display.plots.legends import add_above, width_of
@@ -78,7 +79,8 @@ def draw_separation(ax: Axes, plan: Drawn) -> list[Line2D]:
         raise ValueError(f"separation: got {got}, expected one and at least two vehicles")
     found = closest_two(plan, separation)
     times = plan.scenario.grid.start + found.times
-    (curve,) = ax.plot(times, found.distances, color=COLOURS[0])
+    shown = with_gaps(plan, found.times, found.distances)
+    (curve,) = ax.plot(plan.scenario.grid.start + shown[0], shown[1], color=COLOURS[0])
     for piece in planned(plan):
         near = closest_two(piece.plan, separation)
         draw_planned(ax, piece, near.times, near.distances[None])
@@ -104,11 +106,12 @@ def draw_velocities(axes: Sequence[Axes], plan: Drawn) -> list[Line2D]:
     """Draw velocity components over time with their bounds, one axes for each of x, y and z."""
     times = dense_times(plan)
     exact = _rounded(plan.motion().at("velocity", times))
+    times, shown = with_gaps(plan, times, np.moveaxis(exact, 1, 2))
     knots, drawn = _rounded(plan.velocities), plan.scenario.grid.start + times
     lines = []
     for axis, ax in enumerate(axes):
         lines += [
-            draw_curve(ax, plan, i, (drawn, exact[i, :, axis]), (plan.times, knots[i, :, axis]))
+            draw_curve(ax, plan, i, (drawn, shown[i, axis]), (plan.times, knots[i, :, axis]))
             for i in range(len(exact))
         ]
         _finish_component(ax, plan, "velocity", "v", axis)
@@ -146,6 +149,7 @@ def draw_norm(ax: Axes, plan: Drawn, norm: Norm) -> list[Line2D]:
     if limit.kind.quantity == "velocity":
         times, start = dense_times(plan), plan.scenario.grid.start
         exact = _rounded(limit.kind.measured(plan.motion().at("velocity", times)))
+        times, exact = with_gaps(plan, times, exact)
         knots = _rounded(limit.kind.measured(plan.velocities))
         lines = [
             draw_curve(ax, plan, index, (start + times, exact[index]), (plan.times, knots[index]))

@@ -25,6 +25,7 @@ from drake_rho.display.common.style import (
     dense_times,
     vehicle_colours,
     vehicle_marker,
+    with_gaps,
 )
 from drake_rho.display.plots.curves import draw_curve, draw_limit, draw_planned
 from drake_rho.display.plots.labels import Labels, around, beside
@@ -134,6 +135,7 @@ def _draw_distances(
 
     grid, times = plan.scenario.grid, dense_times(plan)
     exact, knots = shown(plan, times), shown(plan, grid.elapsed)
+    times, exact = with_gaps(plan, times, exact)
     lines = [
         draw_curve(ax, plan, index, (grid.start + times, exact[index]), (plan.times, knots[index]))
         for index in range(len(exact))
@@ -208,7 +210,8 @@ def draw_least_clearances(ax: Axes, plan: Drawn, obstacles: Sequence[Obstacle]) 
     lines = []
     for i, vehicle in enumerate(plan.scenario.vehicles):
         name, times = as_text(vehicle.name), start + found.times[i]
-        lines += ax.plot(times, shown[i], color=colours[i], label=name)
+        drawn, left = with_gaps(plan, found.times[i], shown[i])
+        lines += ax.plot(start + drawn, left, color=colours[i], label=name)
         if len(plan.positions) <= MAX_ANNOTATED and ever:
             m = lowest[i]
             place = (float(times[m]), float(found.clearances[i, m]))

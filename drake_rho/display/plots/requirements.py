@@ -26,6 +26,7 @@ from drake_rho.display.common.style import (
     dense_times,
     reddened,
     vehicle_colours,
+    with_gaps,
 )
 from drake_rho.display.plots.curves import draw_curve, draw_limit, draw_planned
 from drake_rho.display.plots.distances import (
@@ -170,7 +171,8 @@ def _draw_curves(ax: Axes, plan: Drawn, kept: Kept, highest: float | None) -> li
     exact, at_knots = (np.where(each <= most, each, np.nan) for each in both)
     lines = []
     for row, index in enumerate(kept.members):
-        points = (start + times, exact[row]), (start + knots, at_knots[row])
+        drawn, inside = with_gaps(plan, times, exact[row])
+        points = (start + drawn, inside), (start + knots, at_knots[row])
         lines.append(draw_curve(ax, plan, int(index), *points))
         if len(kept.members) <= MAX_ANNOTATED and least[row] <= most:
             place = (start + float(when[row]), float(least[row]))

@@ -29,6 +29,7 @@ from drake_rho.display.common.style import (
     MAX_NAMED,
     PLANNED_STYLE,
     dense_times,
+    in_pieces,
     vehicle_colours,
     vehicle_marker,
     window_colours,
@@ -151,10 +152,15 @@ def draw_paths(ax: Axes3D, plan: Drawn, shown: Sequence[Snapshot] = ()) -> list[
     """
     lines = []
     colours = vehicle_colours(len(plan.positions))
-    paths = plan.motion().at("position", dense_times(plan))
+    times = dense_times(plan)
+    paths, flown = plan.motion().at("position", times), in_pieces(plan, times)
     for index, vehicle in enumerate(plan.scenario.vehicles):
         style = {"color": colours[index]}
-        pieces = draw_line(ax, paths[index], shown, linewidth=1.2, **style)
+        pieces = [
+            line
+            for each in flown
+            for line in draw_line(ax, paths[index, each], shown, linewidth=1.2, **style)
+        ]
         pieces[0].set_label(as_text(vehicle.name))
         if len(paths) <= MAX_NAMED:
             _draw_knots(ax, plan.positions[index], index, shown, markersize=2.4, **style)
@@ -241,6 +247,8 @@ def draw_windows(ax: Axes3D, flown: Flown, shown: Sequence[Snapshot] = ()) -> li
         first = window.first_knot
         paths = window.plan.motion().at("position", dense_times(window.plan))
         part = grid.clock.within(times, tuple(grid.elapsed[[first, last]].tolist()))
+        if last in whole.jumps:  # the state then is the next window's
+            part &= grid.clock.before(times, grid.elapsed[last])
         lines.append([])
         for index in range(len(paths)):
             draw_line(ax, paths[index], shown, color=colour, linewidth=0.6, alpha=0.45)
