@@ -124,7 +124,7 @@ def fastest(
             progress=work,
             options=options,
         )
-    return finish(planned, output, drawing)
+    return finish(planned, output, drawing, least_time=True)
 
 
 def fly(

@@ -15,8 +15,7 @@ from drake_rho.cli.summary import simulation_table
 from drake_rho.motion.files import save
 from drake_rho.motion.flight import Window
 from drake_rho.motion.flown import Flown
-from drake_rho.verification.printed import TEXTS
-from drake_rho.verification.report import Report
+from drake_rho.verification.printed import TEXTS, Printed
 from drake_rho.verification.verify import verify
 
 
@@ -27,6 +26,7 @@ def finish(
     wind: str | None = None,
     *,
     every_row: bool = False,
+    least_time: bool = False,
 ) -> int:
     """Save, draw and verify a result, print the report and return the exit status.
 
@@ -38,6 +38,7 @@ def finish(
         drawing: figures to draw, if any.
         wind: description of the wind, if any.
         every_row: whether to print every row of the report.
+        least_time: whether the time was to be least, so that its gap is told and not the cost's.
     """
     if output is not None:  # before anything is printed: a closed pipe must not lose the work
         save(flown, output)
@@ -57,12 +58,13 @@ def finish(
         verified = verify(flown)
     document = described.verified(flown, verified, wind=wind, file=output, figures=drawn)
     heading = [f"wind: {wind}"] if wind is not None else []
-    return tell(document, *heading, *_text(flown, verified, every_row), *written)
+    text = _text(flown, verified.printed(every_row=every_row, gap=not least_time), least_time)
+    return tell(document, *heading, *text, *written)
 
 
-def _text(flown: Flown, verified: Report, every_row: bool) -> Iterator[str | Table]:
+def _text(flown: Flown, printed: Printed, least_time: bool) -> Iterator[str | Table]:
     """Yield the report, then the work of planning, or the errors of a simulation."""
-    yield from _report(verified, every_row)
+    yield from _report(printed)
     if flown.simulation is not None:
         yield from _windows_without_plan(flown.windows)
         yield simulation_table(flown.simulation)
@@ -78,6 +80,8 @@ def _text(flown: Flown, verified: Report, every_row: bool) -> Iterator[str | Tab
             f"every plan on {flown.scenario.grid.knots} knots takes at least "
             f"{numbers.time_bound:.6g} s: this one at most {max(above, 0.0):.2g} % longer"
         )
+    elif least_time:
+        yield "no bound of the time is known; `drake-rho certify --time` computes one"
     if flown.flight is not None:
         without = sum(bool(window.infeasible) for window in flown.windows)
         yield f"{len(flown.windows)} windows, {without} of them without a plan of their own"
@@ -94,9 +98,8 @@ def _text(flown: Flown, verified: Report, every_row: bool) -> Iterator[str | Tab
         yield "not converged: the iteration stopped before the cost converged"
 
 
-def _report(verified: Report, every_row: bool) -> Iterator[str | Table]:
+def _report(printed: Printed) -> Iterator[str | Table]:
     """Yield the report as text, or as tables that fit where a terminal is narrower than that."""
-    printed = verified.printed(every_row=every_row)
     text = str(printed)
     if not out.is_terminal or max(map(len, text.splitlines())) <= out.width:
         yield text

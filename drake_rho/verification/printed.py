@@ -50,8 +50,16 @@ TEXTS = 2
 """Number of columns, from the left, that hold texts."""
 
 
-def facts(summary: Summary, checks: Sequence[Check], holds: bool) -> Iterator[tuple[str, str]]:
-    """Yield clearance, separation, speed, time and cost, each with its name."""
+def facts(
+    summary: Summary, checks: Sequence[Check], *, gap: bool
+) -> Iterator[tuple[str, str]]:
+    """Yield clearance, separation, speed, time and cost, each with its name.
+
+    Args:
+        summary: summary of the motion.
+        checks: all checks.
+        gap: whether to tell how far the cost may be from the least.
+    """
     for name, kind in (("least clearance", "obstacles"), ("least separation", "separation")):
         if (nearest := closest(checks, kind)) is None:
             continue
@@ -66,7 +74,7 @@ def facts(summary: Summary, checks: Sequence[Check], holds: bool) -> Iterator[tu
     yield "time", f"{clock_number(summary.start)} to {clock_time(summary.end)}"
     most = summary.cost_bound
     bounds = "" if most is None else f"; at most {most:.6g} m²/s⁴ by the first window's bound"
-    bounds += _gap(summary) if holds else ""
+    bounds += _gap(summary) if gap else ""
     yield "cost", f"{summary.cost:.6g} m²/s⁴{bounds}"
 
 

@@ -88,16 +88,17 @@ class Report(metaclass=Described):
             printed.title, printed.heads, printed.rows, printed.below, left=TEXTS, above=above
         )
 
-    def printed(self, *, every_row: bool = False) -> Printed:
+    def printed(self, *, every_row: bool = False, gap: bool = True) -> Printed:
         """Return the contents of a printed report, which `print` shows.
 
         Args:
             every_row: whether to list every row, with values and limits: also of equalities, of
                 which only rounding is left, of the furthest obstacles, and of the knots where every
                 instant is verified.
+            gap: whether to tell how far the cost may be from the least, if all constraints hold.
         """
         violations = self.violations
-        lines = tuple(facts(self.summary, self.checks, self.ok))
+        lines = tuple(facts(self.summary, self.checks, gap=gap and self.ok))
         name, below = self.scenario.name, list[str]()
         title = f"{name}: all constraints hold"
         rows = list(self.tightest)

@@ -13,6 +13,7 @@ the time by d adds d v. Velocities that are given at the start or at the goal ar
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
@@ -113,7 +114,10 @@ class FreeTimePrograms:
         """
         limits = [each for each in (*self._boxes, *rows) if len(each) > 0]
         parts = limits, self._cones, passing, velocities
-        written = FreeTimeProgram(self._effort, self._unit, self._drift, *parts)
+        farthest = passing.farthest_from(self._effort.motion.positions[:, 0])
+        units = np.maximum(self._effort.units, farthest / self._effort.grid.duration**2)
+        effort = dataclasses.replace(self._effort, units=units)
+        written = FreeTimeProgram(effort, self._unit, self._drift, *parts)
         written.add_costs(self._weight)
         written.add_times(change)
         if resting is not None:

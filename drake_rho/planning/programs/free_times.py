@@ -84,6 +84,17 @@ class Passing:
             self.price,
         )
 
+    def farthest_from(self, positions: FloatArray) -> FloatArray:
+        """Return the largest distance of a waypoint of each vehicle from a position [m], (N,).
+
+        Args:
+            positions: positions of the vehicles [m], shape (N, 3).
+        """
+        farthest = np.zeros(len(positions))
+        distances = np.linalg.norm(self.positions - positions[self.vehicles], axis=1)
+        np.maximum.at(farthest, self.vehicles, distances)
+        return farthest
+
     @property
     def may_change(self) -> BoolArray:
         """Mask of the waypoints whose part of the final time a program may change, shape (W,)."""

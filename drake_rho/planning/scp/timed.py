@@ -75,7 +75,8 @@ class Timed:
     @property
     def missed(self) -> float:
         """Largest distance from a waypoint beyond that allowed, as a part of a motion's length."""
-        passing, lengths = self.passing_averaged, self.scenario.fleet.lengths
+        passing, fleet = self.passing_averaged, self.scenario.fleet
+        lengths = np.maximum(fleet.lengths, passing.farthest_from(fleet.start_positions))
         at, _ = passing.states(self.motion)
         beyond = np.linalg.norm(at - passing.positions, axis=1) - passing.within
         return float(np.max(beyond / lengths[passing.vehicles], initial=0.0))
