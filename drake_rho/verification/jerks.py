@@ -82,7 +82,7 @@ def _limited_at(scenario: Scenario, time: float) -> BoolArray:
         at = each.interval(grid)
         if each.quantity != "jerk" or at is None:
             continue
-        if grid.clock.meets(np.asarray(time), np.asarray(time + grid.step), at):
+        if grid.clock.within(time, at):
             limited[each.members(scenario.names)] = True
             if (partner := each.partner(scenario.names)) is not None:
                 limited[partner] = True
