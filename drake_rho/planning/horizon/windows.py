@@ -34,6 +34,7 @@ from drake_rho.verification.holds import first_violation
 _BEFORE = "it is violated before vehicles could brake"
 """Reason why a window whose plan violates constraints has no contingency."""
 
+
 @dataclasses.dataclass(frozen=True)
 class WindowPlanner:
     """Planner of single windows.
