@@ -1,4 +1,4 @@
-"""Thrust and attitude of a quadrotor for commanded accelerations, each of which it reaches smoothly.
+"""Thrust and attitude of a quadrotor for commanded accelerations, reached smoothly.
 
 A quadrotor turns before it accelerates in another direction. Every jump of the command is therefore
 spread over `WIDTH`, symmetrically about a time `LAG` later: the commanded thrust then has two
@@ -20,6 +20,9 @@ from pydrake.math import RollPitchYaw, RotationMatrix
 from pydrake.systems.framework import Context, EventStatus, LeafSystem, State
 
 from drake_rho.scenario.fields import FloatArray
+
+UP = np.array([0.0, 0.0, 1.0])
+"""Direction against gravity."""
 
 WIDTH = 0.1
 """Time over which the thrust changes after a jump of the command [s]."""
@@ -134,7 +137,7 @@ class AttitudeController(LeafSystem):
         angles = RollPitchYaw(state[3:6])
         R = angles.ToRotationMatrix().matrix()
         rates = R.T @ angles.CalcAngularVelocityInParentFromRpyDt(state[9:12])
-        thrust = acceleration + np.array([0.0, 0.0, self._gravity])
+        thrust = acceleration + self._gravity * UP
         wanted = upright_along(thrust)
         spin = -(_BANDWIDTH**2) * _rotation_vector(wanted, R) - 2.0 * _DAMPING * _BANDWIDTH * rates
         if np.any(jerk) or np.any(snap):

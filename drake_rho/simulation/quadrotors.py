@@ -10,7 +10,7 @@ from pydrake.systems.primitives import Adder, Demultiplexer, Multiplexer
 
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.records import Scenario
-from drake_rho.simulation.attitude import AttitudeController, held, upright_along
+from drake_rho.simulation.attitude import UP, AttitudeController, held, upright_along
 from drake_rho.simulation.systems import WindyPointMass
 
 LONGEST = 1e-3
@@ -70,7 +70,7 @@ def lean(quadrotors: Diagram, root: Context, accelerations: FloatArray) -> None:
     """
     plants = [each for each in quadrotors.GetSystems() if isinstance(each, QuadrotorPlant)]
     for plant, acceleration in zip(plants, accelerations, strict=True):
-        thrust = held(acceleration, plant.g()) + [0.0, 0.0, plant.g()]
+        thrust = held(acceleration, plant.g()) + plant.g() * UP
         state = np.zeros(12)
         state[3:6] = RollPitchYaw(RotationMatrix(upright_along(thrust))).vector()
         plant.GetMyContextFromRoot(root).SetContinuousState(state)
