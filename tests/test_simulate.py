@@ -13,8 +13,9 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
 
 import drake_rho as rho
+from drake_rho.simulation.attitude import AttitudeController
 from drake_rho.simulation.closed_loop import fly, fly_plan
-from drake_rho.simulation.quadrotors import AttitudeController, quadrotors
+from drake_rho.simulation.quadrotors import quadrotors
 from drake_rho.simulation.systems import WindSource
 from tests.disturbed import KINDS, disturbed, winds_for
 from tests.scenarios import single

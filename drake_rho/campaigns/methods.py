@@ -32,6 +32,7 @@ from drake_rho.scenario.fields import Count, Margin, Name, Positive, record
 from drake_rho.scenario.records import Scenario
 from drake_rho.simulation.closed_loop import flown
 from drake_rho.simulation.feedback import Feedback
+from drake_rho.simulation.plants import declared, known_ahead
 from drake_rho.simulation.simulate import simulate
 
 ReplanEvery = Annotated[Count, Field(ge=1)]
@@ -220,6 +221,10 @@ class BySimulate(Method):
         wind = None if self.wind is None else self.wind.over(scenario, wind_rng)
         errors = estimate_rng if self.estimates else None
         began = time.perf_counter()
+        latency = self.latency
+        if self.plant is not None:
+            scenario = declared(scenario)
+            latency = max(latency, known_ahead(scenario, self.replan_every))
         horizon = RecedingHorizon(
             scenario,
             replan_every=self.replan_every,
@@ -227,7 +232,7 @@ class BySimulate(Method):
             planner=planner,
             fallback=fallback,
             contingencies=self.contingencies,
-            latency=self.latency,
+            latency=latency,
             bounded_cost=self.bounded_cost,
         )
         if self.plant is None:

@@ -9,9 +9,11 @@ from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
 from pydrake.systems.framework import DiagramBuilder, System
 
 from drake_rho.motion.simulation import Simulation
+from drake_rho.simulation.attitude import LAG
 from drake_rho.simulation.estimates import EstimationErrors
 from drake_rho.simulation.feedback import Horizon
-from drake_rho.simulation.quadrotors import LONGEST, quadrotors
+from drake_rho.simulation.plants import lag_in_samples
+from drake_rho.simulation.quadrotors import LONGEST, lean, quadrotors
 from drake_rho.simulation.systems import (
     Estimator,
     RecedingHorizonController,
@@ -40,12 +42,16 @@ def simulated(
     scenario = horizon.scenario
     timeline = Timeline.of(scenario, wind, np.inf if plant is None else LONGEST)
     errors = EstimationErrors.of(scenario, wind, rng)
+    lag = {} if plant is None else {"lag": LAG, "delay": lag_in_samples(scenario)}
     flying = WindyPointMass(scenario) if plant is None else quadrotors(scenario)
-    controller = RecedingHorizonController(horizon)
+    controller = RecedingHorizonController(horizon, **lag)
     source = WindSource(scenario, wind, timeline)
     estimator = Estimator(scenario, errors, float(timeline.elapsed[timeline.samples[1]]))
     simulator = _simulator(flying, controller, source, estimator, timeline)
-    root = simulator.get_context()
+    root = simulator.get_mutable_context()
+    if plant is not None:
+        first = controller.GetOutputPort("command").Eval(controller.GetMyContextFromRoot(root))
+        lean(flying, root, first.reshape(-1, 3))
     ports = [
         (system.GetOutputPort(name), system.GetMyContextFromRoot(root))
         for system, name in ((flying, "states"), (source, "wind"), (controller, "command"))
@@ -87,7 +93,8 @@ def _simulator(
     builder.Connect(plant.GetOutputPort("states"), estimator.GetInputPort("states"))
     builder.Connect(plant.GetOutputPort("states"), source.GetInputPort("states"))
     builder.Connect(estimator.GetOutputPort("states"), controller.GetInputPort("states"))
-    builder.Connect(controller.GetOutputPort("command"), plant.GetInputPort("acceleration"))
+    command = "command" if isinstance(plant, WindyPointMass) else "ahead"
+    builder.Connect(controller.GetOutputPort(command), plant.GetInputPort("acceleration"))
     builder.Connect(source.GetOutputPort("wind"), plant.GetInputPort("wind"))
     simulator = Simulator(builder.Build())
     longest = float(np.diff(timeline.elapsed).max())

@@ -95,11 +95,16 @@ class Feedback:
     The constructor plans the first window from the scenario's starts, so a missing plan is reported
     before anything flies.
 
+    Args:
+        horizon: planner of windows.
+        lag: number of samples of the scenario's delay that pass between a command and its effect,
+            so that measurements arrive as much earlier.
+
     Raises:
         InfeasibleError: the first window has no plan; other errors of the horizon are passed on.
     """
 
-    def __init__(self, horizon: Horizon) -> None:
+    def __init__(self, horizon: Horizon, lag: int = 0) -> None:
         scenario = horizon.scenario
         disturbance = scenario.disturbance or Disturbance(0.0)
         self.scenario, self.horizon = scenario, horizon
@@ -107,7 +112,7 @@ class Feedback:
         self.sample = disturbance.sample(scenario.grid) / self._held
         self.samples = round(scenario.grid.duration / self.sample)
         self._times = scenario.grid.times
-        self._delay = disturbance.delay * self._held
+        self._delay = (disturbance.delay - lag) * self._held
         self._dropouts = disturbance.dropouts * self._held
         self._per_step = disturbance.samples_per_step(scenario.grid.step)
         self._knots, self._latency = frozenset(horizon.knots), horizon.latency
@@ -137,6 +142,19 @@ class Feedback:
         a = self.nominal(now.window, j * self.sample)[2]
         commands = (*now.commands, a + now.feedback)[-max(self._delay, 1) :]
         return dataclasses.replace(now, commands=commands)
+
+    def commanded(self, memory: Memory, elapsed: float, ahead: float) -> FloatArray:
+        """Return commands (N, 3) [m/s²] at a time since the start, with what is planned later.
+
+        Args:
+            memory: memory of the current sample, or `start`.
+            elapsed: the time [s].
+            ahead: time by which planned accelerations are commanded in advance [s].
+        """
+        later = elapsed + ahead
+        begin = self.scenario.grid.step * memory.planned.first_knot
+        window = memory.planned if later >= begin else memory.window
+        return self.nominal(window, later)[2] + memory.feedback
 
     def _answered(self, now: Memory, j: int) -> Memory:
         """Return the memory with the feedback of sample j."""

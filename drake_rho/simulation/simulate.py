@@ -12,6 +12,7 @@ from drake_rho.motion.jumps import check_continuous
 from drake_rho.motion.plan import Plan
 from drake_rho.motion.simulation import Simulation
 from drake_rho.planning.call.progress import Progress
+from drake_rho.planning.errors import InfeasibleError
 from drake_rho.planning.horizon.interfaces import Planner
 from drake_rho.planning.horizon.receding_horizon import RecedingHorizon
 from drake_rho.planning.planners.convex import plan_convex
@@ -22,6 +23,7 @@ from drake_rho.simulation import winds
 from drake_rho.simulation.closed_loop import OnePlan, adopted
 from drake_rho.simulation.diagram import simulated
 from drake_rho.simulation.feedback import Horizon
+from drake_rho.simulation.plants import check_declared, declared, known_ahead, with_gains
 from drake_rho.simulation.small_steps import in_small_steps
 from drake_rho.simulation.small_windows import as_flown
 from drake_rho.simulation.winds import Wind
@@ -97,10 +99,13 @@ def simulate(
         True
     """
     horizon: Horizon
+    flyable = (lambda given: given) if plant is None else declared
     if isinstance(scenario, Scenario):
+        asked = flyable(_disturbed(scenario, disturbance))
         horizon = RecedingHorizon(
-            _disturbed(scenario, disturbance),
+            asked,
             replan_every=replan_every,
+            latency=0.0 if plant is None else known_ahead(asked, replan_every),
             free_final_time=free_final_time,
             planner=planner,
             fallback=fallback,
@@ -116,14 +121,22 @@ def simulate(
         if scenario.windows:
             got = "a receding horizon that has windows"
             raise ValueError(f"scenario: got {got}, expected one that has not begun")
+        if plant is not None:
+            check_declared(scenario.scenario)
         horizon = scenario
     else:
         _check_no_windows(scenario.kind, replan_every, free_final_time, planner, fallback)
         expected = f"a plan, or a {scenario.kind} without jumps, which vehicles could follow"
         check_continuous(scenario.plan, expected)
-        plan = adopted(_disturbed(scenario.plan.scenario, disturbance), scenario.plan)
+        flown = flyable(_disturbed(scenario.plan.scenario, disturbance))
+        plan = adopted(flown, scenario.plan)
         horizon = OnePlan(in_small_steps(plan))
-    return simulated(as_flown(horizon), winds.none() if wind is None else wind, plant, rng)
+    try:
+        return simulated(as_flown(horizon), winds.none() if wind is None else wind, plant, rng)
+    except InfeasibleError as error:
+        if plant is None or horizon.scenario.disturbance is None:
+            raise
+        raise with_gains(error, horizon.scenario) from None
 
 
 def _disturbed(scenario: Scenario, disturbance: Disturbance | None) -> Scenario:

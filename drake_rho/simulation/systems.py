@@ -44,21 +44,24 @@ class RecedingHorizonController(LeafSystem):
 
     Ports: input `states` (6N), the estimated states; outputs `nominal` (9N: current planned
     position, velocity and acceleration of each vehicle in turn) and `command` (3N: acceleration
-    with feedback, constant between samples where the plan's is).
+    with feedback, constant between samples where the plan's is) and `ahead` (3N: the same for a
+    plant with a lag, to which planned accelerations are commanded in advance).
 
     Args:
         horizon: a `rho.RecedingHorizon` that has not begun, or a scenario, for which one is made.
+        lag: time that the plant takes to reach a command [s].
+        delay: number of samples of the scenario's delay that this time stands for.
 
     Raises:
         InfeasibleError: the first window has no plan.
         SolverError: the solvers fail numerically in the first window.
     """
 
-    def __init__(self, horizon: Horizon | Scenario) -> None:
+    def __init__(self, horizon: Horizon | Scenario, *, lag: float = 0.0, delay: int = 0) -> None:
         super().__init__()
         if isinstance(horizon, Scenario):
             horizon = RecedingHorizon(horizon)
-        self._feedback = Feedback(as_flown(horizon))
+        self._feedback, self._lag = Feedback(as_flown(horizon), delay), lag
         count = len(horizon.scenario.vehicles)
         self._states = self.DeclareVectorInputPort("states", 6 * count)
         self._memory = self.DeclareAbstractState(Value[object](self._feedback.start))
@@ -67,6 +70,7 @@ class RecedingHorizonController(LeafSystem):
         self.DeclareVectorOutputPort(
             "nominal", 9 * count, self._nominal, memory | {self.time_ticket()}
         )
+        self.DeclareVectorOutputPort("ahead", 3 * count, self._ahead, memory | {self.time_ticket()})
         self.DeclareInitializationUnrestrictedUpdateEvent(self._begin)
         self.DeclarePeriodicUnrestrictedUpdateEvent(self._feedback.sample, 0.0, self._update)
 
@@ -96,6 +100,10 @@ class RecedingHorizonController(LeafSystem):
             output.SetFromVector(memory.commands[-1].reshape(-1))
         else:  # before the first sample
             output.SetFromVector(memory.window.plan.accelerations[:, 0].reshape(-1))
+
+    def _ahead(self, context: Context, output: BasicVector) -> None:
+        memory, time = self._remembered(context), context.get_time()
+        output.SetFromVector(self._feedback.commanded(memory, time, self._lag).reshape(-1))
 
     def _nominal(self, context: Context, output: BasicVector) -> None:
         window = self._remembered(context).window

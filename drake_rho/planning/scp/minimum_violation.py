@@ -30,7 +30,8 @@ def minimum_violation(problem: Problem, backend: Backend | None = None) -> Plan:
     """Return the plan with the least total violation of goals and constraints, each scaled.
 
     Acceleration boxes stay hard if margins leave room in them, since they can then be met by
-    themselves. The separation of pairs is omitted. Obstacles are linearised around the plan that violates the rest least.
+    themselves. The separation of pairs is omitted. Obstacles are linearised around the plan that
+    violates the rest least.
 
     Args:
         problem: the problem to solve.

@@ -1,0 +1,195 @@
+"""Thrust and attitude of a quadrotor for commanded accelerations, reached smoothly.
+
+A quadrotor turns before it accelerates in another direction. Every jump of the command is therefore
+spread over `WIDTH`, symmetrically about a time `LAG` later: the commanded thrust then has two
+derivatives, which the attitude loop feeds forward, and the acceleration is that of a point mass
+whose commands act `LAG` late. Averages stay in the convex set that commands are limited to, so the
+tilt does too.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Any, Self
+
+import numpy as np
+from pydrake.common.value import Value
+from pydrake.examples import QuadrotorPlant
+from pydrake.math import RollPitchYaw, RotationMatrix
+from pydrake.systems.framework import Context, EventStatus, LeafSystem, State
+
+from drake_rho.scenario.fields import FloatArray
+
+UP = np.array([0.0, 0.0, 1.0])
+"""Direction against gravity."""
+
+WIDTH = 0.1
+"""Time over which the thrust changes after a jump of the command [s]."""
+
+LAG = WIDTH / 2.0
+"""Time after which, in the mean, a quadrotor has an acceleration that is commanded [s]."""
+
+MAX_TILT = math.radians(60.0)
+"""Largest tilt of the commanded thrust [rad]: roll, pitch and yaw are far from gimbal lock."""
+
+_LEAST_LIFT = 0.2
+"""Least vertical part of the commanded thrust, in weights."""
+
+_BANDWIDTH, _DAMPING = 40.0, 1.0
+"""Natural frequency [rad/s] and damping ratio with which errors of the attitude decay."""
+
+_APART = 1e-3
+"""Time between attitudes of which rates and angular accelerations are computed [s]."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class SmoothCommand:
+    """Commanded acceleration with each of its jumps spread over `WIDTH`; immutable."""
+
+    value: FloatArray
+    """latest command [m/s²], shape (3,)"""
+    jumps: tuple[tuple[float, FloatArray], ...] = ()
+    """times of the last jumps [s], and how far they lead [m/s²], (3,) each"""
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Self:
+        """Return the command itself, since Drake's contexts copy their state."""
+        return self
+
+    def followed_by(self, command: FloatArray, time: float) -> Self:
+        """Return the command from a time on, if it may have jumped."""
+        if np.array_equal(command, self.value):
+            return self
+        jumps = [jump for jump in self.jumps if time - jump[0] < WIDTH]
+        jumps.append((time, command - self.value))
+        return dataclasses.replace(self, value=command, jumps=tuple(jumps))
+
+    def at(self, time: float) -> FloatArray:
+        """Return the smooth acceleration [m/s²] at a time and two derivatives, shape (3, 3)."""
+        found = np.array([self.value, np.zeros(3), np.zeros(3)])
+        for since, jump in self.jumps:
+            x = (time - since) / WIDTH
+            if x < 1.0:
+                missing = x * x * x * (10.0 - 15.0 * x + 6.0 * x * x) - 1.0
+                first = 30.0 * (x * (1.0 - x)) ** 2 / WIDTH
+                second = 60.0 * x * (1.0 - x) * (1.0 - 2.0 * x) / WIDTH**2
+                found += np.multiply.outer((missing, first, second), jump)
+        return found
+
+
+class AttitudeController(LeafSystem):
+    """Controller of a quadrotor's thrust and attitude for a commanded acceleration.
+
+    By differential flatness the thrust vector is m (a + g e_z); its direction is the body's z axis
+    and the yaw is 0. The attitude is a rotation whose error is the vector part of a quaternion, so
+    that there is no gimbal lock. The thrust has the vertical part that is commanded also while the
+    quadrotor turns. Rotors cannot pull, so inputs are at least 0.
+
+    Ports: inputs `acceleration` (3) and `state` (12, of a `QuadrotorPlant`); output `rotors` (4),
+    updated at each step of the simulator.
+    """
+
+    def __init__(self, plant: QuadrotorPlant) -> None:
+        super().__init__()
+        self._mass, self._inertia = plant.m(), np.asarray(plant.inertia())
+        self._gravity = plant.g()
+        arm, lift, drag = plant.length(), plant.force_constant(), plant.moment_constant()
+        mixing = np.array(  # of rotor inputs: thrust and moments about x, y, z
+            [
+                [lift, lift, lift, lift],
+                [0.0, arm * lift, 0.0, -arm * lift],
+                [-arm * lift, 0.0, arm * lift, 0.0],
+                [drag, -drag, drag, -drag],
+            ]
+        )
+        self._rotors_for = np.linalg.inv(mixing)
+        self._acceleration = self.DeclareVectorInputPort("acceleration", 3)
+        self._state = self.DeclareVectorInputPort("state", 12)
+        self._command = self.DeclareAbstractState(Value[object](None))
+        self.DeclareStateOutputPort("rotors", self.DeclareDiscreteState(4))
+        self.DeclarePerStepUnrestrictedUpdateEvent(self._update)
+
+    def _update(self, context: Context, state: State) -> EventStatus:
+        wanted = held(self._acceleration.Eval(context), self._gravity)
+        before = context.get_abstract_state(self._command).get_value()
+        command = SmoothCommand(wanted) if before is None else before
+        command = command.followed_by(wanted, context.get_time())
+        state.get_mutable_abstract_state(self._command).set_value(command)
+        inputs = self.rotors(self._state.Eval(context), *command.at(context.get_time()))
+        state.get_mutable_discrete_state(0).SetFromVector(inputs)
+        return EventStatus.Succeeded()
+
+    def rotors(
+        self,
+        state: FloatArray,
+        acceleration: FloatArray,
+        jerk: FloatArray | float = 0.0,
+        snap: FloatArray | float = 0.0,
+    ) -> FloatArray:
+        """Return rotor inputs, shape (4,).
+
+        Args:
+            state: of the `QuadrotorPlant`, shape (12,).
+            acceleration: commanded [m/s²], shape (3,).
+            jerk: its derivative [m/s³], shape (3,).
+            snap: its second derivative [m/s⁴], shape (3,).
+        """
+        angles = RollPitchYaw(state[3:6])
+        R = angles.ToRotationMatrix().matrix()
+        rates = R.T @ angles.CalcAngularVelocityInParentFromRpyDt(state[9:12])
+        thrust = acceleration + self._gravity * UP
+        wanted = upright_along(thrust)
+        spin = -(_BANDWIDTH**2) * _rotation_vector(wanted, R) - 2.0 * _DAMPING * _BANDWIDTH * rates
+        if np.any(jerk) or np.any(snap):
+            turning, faster = _turning(wanted, thrust, jerk, snap)
+            spin += R.T @ wanted @ (2.0 * _DAMPING * _BANDWIDTH * turning + faster)
+        moment = self._inertia @ spin + _cross(rates, self._inertia @ rates)
+        lift = self._mass * thrust[2] / max(R[2, 2], math.cos(MAX_TILT) / 2.0)
+        inputs = self._rotors_for @ np.array([lift, *moment])
+        return np.asarray(np.maximum(inputs, 0.0))
+
+
+def held(acceleration: FloatArray, gravity: float) -> FloatArray:
+    """Return the acceleration that is commanded for one that may need too large a tilt, (3,).
+
+    Args:
+        acceleration: wanted [m/s²], shape (3,).
+        gravity: g [m/s²].
+    """
+    x, y, z = acceleration.tolist()
+    lift = max(z + gravity, _LEAST_LIFT * gravity)
+    most, aside = math.tan(MAX_TILT) * lift, math.hypot(x, y)
+    part = 1.0 if aside <= most else most / aside
+    return np.array([part * x, part * y, lift - gravity])
+
+
+def upright_along(thrust: FloatArray) -> FloatArray:
+    """Return the rotation (3, 3) with z axis along a thrust and zero yaw: x has no y component."""
+    x, y, z = thrust.tolist()
+    upright, length = math.hypot(x, z), math.sqrt(x * x + y * y + z * z)
+    a, b = z / upright, x / upright
+    c, d = upright / length, y / length
+    return np.array([[a, -b * d, b * c], [0.0, c, d], [-b, -a * d, a * c]])
+
+
+def _turning(
+    wanted: FloatArray, thrust: FloatArray, jerk: FloatArray | float, snap: FloatArray | float
+) -> tuple[FloatArray, FloatArray]:
+    """Return the rate [rad/s] and the angular acceleration [rad/s²] of a wanted attitude, (3,)."""
+    before, after = (
+        _rotation_vector(wanted, upright_along(thrust + t * (jerk + t / 2.0 * snap))) / _APART
+        for t in (-_APART, _APART)
+    )
+    return (after - before) / 2.0, (after + before) / _APART
+
+
+def _rotation_vector(one: FloatArray, other: FloatArray) -> FloatArray:
+    """Return twice the vector part of the quaternion that turns one rotation to another, (3,)."""
+    turned = RotationMatrix(one.T @ other).ToQuaternion()
+    return np.asarray(2.0 * math.copysign(1.0, turned.w()) * turned.xyz())
+
+
+def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Return the cross product of two vectors; numpy's takes twenty times as long."""
+    (a0, a1, a2), (b0, b1, b2) = a.tolist(), b.tolist()
+    return np.array([a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0])

@@ -1,0 +1,114 @@
+"""Feedback that a plant can fly: its lag counts as a delay of the loop.
+
+A quadrotor has a commanded acceleration `LAG` later. What is planned is commanded as much earlier,
+but feedback is not known before. Gains are therefore those of a loop with so many samples more of
+delay, and they do not predict, so that they are as slow as the lag requires (`docs/flight.md`).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+from drake_rho.motion.scenario_tube import error_tube, tube_of
+from drake_rho.planning.errors import InfeasibleError
+from drake_rho.scenario.disturbance import Tracking
+from drake_rho.scenario.parts import SAME_TIME
+from drake_rho.scenario.records import Scenario
+from drake_rho.simulation.attitude import LAG
+
+_NEGLIGIBLE = 0.25
+"""Part of a sample up to which a lag counts as none: all gains are stable with it."""
+
+
+def lag_in_samples(scenario: Scenario) -> int:
+    """Return the number of samples by which a quadrotor delays the feedback."""
+    if scenario.disturbance is None:
+        return 0
+    samples = LAG / scenario.disturbance.sample(scenario.grid)
+    return math.ceil(samples * (1.0 - SAME_TIME)) if samples > _NEGLIGIBLE else 0
+
+
+def declared(scenario: Scenario) -> Scenario:
+    """Return a scenario with feedback that a quadrotor can fly, whose delay includes its lag.
+
+    Measurements that may be lost need a prediction. Its gains are then those without one if every
+    measurement is as old as any may be.
+    """
+    disturbance, lag = scenario.disturbance, lag_in_samples(scenario)
+    if disturbance is None or lag == 0:
+        return scenario
+    slow = dataclasses.replace(
+        disturbance,
+        delay=disturbance.delay + lag + disturbance.dropouts,
+        dropouts=0,
+        prediction=False,
+    )
+    if disturbance.dropouts == 0:
+        return dataclasses.replace(scenario, disturbance=slow)
+    gains = error_tube(dataclasses.replace(scenario, disturbance=slow)).gains
+    tracking = Tracking(scenario.grid.start - scenario.lead, gains)
+    delayed = dataclasses.replace(
+        disturbance, delay=disturbance.delay + lag, prediction=True, tracking=tracking
+    )
+    return dataclasses.replace(scenario, disturbance=delayed)
+
+
+def known_ahead(scenario: Scenario, replan_every: int) -> float:
+    """Return the time by which windows are planned earlier, so that a quadrotor has turned [s].
+
+    Args:
+        scenario: to be flown.
+        replan_every: number of steps flown of each window, which is as long at least.
+    """
+    return min(LAG, replan_every * scenario.grid.step)
+
+
+def check_declared(scenario: Scenario) -> None:
+    """Check that a horizon's feedback is one that a quadrotor can fly.
+
+    Raises:
+        ValueError: the delay does not include the lag, or the feedback predicts.
+    """
+    disturbance, lag = scenario.disturbance, lag_in_samples(scenario)
+    if disturbance is None or lag == 0:
+        return
+    tube = tube_of(scenario)
+    if disturbance.delay >= lag and (disturbance.dropouts > 0 or not tube.measurements.predicted):
+        return
+    can = declared(scenario).disturbance
+    raise ValueError(
+        f"scenario.disturbance: got feedback with {_gains(tube.gains)}, which a quadrotor cannot "
+        f"hold, expected a delay of {_lag(lag)} more for its lag of {LAG:g} s, without prediction: "
+        f"delay {can.delay if can else lag}, {_gains(tube_of(declared(scenario)).gains)}"
+    )
+
+
+def with_gains(error: InfeasibleError, scenario: Scenario) -> InfeasibleError:
+    """Return the error of a scenario without a plan that names the gains which a quadrotor holds.
+
+    Args:
+        error: of the first window.
+        scenario: with the feedback that a quadrotor can fly.
+    """
+    own = f"{_gains(tube_of(scenario).gains)} that a quadrotor can hold"
+    because = error.because or "constraints cannot be met together"
+    return InfeasibleError(
+        error.conflicts,
+        error.steps_tried,
+        error.statistics,
+        error.scenario,
+        error.obstacles,
+        error.reference,
+        error.bearable,
+        f"{because}, with the {own}",
+    )
+
+
+def _gains(gains: tuple[float, float]) -> str:
+    k_p, k_v = gains
+    return f"gains of {k_p:.3g} 1/s² and {k_v:.3g} 1/s"
+
+
+def _lag(samples: int) -> str:
+    return f"{samples} sample{'s' if samples > 1 else ''}"
