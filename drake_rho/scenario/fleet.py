@@ -151,10 +151,19 @@ class Fleet:
         lengths: FloatArray = np.sqrt(np.fmax.reduce(np.vecdot(distances, distances)))
         lengths = np.maximum(np.maximum(lengths, self._separation), self._evasion_lengths())
         lengths[lengths == 0.0] = 1.0
+        return np.maximum(lengths, self.summed_errors / TOLERANCE)
+
+    @cached_property
+    def coordinate_errors(self) -> FloatArray:
+        """Upper bound of the rounding errors of a position's coordinates [m], shape (N,)."""
         coordinates = np.maximum(np.abs(self.start_positions), np.abs(self.goal_positions))
-        part = _ROUNDINGS * self._grid.knots * np.finfo(np.float64).eps
-        lengths[:] = np.maximum(lengths, part / TOLERANCE * coordinates.max(axis=1))
-        return lengths
+        errors: FloatArray = _ROUNDINGS * np.finfo(np.float64).eps * coordinates.max(axis=1)
+        return errors
+
+    @property
+    def summed_errors(self) -> FloatArray:
+        """Upper bound of the rounding errors of positions that are summed over steps [m], (N,)."""
+        return self._grid.knots * self.coordinate_errors
 
     def _evasion_lengths(self) -> FloatArray:
         """Return how far vehicles may have to evade moving obstacles [m], shape (N,).

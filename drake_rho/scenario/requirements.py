@@ -197,14 +197,20 @@ class KeepIn:
 
         A tolerance is `TOLERANCE` times the set's size, taken as at most the scale of the motion
         (of the larger of two), and at least a thousandth of it, which a solver can still resolve.
+        Far from the origin it is at least what positions are rounded by.
         """
-        scale = fleet.scale(self.quantity)
-        scales, partner = scale[self.members(names)], self.partner(names)
+        scale, members, partner = (
+            fleet.scale(self.quantity),
+            self.members(names),
+            self.partner(names),
+        )
+        scales, errors = scale[members], fleet.summed_errors[members]
         if partner is not None:
             scales = np.maximum(scales, scale[partner])
+            errors = errors + fleet.summed_errors[partner]
         size = float(getattr(self.set, "size", np.inf))
         tolerances: FloatArray = TOLERANCE * np.clip(size, _LEAST * scales, scales)
-        return tolerances
+        return np.maximum(tolerances, errors) if self.of == "position" else tolerances
 
     def of_vehicles(self, names: Sequence[str]) -> Self | None:
         """Return the requirement for some vehicles only; None if it says nothing of these alone."""

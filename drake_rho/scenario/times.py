@@ -55,16 +55,16 @@ class Clock:
 
     def before(self, one: npt.ArrayLike, other: npt.ArrayLike) -> BoolArray:
         """Return whether times are before others, and not equal to them."""
-        return np.asarray(np.less(one, np.subtract(other, self.rounding)))
+        return np.asarray(np.subtract(other, one) > self.rounding)
 
     def after(self, one: npt.ArrayLike, other: npt.ArrayLike) -> BoolArray:
         """Return whether times are after others, and not equal to them."""
-        return np.asarray(np.greater(one, np.add(other, self.rounding)))
+        return np.asarray(np.subtract(one, other) > self.rounding)
 
     def within(self, times: npt.ArrayLike, interval: tuple[float, float]) -> BoolArray:
         """Return whether times are in an interval that includes both its ends; not for NaN."""
-        first, last = interval[0] - self.rounding, interval[1] + self.rounding
-        return np.asarray(np.greater_equal(times, first) & np.less_equal(times, last))
+        early, late = np.subtract(interval[0], times), np.subtract(times, interval[1])
+        return np.asarray((early <= self.rounding) & (late <= self.rounding))
 
     def meets(
         self, begins: FloatArray, ends: FloatArray, interval: tuple[float, float]

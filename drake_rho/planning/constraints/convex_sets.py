@@ -58,6 +58,9 @@ class KeepInSets(Constraint):
     as_cone: bool = True
     threshold: float = VIOLATED
     """violation, in tolerances, up to which no row is added"""
+    roundings: FloatArray | float = 0.0
+    """bounds on the rounding errors of values, by which bounds are lower: else planes through one
+    point far from the origin may contradict each other, in the quantity's unit, shape (N,)"""
 
     def margin(self, times: FloatArray) -> FloatArray:
         """Return margins of values at times since the first knot [s], in the quantity's unit."""
@@ -97,6 +100,7 @@ class KeepInSets(Constraint):
 
     def rows(self, vehicles: IntArray, times: FloatArray, outward: FloatArray) -> HalfSpaces:
         """Return tangent planes for vehicles and times, (R,), with outward normals, (R, 3)."""
+        roundings = np.broadcast_to(self.roundings, self.sets.tolerances.shape)[vehicles]
         return HalfSpaces(
             self,
             vehicles=vehicles,
@@ -104,7 +108,7 @@ class KeepInSets(Constraint):
             sides=np.zeros(len(vehicles), dtype=int),
             times=times,
             normals=-outward,
-            bounds=self.margin(times) - self.sets.support(vehicles, outward),
+            bounds=self.margin(times) - self.sets.support(vehicles, outward) - roundings,
             tolerances=self.sets.tolerances[vehicles],
         )
 

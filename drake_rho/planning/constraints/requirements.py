@@ -62,6 +62,9 @@ class KeepInSet(Constraint):
     curved: bool = True
     threshold: float = _ACCEPTED
     """violation, in tolerances, up to which no row is added"""
+    roundings: FloatArray
+    """bounds on the rounding errors of values, by which bounds are lower: else planes through one
+    point far from the origin may contradict each other, in the quantity's unit, shape (N,)"""
 
     def margin(self, times: FloatArray) -> FloatArray:
         """Return r, the margin of all vehicles concerned and the deviation of a track, (R,)."""
@@ -196,6 +199,7 @@ class KeepInSet(Constraint):
             offset: what values exceed those in C by, in the quantity's unit, shape (R, 3).
         """
         support = np.asarray(self.requirement.set.support(outward))
+        above = self.margin(times) - support - np.vecdot(outward, offset)
         return HalfSpaces(
             self,
             vehicles=who,
@@ -203,7 +207,7 @@ class KeepInSet(Constraint):
             sides=np.zeros(len(who), dtype=int),
             times=times,
             normals=-outward,
-            bounds=self.margin(times) - support - np.vecdot(outward, offset),
+            bounds=above - self.roundings[who],
             tolerances=self.tolerances[who],
         )
 
@@ -268,6 +272,7 @@ def requirements_of(scenario: Scenario, margins: PlanMargins) -> list[Constraint
             grid=local,
             margins=own,
             tolerances=tolerances,
+            roundings=scenario.fleet.coordinate_errors * (each.quantity == "position"),
             every_instant=scenario.between_knots,
             searches=sys.maxsize * inner,
         )

@@ -51,6 +51,7 @@ def waypoints_of(scenario: Scenario, margins: PlanMargins) -> list[Constraint]:
             name=f"waypoint {index + 1}",
             quantity="position",
             sets=waypoints.balls(scale),
+            roundings=scenario.fleet.coordinate_errors,
             times=scenario.grid.since_start(waypoints.times),
             averaged=scenario.smoothing,
             margins=margins.steps if margins.convex is None else margins.convex,
