@@ -8,13 +8,12 @@ delay, and they do not predict, so that they are as slow as the lag requires (`d
 from __future__ import annotations
 
 import dataclasses
-import math
 
 from drake_rho.motion.scenario_tube import error_tube, tube_of
 from drake_rho.planning.errors import InfeasibleError
 from drake_rho.scenario.disturbance import Tracking
-from drake_rho.scenario.parts import SAME_TIME
 from drake_rho.scenario.records import Scenario
+from drake_rho.scenario.times import steps_lasting
 from drake_rho.simulation.attitude import LAG
 
 _NEGLIGIBLE = 0.25
@@ -25,8 +24,8 @@ def lag_in_samples(scenario: Scenario) -> int:
     """Return the number of samples by which a quadrotor delays the feedback."""
     if scenario.disturbance is None:
         return 0
-    samples = LAG / scenario.disturbance.sample(scenario.grid)
-    return math.ceil(samples * (1.0 - SAME_TIME)) if samples > _NEGLIGIBLE else 0
+    sample = scenario.disturbance.sample(scenario.grid)
+    return steps_lasting(LAG, sample) if LAG > _NEGLIGIBLE * sample else 0
 
 
 def declared(scenario: Scenario) -> Scenario:
