@@ -25,7 +25,7 @@ def lag_in_samples(scenario: Scenario) -> int:
     if scenario.disturbance is None:
         return 0
     sample = scenario.disturbance.sample(scenario.grid)
-    return steps_lasting(LAG, sample) if LAG > _NEGLIGIBLE * sample else 0
+    return steps_lasting(LAG, sample) if _NEGLIGIBLE * sample < LAG else 0
 
 
 def declared(scenario: Scenario) -> Scenario:
