@@ -16,9 +16,18 @@ def _note(message: ConsoleMessage, errors: list[str]) -> None:
     errors.append(f"{message.type}: {message.text}")
 
 
+PHONE = {
+    "viewport": {"width": 390, "height": 844},
+    "device_scale_factor": 2.0,
+    "is_mobile": True,
+    "has_touch": True,
+}
+"""Options of a page on a phone held upright. Without a viewport tag, phones make pages small."""
+
+
 @contextmanager
 def open_page(**options: Any) -> Iterator[tuple[Page, list[str]]]:
-    """Open a page of 1280 x 800; yield it and the list of its console messages, errors included.
+    """Open a page, of 1280 x 800 by default; yield it and its console messages and errors.
 
     The test is skipped, with the reason, where no browser is installed.
     """
@@ -27,7 +36,7 @@ def open_page(**options: Any) -> Iterator[tuple[Page, list[str]]]:
             started = stack.enter_context(browser())
         except BrowserError as error:
             pytest.skip(str(error))
-        context = started.new_context(viewport={"width": 1280, "height": 800}, **options)
+        context = started.new_context(**{"viewport": {"width": 1280, "height": 800}, **options})
         page = context.new_page()
         errors: list[str] = []
         page.on("console", lambda message: _note(message, errors))

@@ -19,7 +19,7 @@ from playwright.sync_api import Page
 
 import drake_rho as rho
 from drake_rho.display.viewer.serve import serve
-from tests.browser import open_page
+from tests.browser import PHONE, open_page
 from tests.test_animation import crossing
 from tests.test_display_flight import in_noise
 
@@ -31,12 +31,12 @@ NAMES = ('<img src=x onerror="document.title=1">', "</script>'&amp;\"", "third")
 
 
 @contextmanager
-def _opened(html: str, folder: Path) -> Iterator[Page]:
+def _opened(html: str, folder: Path, **options: Any) -> Iterator[Page]:
     """Open a page from disk offline; check that it requests nothing and its console stays empty."""
     file = folder / "page.html"
     file.write_text(html)
     requested: list[str] = []
-    with open_page(offline=True) as (page, said):
+    with open_page(offline=True, **options) as (page, said):
         page.on("request", lambda request: requested.append(request.url))
         page.goto(file.as_uri())
         page.wait_for_function("window.drakeRho", timeout=60_000)
@@ -156,6 +156,44 @@ def _boxes(page: Page) -> dict[str, np.ndarray]:
 
 def _overlap(one: np.ndarray, other: np.ndarray) -> bool:
     return bool(np.all(one[:2] < other[2:]) and np.all(other[:2] < one[2:]))
+
+
+FINGER = 40.0
+"""Least width and height of what is touched on a phone [px]."""
+
+_TOUCHED = """() => [...document.querySelectorAll(
+    "#overlay .tools > button, #overlay .menu > button, #overlay select, .transport button"
+)].map(each => each.getBoundingClientRect()).filter(box => box.width > 0).map(
+    box => [box.left, box.top, box.right, box.bottom]
+)"""
+"""Edges of buttons and choices [px]."""
+
+
+@pytest.mark.parametrize("lying", [False, True])
+def test_a_phone_shows_the_page_at_its_size(tmp_path: Path, lying: bool) -> None:
+    """Phones show pages without a viewport tag as ones of 980 pixels, at 0.4 of their size."""
+    screen = dict(PHONE["viewport"])
+    if lying:
+        screen = {"width": screen["height"], "height": screen["width"]}
+    size = np.array([screen["width"], screen["height"]] * 2)
+    with _opened(rho.viewer_page(_yard()), tmp_path, **{**PHONE, "viewport": screen}) as page:
+        assert page.evaluate("[innerWidth, innerHeight]") == size[:2].tolist()
+        assert page.evaluate("document.documentElement.scrollWidth") == size[0]
+        page.evaluate("() => new Promise(requestAnimationFrame)")
+        boxes = _boxes(page)
+        for (name, box), (other, another) in combinations(boxes.items(), 2):
+            assert not _overlap(box, another), (name, other)
+        touched = np.array(page.evaluate(_TOUCHED))
+        assert np.all(touched[:, 2:] - touched[:, :2] >= FINGER)
+        page.get_by_role("button", name="Show").tap()
+        menu = page.locator(".menu .card").bounding_box()
+        assert menu is not None
+        edges = menu["x"], menu["y"], menu["x"] + menu["width"], menu["y"] + menu["height"]
+        for box in (*boxes.values(), *touched, np.array(edges)):
+            assert np.all(box >= 0.0)
+            assert np.all(box <= size)
+        page.locator(".menu label").first.tap()
+        _keep(page, f"yard_{'lying' if lying else 'upright'}")
 
 
 def test_cards_overlap_neither_each_other_nor_a_vehicle_at_three_sizes(tmp_path: Path) -> None:

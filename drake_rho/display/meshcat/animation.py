@@ -29,6 +29,7 @@ from drake_rho.motion.flown import Flown
 from drake_rho.planning.errors import InfeasibleError
 from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.records import Scenario
+from drake_rho.system.drake_log import keep_to_news
 
 _OBJECTS_PER_VEHICLE = 4
 """Moving objects per vehicle of a simulation: vehicle, ghost, ball of the tube, wind arrow."""
@@ -192,6 +193,7 @@ def start_meshcat(host: str = "localhost", port: int | None = None) -> Meshcat:
         ValueError: the port is out of range.
     """
     address = address_of(host)
+    keep_to_news()
 
     def start(number: int) -> Meshcat | None:
         try:

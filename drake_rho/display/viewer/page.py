@@ -22,6 +22,8 @@ _OVERLAY = files("drake_rho.display.viewer") / "overlay"
 _END = "</body>"
 _IDENTIFIER = "drake-rho"
 """Identifier of the block of data in the page."""
+_VIEWPORT = '<meta name="viewport" content="width=device-width, initial-scale=1">'
+"""Tag with which phones show a page at its size, not as one of a wide screen made small."""
 _HEIGHT = 600
 """Height of the frame in a notebook [px]."""
 
@@ -79,7 +81,7 @@ def with_overlay(page: str, data: dict[str, object]) -> str:
         [
             head.replace(
                 "<title>Drake MeshCat</title>",
-                '<title>drake_rho</title><link rel="icon" href="data:,">',
+                f'<title>drake_rho</title>{_VIEWPORT}<link rel="icon" href="data:,">',
                 1,
             ),
             f'<script type="application/json" id="{_IDENTIFIER}">{_embedded(data)}</script>\n',

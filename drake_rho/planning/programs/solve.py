@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import Future
 from contextvars import copy_context
@@ -30,15 +29,11 @@ from drake_rho.planning.programs.daqp import Daqp
 from drake_rho.planning.programs.dense import DenseProgram, Program
 from drake_rho.planning.programs.solution import Solution
 from drake_rho.scenario.fields import FloatArray
+from drake_rho.system.drake_log import keep_to_news
 from drake_rho.system.threads import thread_pool
 
 
-def _is_for_users(record: logging.LogRecord) -> bool:
-    """Return whether a line of Drake's log is of interest to users: not a solver's exit status."""
-    return not record.getMessage().startswith("Clarabel returns")
-
-
-logging.getLogger("drake").addFilter(_is_for_users)
+keep_to_news()
 
 _Options = dict[str, float | int]
 
