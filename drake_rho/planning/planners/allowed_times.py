@@ -1,10 +1,15 @@
-"""Times at which waypoints may be passed: where no obstacle and no requirement forbids the place."""
+"""Times at which waypoints may be passed: no obstacle and no requirement forbids their places."""
 
 from __future__ import annotations
 
+import dataclasses
+from collections.abc import Sequence
+
 import numpy as np
 
-from drake_rho.scenario.fields import BoolArray, FloatArray
+from drake_rho.planning.planners.related import changes_with_time
+from drake_rho.planning.programs.free_times import Passing
+from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.records import Scenario
 from drake_rho.scenario.waypoints import AllWaypoints
 
@@ -14,45 +19,86 @@ _SAMPLES = 16
 _HALVINGS = 40
 """Number of bisections that find the ends of an interval, to rounding."""
 
+_TRIES = 15
+"""Number of times of a waypoint that are compared."""
 
-def allowed_times(scenario: Scenario, waypoints: AllWaypoints) -> list[FloatArray]:
-    """Return the intervals of time in which each waypoint may be passed, since the first knot [s].
 
-    They are those at which a scenario with the waypoint would be valid: its place is outside of
-    obstacles, and in the sets that requirements keep positions in.
+@dataclasses.dataclass(frozen=True)
+class AllowedTimes:
+    """Intervals of time in which a scenario with a waypoint is valid.
 
-    Args:
-        scenario: the scenario without waypoints.
-        waypoints: the waypoints of all vehicles.
-
-    Returns:
-        For each waypoint first and last times, shape (M, 2), in increasing order.
+    In these its place is outside of obstacles, and in the sets that requirements keep positions in.
     """
-    grid = scenario.grid
-    corners = [body.corners for body in scenario.bodies]
-    corners += [each.corners for each in scenario.requirements]
-    knots = np.linspace(grid.start, grid.end, (grid.knots - 1) * _SAMPLES + 1)
-    times = np.unique(np.concatenate([knots, *corners]))
-    times = times[(times >= grid.start) & (times <= grid.end)]
-    return [
-        _intervals(scenario, waypoints, number, times) - grid.start
-        for number in range(len(waypoints))
-    ]
+
+    intervals: Sequence[FloatArray]
+    """first and last times of each waypoint since the first knot [s], shape (M, 2) each"""
+    duration: float
+    """final time [s]"""
+
+    @classmethod
+    def of(cls, scenario: Scenario, waypoints: AllWaypoints) -> AllowedTimes:
+        """Return the intervals of all waypoints.
+
+        Args:
+            scenario: the scenario without waypoints.
+            waypoints: the waypoints of all vehicles.
+        """
+        grid = scenario.grid
+        if not changes_with_time(scenario):
+            return cls([np.array([[0.0, grid.duration]])] * len(waypoints), grid.duration)
+        corners = [body.corners for body in scenario.bodies]
+        corners += [each.corners for each in scenario.requirements]
+        samples = np.linspace(grid.start, grid.end, (grid.knots - 1) * _SAMPLES + 1)
+        times = np.unique(np.concatenate([samples, *corners]))
+        times = times[(times >= grid.start) & (times <= grid.end)]
+        numbers = range(len(waypoints))
+        found = [_intervals(scenario, waypoints, w, times) - grid.start for w in numbers]
+        return cls(found, grid.duration)
+
+    def select(self, numbers: IntArray) -> AllowedTimes:
+        """Return the intervals of some of the waypoints."""
+        return AllowedTimes([self.intervals[w] for w in numbers], self.duration)
+
+    def nearest(self, passing: Passing) -> Passing:
+        """Return waypoints at the allowed times nearest to theirs, with the intervals of these.
+
+        Where none is allowed, a waypoint keeps its time.
+        """
+        times = np.array(passing.times)
+        allowed = np.tile([0.0, self.duration], (len(passing), 1))
+        for w in np.flatnonzero(~passing.given):
+            if len(intervals := self.intervals[w]) > 0:
+                within = np.clip(times[w], intervals[:, 0], intervals[:, 1])
+                which = np.argmin(np.abs(within - times[w]))
+                times[w], allowed[w] = within[which], intervals[which]
+        return dataclasses.replace(passing, times=times, allowed=allowed)
+
+    def samples(self, passing: Passing, w: int) -> FloatArray:
+        """Return allowed times of a waypoint between those of its neighbours [s], shape (S,)."""
+        own, numbers = passing.vehicles == passing.vehicles[w], np.arange(len(passing))
+        low = passing.times[own & (numbers < w)].max(initial=0.0)
+        high = passing.times[own & (numbers > w)].min(initial=self.duration)
+        ends = np.clip(self.intervals[w], low + passing.least, high - passing.least)
+        ends = ends[ends[:, 1] > ends[:, 0]]
+        if len(ends) == 0:
+            return np.zeros(0)
+        lengths = np.concatenate([[0.0], np.cumsum(ends[:, 1] - ends[:, 0])])
+        along = lengths[-1] * (np.arange(_TRIES) + 0.5) / _TRIES
+        which = np.searchsorted(lengths, along, side="right") - 1
+        samples: FloatArray = ends[which, 0] + along - lengths[which]
+        return samples
 
 
 def _intervals(
     scenario: Scenario, waypoints: AllWaypoints, number: int, times: FloatArray
 ) -> FloatArray:
     """Return the intervals of one waypoint on the scenario's clock [s], shape (M, 2)."""
-    allowed = _allowed(scenario, waypoints, number, times)
-    padded = np.concatenate([[False], allowed, [False]])
-    first, last = (
-        np.flatnonzero(~padded[:-1] & padded[1:]),
-        np.flatnonzero(padded[:-1] & ~padded[1:]) - 1,
-    )
+    padded = np.pad(_allowed(scenario, waypoints, number, times), 1)
+    first = np.flatnonzero(padded[1:] & ~padded[:-1])
+    last = np.flatnonzero(padded[:-1] & ~padded[1:]) - 1
 
     def end(inner: FloatArray, outer: FloatArray) -> FloatArray:
-        """Return allowed times next to forbidden ones, between an allowed and a forbidden one."""
+        """Return the last allowed times from allowed ones to others."""
         for _ in range(_HALVINGS):
             middle = (inner + outer) / 2.0
             good = _allowed(scenario, waypoints, number, middle)
@@ -61,7 +107,9 @@ def _intervals(
 
     begins = end(times[first], times[np.maximum(first - 1, 0)])
     ends = end(times[last], times[np.minimum(last + 1, len(times) - 1)])
-    return np.stack([begins, ends], axis=1)
+    tick = scenario.grid.clock.tick  # so that rounding does not leave the interval
+    found = np.stack([begins + tick, ends - tick], axis=1)
+    return found[found[:, 0] <= found[:, 1]]
 
 
 def _allowed(
@@ -75,13 +123,14 @@ def _allowed(
         required = fleet.radii[vehicle] + body.deviation
         tolerance = fleet.obstacle_tolerances(body.shape)[vehicle]
         allowed &= body.distances(places, times) >= required - tolerance
+    clock = scenario.grid.clock
     for each in scenario.requirements:
         members, interval = each.members(scenario.names), each.interval(scenario.grid)
-        if each.leader is not None or each.quantity != "position" or interval is None:
+        own = np.flatnonzero(members == vehicle)
+        if each.leader is not None or each.quantity != "position" or len(own) == 0:
             continue
-        if len(own := np.flatnonzero(members == vehicle)) == 0:
-            continue
-        tolerance = each.tolerances(fleet, scenario.names)[own[0]] + waypoints.within[number]
-        due = scenario.grid.clock.within(times, interval)
-        allowed &= ~due | (each.set.signed_distance(places - each.offset(times)) <= tolerance)
+        if interval is not None:
+            tolerance = each.tolerances(fleet, scenario.names)[own[0]] + waypoints.within[number]
+            inside = each.set.signed_distance(places - each.offset(times)) <= tolerance
+            allowed &= inside | ~clock.within(times, interval)
     return allowed

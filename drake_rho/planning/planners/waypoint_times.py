@@ -9,11 +9,11 @@ from functools import cached_property
 
 import numpy as np
 
-from drake_rho.motion.costs import cost_of
 from drake_rho.motion.plan import Plan
 from drake_rho.planning.call.progress import Progress, tell
 from drake_rho.planning.errors import InfeasibleError
-from drake_rho.planning.planners.allowed_times import allowed_times
+from drake_rho.planning.planners.allowed_times import AllowedTimes
+from drake_rho.planning.planners.passing_search import PassingSearch
 from drake_rho.planning.planners.related import changes_with_time
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs.backend import Backend
@@ -37,17 +37,11 @@ _ROUGHLY = 1e-2
 _POWERS = 0.5, 2.0, 0.25, 4.0
 """Powers to which parts of the final time are raised for further guesses."""
 
-_PRICES = 1e2, 1e5
-"""Prices of missing waypoints by a motion's length, in units of a motion's cost."""
-
 _PASSED = 1e-3
-"""Part of a motion's length by which a motion that passes waypoints may still miss them."""
+"""Part of a motion's length by which a motion with times worth trying may still miss waypoints."""
 
 _SAMPLES = 8
-"""Number of samples of each step among which a plan's nearest to a waypoint is sought."""
-
-_TRIES = 15
-"""Number of times of a waypoint that are compared."""
+"""Number of samples of each step among which the instant nearest to a waypoint is sought."""
 
 _ALIKE = 1e-3
 """Part of the final time by which times of another guess have to differ."""
@@ -131,50 +125,15 @@ class WaypointTimes:
     def __init__(self, scenario: Scenario, backend: Backend, progress: Progress | None) -> None:
         self._given, self._backend, self._progress = scenario, backend, progress
         self._waypoints = AllWaypoints.of(scenario.vehicles)
+        self._search = PassingSearch(backend, progress)
 
     @property
     def any_free(self) -> bool:
         """Whether any waypoint has no time."""
         return not bool(self._waypoints.given.all())
 
-    @cached_property
-    def _without(self) -> Scenario:
-        """The scenario without waypoints."""
-        vehicles = self._waypoints.placed(self._given.vehicles, None)
-        return dataclasses.replace(self._given, vehicles=vehicles)
-
-    @cached_property
-    def _convex(self) -> Scenario:
-        """The same without what a reference would have to be known for."""
-        return dataclasses.replace(self._without, obstacles=(), separation=None)
-
-    @cached_property
-    def _limited(self) -> Scenario:
-        """The same with limits alone, which a motion flown slower keeps."""
-        return dataclasses.replace(self._convex, disturbance=None, requirements=(), smoothing=None)
-
-    @cached_property
-    def _first(self) -> Passing:
-        """Waypoints at guesses of their times."""
-        return passing_of(self._waypoints, self._without, self._without.grid)
-
-    @cached_property
-    def _allowed(self) -> list[FloatArray]:
-        """Intervals of time in which each waypoint may be passed, since the first knot [s]."""
-        if not changes_with_time(self._without):
-            return [np.array([[0.0, self._without.grid.duration]])] * len(self._waypoints)
-        return allowed_times(self._without, self._waypoints)
-
-    @property
-    def _more_than_limits(self) -> bool:
-        """Whether the best times depend on more than limits, even without a reference."""
-        own = self._without
-        required = own.requirements or own.disturbance is not None or own.smoothing is not None
-        return bool(required) or changes_with_time(own)
-
     def without_free(self) -> Scenario:
-        """Return the scenario without the free waypoints, which has a plan if any times have one."""
-        given = self._waypoints.given
+        """Return the scenario without its free waypoints; with them it has no plan that it lacks."""
         vehicles = tuple(
             dataclasses.replace(
                 each, waypoints=tuple(own for own in each.waypoints if own.time is not None)
@@ -191,97 +150,20 @@ class WaypointTimes:
         tell(self._progress, "looking for the times of waypoints")
         known = list[FloatArray]()
         for start in self._starts():
-            best = self._best(start)
+            best = self._search.best(start, self._allowed)
             if self._more_than_limits:
-                best = self._best(self._in_view(best))
-            times = best.passing.times
-            if not any(np.allclose(times, each, atol=_ALIKE * best.duration) for each in known):
+                passing = self._allowed.nearest(best.passing)
+                best = dataclasses.replace(best, scenario=self._convex, passing=passing)
+                best = self._search.best(best, self._allowed)
+            times, near = best.passing.times, _ALIKE * best.duration
+            if not any(np.allclose(times, each, rtol=0.0, atol=near) for each in known):
                 known.append(times)
                 yield self._timed(best)
-
-    def _starts(self) -> Iterator[Timed]:
-        """Yield motions with guesses of the times, which need not meet any constraint."""
-        scenario, grid = self._limited, self._limited.grid
-        accelerations = Problem.of(scenario).effort.motion.accelerations
-        passing = self._first
-        start = Timed(scenario, grid.step, accelerations, passing)
-        fast, _ = in_least_time(start, self._backend, self._progress)
-        yield fast
-        yield start
-        for power in _POWERS:
-            times = grid.duration * (passing.times / grid.duration) ** power
-            times = np.where(passing.given, passing.times, times)
-            yield dataclasses.replace(start, passing=dataclasses.replace(passing, times=times))
-
-    def _in_view(self, timed: Timed) -> Timed:
-        """Return a motion in the scenario with all that is convex, at times that are allowed."""
-        return dataclasses.replace(
-            timed, scenario=self._convex, passing=self._within(timed.passing)
-        )
-
-    def _within(self, passing: Passing) -> Passing:
-        """Return waypoints at allowed times near theirs, with the intervals around these."""
-        times, allowed = (
-            np.array(passing.times),
-            np.tile([0.0, self._without.grid.duration], (len(passing), 1)),
-        )
-        for w in np.flatnonzero(~passing.given):
-            intervals = self._allowed[w]
-            if len(intervals) == 0:
-                continue
-            nearest = np.clip(times[w], intervals[:, 0], intervals[:, 1])
-            which = np.argmin(np.abs(nearest - times[w]))
-            times[w], allowed[w] = nearest[which], intervals[which]
-        return dataclasses.replace(passing, times=times, allowed=allowed)
-
-    def _best(self, start: Timed) -> Timed:
-        """Return the motion of least cost from a guess, which is returned if none is found."""
-        search = LeastTime(self._backend, self._progress, final_time=False)
-        best = search.around(start)
-        for price in _PRICES if best is None else ():
-            start = self._passed(start, price) or start
-            if (best := search.around(start)) is not None:
-                break
-        return best or start
-
-    def _passed(self, start: Timed, price: float) -> Timed | None:
-        """Return a motion that misses the waypoints least, or hardly; None if there is none."""
-        search = LeastTime(self._backend, self._progress, final_time=False)
-        found = search.around(_priced(start, price), _ROUGHLY)
-        return found and _exact(found)
-
-    def _compared(self, start: Timed) -> Timed:
-        """Return the motion with the best of many times for each free waypoint, one by one.
-
-        It may still miss waypoints.
-        """
-        search = LeastTime(self._backend, self._progress, final_time=False)
-        best, priced = None, _priced(start, _PRICES[0])
-        for w in np.flatnonzero(~start.passing.given):
-            for time in self._samples(priced.passing, w):
-                times = np.array(priced.passing.times)
-                times[w] = time
-                passing = self._within(dataclasses.replace(priced.passing, times=times))
-                found = search.at_same_times(dataclasses.replace(priced, passing=passing))
-                if found is not None and (best is None or found.cost < best.cost):
-                    best = found
-            priced = best or priced
-        return _exact(priced)
-
-    def _samples(self, passing: Passing, w: int) -> FloatArray:
-        """Return times at which a waypoint may be passed, between its neighbours' [s]."""
-        own = passing.vehicles == passing.vehicles[w]
-        others = np.arange(len(passing))
-        low = passing.times[own & (others < w)].max(initial=0.0)
-        high = passing.times[own & (others > w)].min(initial=self._without.grid.duration)
-        samples = np.linspace(low, high, _TRIES + 2)[1:-1]
-        allowed = [(samples >= first) & (samples <= last) for first, last in self._allowed[w]]
-        return samples[np.any(allowed, axis=0)] if allowed else samples
 
     def near(self, plan: Plan) -> Scenario:
         """Return the scenario with the times that are best near a plan of it with other times."""
         times = AllWaypoints.of(plan.scenario.vehicles).times - plan.scenario.grid.start
-        return self._timed(self._best(self._from_plan(plan, times)))
+        return self._timed(self._search.best(self._from_plan(plan, times), self._allowed))
 
     def towards(self, plan: Plan) -> Iterator[Scenario]:
         """Yield the scenario with times found from a plan without the free waypoints.
@@ -289,14 +171,54 @@ class WaypointTimes:
         That plan keeps clear of everything, and its motion is moved to the waypoints.
         """
         for times in (self._nearest(plan), self._first.times):
-            start = self._from_plan(plan, times)
-            for guess in (start, self._compared(start)):
-                best = self._best(guess)
-                if best.missed <= _PASSED:
-                    yield self._timed(best)
+            best = self._search.best(self._from_plan(plan, times), self._allowed)
+            if best.missed <= _PASSED:
+                yield self._timed(best)
+
+    @cached_property
+    def _without(self) -> Scenario:
+        """The scenario without waypoints."""
+        vehicles = self._waypoints.placed(self._given.vehicles, None)
+        return dataclasses.replace(self._given, vehicles=vehicles)
+
+    @cached_property
+    def _convex(self) -> Scenario:
+        """The same without obstacles and other vehicles, which are linearised around a motion."""
+        return dataclasses.replace(self._without, obstacles=(), separation=None)
+
+    @cached_property
+    def _first(self) -> Passing:
+        """Waypoints at guesses of their times."""
+        return passing_of(self._waypoints, self._without, self._without.grid)
+
+    @cached_property
+    def _allowed(self) -> AllowedTimes:
+        return AllowedTimes.of(self._without, self._waypoints)
+
+    @property
+    def _more_than_limits(self) -> bool:
+        """Whether times also depend on anything but limits, obstacles at rest and vehicles."""
+        own = self._without
+        required = own.requirements or own.disturbance is not None or own.smoothing is not None
+        return bool(required) or changes_with_time(own)
+
+    def _starts(self) -> Iterator[Timed]:
+        """Yield motions with guesses of the times, under limits alone, which need not be met."""
+        scenario = dataclasses.replace(
+            self._convex, disturbance=None, requirements=(), smoothing=None
+        )
+        accelerations = Problem.of(scenario).effort.motion.accelerations
+        start = Timed(scenario, scenario.grid.step, accelerations, self._first)
+        yield in_least_time(start, self._backend, self._progress)[0]
+        yield start
+        parts = self._first.times / start.duration
+        for power in _POWERS:
+            times = np.where(self._first.given, self._first.times, start.duration * parts**power)
+            yield dataclasses.replace(start, passing=dataclasses.replace(self._first, times=times))
 
     def _from_plan(self, plan: Plan, times: FloatArray) -> Timed:
-        passing = self._within(dataclasses.replace(self._first, times=times))
+        """Return the motion of a plan as a guess that is to pass waypoints at times."""
+        passing = self._allowed.nearest(dataclasses.replace(self._first, times=times))
         return Timed(self._without, plan.scenario.grid.step, plan.accelerations, passing)
 
     def _nearest(self, plan: Plan) -> FloatArray:
@@ -304,10 +226,11 @@ class WaypointTimes:
         first, duration = self._first, self._without.grid.duration
         samples = np.linspace(0.0, duration, _SAMPLES * plan.accelerations.shape[1] + 1)[1:-1]
         x, times = plan.motion().at("position", samples), np.array(first.times)
+        numbers = np.arange(len(first))
         for w in np.flatnonzero(~first.given):
             own = first.vehicles == first.vehicles[w]
-            before = times[own & (np.arange(len(first)) < w)].max(initial=0.0)
-            after = times[own & first.given & (np.arange(len(first)) > w)].min(initial=duration)
+            before = times[own & (numbers < w)].max(initial=0.0)
+            after = times[own & first.given & (numbers > w)].min(initial=duration)
             far = np.linalg.norm(x[first.vehicles[w]] - first.positions[w], axis=1)
             far[(samples <= before) | (samples >= after)] = np.inf
             times[w] = samples[np.argmin(far)]
@@ -317,20 +240,6 @@ class WaypointTimes:
         times = self._given.grid.start + timed.passing.times
         vehicles = self._waypoints.placed(self._given.vehicles, times)
         return dataclasses.replace(self._given, vehicles=vehicles)
-
-
-def _priced(timed: Timed, price: float) -> Timed:
-    """Return a motion that may miss free waypoints at a price, in units of costs and lengths."""
-    units, steps = timed.problem.effort.units, timed.accelerations.shape[1]
-    cost = float(np.sum(units**2)) * steps + cost_of(timed.scenario.fleet, timed.accelerations)
-    price *= cost / float(timed.scenario.fleet.lengths.max())
-    return dataclasses.replace(timed, passing=dataclasses.replace(timed.passing, price=price))
-
-
-def _exact(timed: Timed) -> Timed:
-    """Return a motion as a guess for one that misses no waypoint."""
-    passing = dataclasses.replace(timed.passing, price=np.inf)
-    return dataclasses.replace(timed, passing=passing, short=0.0)
 
 
 def at_times_tried(error: InfeasibleError) -> InfeasibleError:
