@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable, Iterator
+from functools import partial
 from itertools import pairwise
 from math import comb, factorial
 from typing import Any
@@ -16,6 +18,8 @@ ROUNDING = 1e-9
 """Largest difference of two ways to integrate, over the scale of a motion."""
 SAMPLES = 40
 """Own samples of each step."""
+Motion = Callable[[FloatArray], FloatArray]
+"""Function of times since the first knot, shape (T,)."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -285,26 +289,33 @@ def off_record(loop: Loop) -> float:
     return float(max(away.max(), fast.max()))
 
 
-def closed_samples(loop: Loop) -> list[tuple[FloatArray, FloatArray]]:
-    """Return times and positions, (N, T, 3), of each piece, both of its ends included.
+def closed_pieces(loop: Loop) -> Iterator[tuple[FloatArray, Motion]]:
+    """Yield sample times of each piece, both of its ends included, and its positions at times.
 
     Among the times are those at which obstacles become known or active, or cease to be.
     """
-    pieces, scenario = [], loop.flight.scenario
+    scenario = loop.flight.scenario
     clock = [end for each in scenario.bodies for end in (each.known_from, *(each.active or ()))]
     ends = np.array(clock) - scenario.grid.start
-    if loop.horizon.scenario.smoothing is not None:
-        lead = loop.horizon.scenario.lead
-        end = loop.pieces[0].end + lead
-        times = np.linspace(-lead, end, SAMPLES * 40)
-        times = np.union1d(times, ends[(ends > -lead) & (ends < end)])
-        return [(times, loop.at(times)[0])]
     for piece in loop.pieces:
-        steps = piece.accelerations.shape[1]
-        times = np.linspace(piece.begin, piece.end, SAMPLES * steps + 1)
-        times = np.union1d(times, ends[(ends > piece.begin) & (ends < piece.end)])
-        pieces.append((times, piece.at(times)[0]))
-    return pieces
+        begin, end, steps = piece.begin, piece.end, piece.accelerations.shape[1]
+        begin, end = begin - scenario.lead, end + scenario.lead
+        times = np.linspace(begin, end, SAMPLES * steps + 1)
+        times = np.union1d(times, ends[(ends > begin) & (ends < end)])
+        if scenario.smoothing is None:
+            yield times, lambda at, piece=piece: piece.at(at)[0]
+        else:
+            yield times, lambda at: loop.at(at)[0]
+
+
+def least_of(values: Motion, times: FloatArray) -> FloatArray:
+    """Return the least of each row of values at times, (N, T), sampled again around it, (N,)."""
+    coarse = values(times)
+    least = coarse.min(axis=1)
+    for row, k in enumerate(np.argmin(coarse, axis=1)):
+        near = times[max(k - 1, 0)], times[min(k + 1, len(times) - 1)]
+        least[row] = min(least[row], values(np.linspace(*near, 801))[row].min())
+    return least
 
 
 def radii_at(loop: Loop, times: FloatArray, begin: float, end: float) -> FloatArray:
@@ -338,26 +349,38 @@ def least_distances(loop: Loop) -> list[tuple[str, str, float, float, bool]]:
     start, near = scenario.grid.start, 1e-6 * scenario.grid.step
     own: dict[tuple[str, str], float] = {}
     known = {number for number, _ in scenario.known}
-    for times, positions in closed_samples(loop):
-        errors = radii_at(loop, times, times[0], times[-1])
+    for times, positions in closed_pieces(loop):
+        errors = partial(radii_at, loop, begin=times[0], end=times[-1])
         for number, body in enumerate(scenario.bodies, start=1):
             first, last = body.active or (-np.inf, np.inf)
             since = -np.inf if number in known else body.known_from
             begin = max(first, since) - start
             counts = (times >= begin - near) & (times <= last - start + near)
             counts &= (times < times[-1] - near) | (abs(times[-1] - begin) > near)
-            away = np.linalg.norm(positions - body.centers(start + times), axis=2)
-            assert isinstance(body.shape, rho.Sphere)
-            left = away - body.shape.radius - errors
             if not counts.any():
                 continue
-            for name, least in zip(scenario.names, left[:, counts].min(axis=1), strict=True):
+            assert isinstance(body.shape, rho.Sphere)
+            radius = body.shape.radius
+
+            def left(
+                at: FloatArray, body: rho.Obstacle = body, radius: float = radius
+            ) -> FloatArray:
+                away = np.linalg.norm(positions(at) - body.centers(start + at), axis=2)  # noqa: B023
+                return np.asarray(away - radius - errors(at))  # noqa: B023
+
+            for name, least in zip(scenario.names, least_of(left, times[counts]), strict=True):
                 key = name, scenario.obstacle_name(number)
                 own[key] = min(own.get(key, np.inf), float(least))
-        for i, name in enumerate(scenario.names) if len(positions) > 1 else ():
-            others = np.delete(positions, i, axis=0)
-            least = (np.linalg.norm(others - positions[i], axis=2) - 2.0 * errors).min()
-            own[name, "separation"] = min(own.get((name, "separation"), np.inf), float(least))
+
+        def apart(at: FloatArray) -> FloatArray:
+            p = positions(at)  # noqa: B023
+            away = np.linalg.norm(p[:, None] - p, axis=3)
+            away[np.arange(len(p)), np.arange(len(p))] = np.inf
+            return np.asarray(away.min(axis=1) - 2.0 * errors(at))  # noqa: B023
+
+        for name, least in zip(scenario.names, least_of(apart, times), strict=True):
+            key = name, "separation"
+            own[key] = min(own.get(key, np.inf), float(least))
     return [
         (
             each.vehicle,

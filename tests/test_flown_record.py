@@ -15,7 +15,7 @@ from tests.scenarios import slow
 
 FAR = 3.9 * 0.08
 """Distance of vehicles in sizes, beyond which `verify` reports an upper bound only."""
-SAMPLED = 2e-4
+SAMPLED = 1e-6
 """Largest excess of a sampled least distance, over the size of a scene."""
 
 
