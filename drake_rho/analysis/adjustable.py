@@ -160,7 +160,18 @@ def _outside_box(
     values = values[who].reshape(-1, 3)
     below = np.minimum(np.nanmin(values, axis=0) - box.lower, 0.0)
     above = np.maximum(np.nanmax(values, axis=0) - box.upper, 0.0)
-    return np.nan_to_num(np.concatenate([below, above]), posinf=0.0, neginf=0.0)
+    return _evenly(box, np.nan_to_num(np.concatenate([below, above]), posinf=0.0, neginf=0.0))
+
+
+def _evenly(box: Box, excess: FloatArray) -> FloatArray:
+    """Return how far sides move out, equal for axes that are symmetric and equally wide, (6,)."""
+    further = np.maximum(-excess[:3], excess[3:])
+    symmetric = -box.lower == box.upper
+    for width in np.unique(box.upper[symmetric]):
+        equal = symmetric & (box.upper == width)
+        excess[3:][equal] = further[equal].max()
+        excess[:3][equal] = -further[equal].max()
+    return excess
 
 
 def _violated(
@@ -288,7 +299,7 @@ def _of_separation(scenario: Scenario) -> Adjustable:
 
 
 def _of_radii(scenario: Scenario, vehicles: Sequence[str]) -> list[Adjustable]:
-    """Return the radius of vehicles that have the same, if it is all that obstacles have to do with."""
+    """Return the radius of some vehicles, if it is the same and there are obstacles."""
     radii = dict.fromkeys(each.radius for each in scenario.vehicles if each.name in vehicles)
     if not scenario.avoided or len(radii) != 1 or 0.0 in radii:
         return []

@@ -27,6 +27,9 @@ LONGEST = 2.0**10
 _WIDER = 1.0, 2.0, 4.0
 """Multiples of what a plan without a limit needs beyond it that are tried."""
 
+_PRECISION = 2.0
+"""Precision of a limit, in precisions of a duration."""
+
 _FINEST_CHANGE = 0.05
 """Precision of a change that is itself small, as a part of what a plan without the limit needs."""
 
@@ -93,15 +96,8 @@ def least_change(
 
     Limits change in proportion: each from its number towards what a plan without them needs.
     """
-    limits = [each.limit for each in adjustables]
-
-    def without() -> Scenario:
-        free = scenario
-        for each in adjustables:
-            free = each.without(free)
-        return free
-
-    if not trials.has_plan(without, f"no limit on {' and '.join(limits)}"):
+    limits = " and ".join(each.limit for each in adjustables)
+    if not trials.has_plan(lambda: without(scenario, adjustables), f"no limit on {limits}"):
         return None
     assert trials.plan is not None  # noqa: S101  # the trial found it
     now = [each.now for each in adjustables]
@@ -126,16 +122,27 @@ def least_change(
         words = ", ".join(map(_told, adjustables, numbers(part)))
         return trials.has_plan(lambda: changed(part), words, near=near)
 
+    def has_plan_alone(part: float, near: bool = True) -> bool:
+        words = ", ".join(map(_told, adjustables, numbers(part)))
+        return trials.has_plan(lambda: changed(part).without_separation(), words, near=near)
+
     part = next((part for part in _WIDER if has_plan(part)), None)
     if part is None:
         return None
-    precision = precision_of(scenario) / largest
-    part = _least(has_plan, part, min(precision, _FINEST_CHANGE), confirm=_is_quick(scenario))
+    precision = min(_PRECISION * precision_of(scenario) / largest, _FINEST_CHANGE)
+    part = _least_of(scenario, has_plan, has_plan_alone, part, precision)
     new = [
         NewNumbers(each.limit, each.unit, tuple(each.now.tolist()), tuple(found.tolist()))
         for each, found in zip(adjustables, numbers(part), strict=True)
     ]
     return Change(tuple(new), changed(part))
+
+
+def without(scenario: Scenario, adjustables: Sequence[Adjustable]) -> Scenario:
+    """Return a scenario in which some numbers bound nothing."""
+    for each in adjustables:
+        scenario = each.without(scenario)
+    return scenario
 
 
 def least_duration(scenario: Scenario, trials: Trials) -> float | None:
@@ -157,13 +164,19 @@ def least_duration(scenario: Scenario, trials: Trials) -> float | None:
 
     if not has_plan(factor - 1.0):
         return None
-    quick = _is_quick(scenario)
-    part = _least(has_plan, factor - 1.0, precision_of(scenario), confirm=quick)
+
+    def has_plan_alone(part: float, near: bool = True) -> bool:
+        words = f"a duration of {(1.0 + part) * duration:.5g} s"
+        slower = rescaled(scenario, 1.0 + part)
+        return trials.has_plan(slower.without_separation, words, near=near)
+
+    precision = precision_of(scenario)
+    part = _least_of(scenario, has_plan, has_plan_alone, factor - 1.0, precision)
     return duration * (1.0 + part)
 
 
 def new_duration(scenario: Scenario, duration: float) -> Change:
-    """Return the change of a duration, rounded to five digits away from that of the scenario [s]."""
+    """Return the change of a duration [s], rounded to five digits away from that of now."""
     now = scenario.grid.duration
     (needed,) = _rounded(np.array([now]), np.array([duration])).tolist()
     numbers = NewNumbers("duration", "s", (now,), (needed,))
@@ -183,26 +196,41 @@ def _holds(plan: Plan | None, slower: Scenario) -> bool:
     return plan is not None and verify(time_scaled_plan(plan, slower)).ok
 
 
-def _least(has_plan: _Trial, enough: float, precision: float, *, confirm: bool) -> float:
-    """Return the least value with a plan between 0, which has none, and `enough`, by bisection.
+def _least_of(
+    scenario: Scenario, has_plan: _Trial, has_plan_alone: _Trial, enough: float, precision: float
+) -> float:
+    """Return the least part of a change with a plan, up to `enough`.
+
+    In fleets a trial that fails takes long. What vehicles need each alone is found first, and they
+    seldom need more together.
+    """
+    if scenario.separation is None:
+        return _least(has_plan, 0.0, enough, precision, confirm=bool(scenario.avoided))
+    low = 0.0
+    if not has_plan_alone(0.0):
+        low = _least(has_plan_alone, 0.0, enough, precision, confirm=False)
+        if has_plan(low):
+            return low
+    return _least(has_plan, low, enough, precision, confirm=False)
+
+
+def _least(
+    has_plan: _Trial, least: float, enough: float, precision: float, *, confirm: bool
+) -> float:
+    """Return the least value with a plan between one without and one with a plan, by bisection.
 
     If it is to be confirmed, a search just below has to fail; else bisection goes on there.
     """
     high = enough
     for _ in range(_MOST_RESTARTS):
-        low = 0.0
+        low = least
         while high - low > precision * (1.0 + high):
             middle = (low + high) / 2.0
             low, high = (low, middle) if has_plan(middle) else (middle, high)
-        if not confirm or low == 0.0 or not has_plan(low, near=False):
+        if not confirm or low == least or not has_plan(low, near=False):
             break
         high = low
     return high
-
-
-def _is_quick(scenario: Scenario) -> bool:
-    """Return whether a search that fails is quick enough to confirm a bisection."""
-    return scenario.separation is None and bool(scenario.avoided)
 
 
 def _relative(now: FloatArray, needed: FloatArray) -> float:
@@ -236,6 +264,8 @@ def _words(needed: Sequence[float], now: Sequence[float], unit: str) -> str:
     """Return new numbers beside those before; of a box, on the axes that change."""
     if len(needed) == 1:
         return f"{needed[0]:.5g} {unit} instead of {now[0]:.5g} {unit}"
+    if len({*needed[3:], *(-each for each in needed[:3])}) == 1:
+        return f"{_interval(needed[0], needed[3])} {unit} instead of ±{now[3]:.5g} {unit}"
     sides = [
         (axis, needed[k], needed[k + 3], now[k], now[k + 3])
         for k, axis in enumerate("xyz")

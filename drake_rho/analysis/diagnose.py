@@ -8,10 +8,12 @@ from __future__ import annotations
 import dataclasses
 import re
 from collections.abc import Mapping
+from contextlib import suppress
+from functools import partial
 from typing import overload
 
 from drake_rho.analysis.adjustable import Adjustable, adjustable_numbers
-from drake_rho.analysis.changes import Change, least_change, least_duration, new_duration
+from drake_rho.analysis.changes import Change, least_change, least_duration, new_duration, without
 from drake_rho.analysis.diagnosis import Diagnosis
 from drake_rho.analysis.infeasible_subset import infeasible_subset
 from drake_rho.analysis.least_violation import least_violations
@@ -86,7 +88,8 @@ def diagnose(
 
     Args:
         scenario: scenario to diagnose, or a planner's error about one, so that no plan is looked
-            for again; or plan of the least time.
+            for again if it is proved that there is none, or paths were searched; or plan of the
+            least time.
         planned: for a plan, the scenario that it was planned for, whose times of waypoints are
             kept. If not given, the times of all waypoints count as found.
         solver: `"clarabel"`, `"daqp"` or `"osqp"`, or a Drake solver; Clarabel if not given. Plans
@@ -129,9 +132,12 @@ def diagnose(
     backend = Backend.of(solver)
     search = _Search(Trials(backend, progress, _PENALTIES), backend, progress)
     if isinstance(scenario, InfeasibleError):
-        if scenario.scenario is None:
+        error = scenario
+        if error.scenario is None:
             raise ValueError("scenario: got an error about no scenario, expected a planner's error")
-        return search.infeasible(scenario.scenario, scenario)
+        if error.is_proved or error.statistics.searched is not None:
+            return search.infeasible(error.scenario, error)
+        scenario = error.scenario
     try:
         plan = first_plan(Problem.of(scenario), backend=backend, progress=progress)
     except InfeasibleError as error:
@@ -172,10 +178,12 @@ class _Search:
             if tolerable is None and scenario.disturbance is not None:
                 error = _undisturbed(error, scenario, self.backend)
             tell(self.progress, "looking for constraints that cannot be met together")
-            conflicts = infeasible_subset(error, solver=self.backend.solver)
-            premise = error.premise
+            premise, conflicts = error.premise, error.conflicts
+            with suppress(SolverError):
+                conflicts = infeasible_subset(error, solver=self.backend.solver)
             tell(self.progress, "looking for the least violation")
-            violations = least_violations(scenario, error, self.backend)
+            with suppress(SolverError):
+                violations = least_violations(scenario, error, self.backend)
         except OutOfTimeError:
             trials.cut = True
         changes = self._changes(scenario, error, conflicts)
@@ -201,18 +209,22 @@ class _Search:
         self, scenario: Scenario, error: InfeasibleError, conflicts: Mapping[str, Names]
     ) -> list[Change]:
         """Return the least changes of single limits that give a plan, or of all together."""
-        wanted = [
-            each
-            for each in adjustable_numbers(scenario, list(conflicts))
-            if _may_help(each, error, conflicts)
-        ]
-        alone = [each for each in wanted if _is_in_every(each, error, conflicts)]
+        numbers = adjustable_numbers(scenario, list(conflicts))
+        alone = [each for each in numbers if _may_help(each, error, conflicts)]
         found = [least_change(scenario, [each], self.trials) for each in alone]
         changes = [each for each in found if each is not None]
-        if changes or len(wanted) < 2:
+        if changes or len(numbers) < 2:
             return changes
-        together = least_change(scenario, wanted, self.trials)
+        together = least_change(scenario, self._needed(scenario, numbers), self.trials)
         return [] if together is None else [together]
+
+    def _needed(self, scenario: Scenario, numbers: list[Adjustable]) -> list[Adjustable]:
+        """Return those of some numbers that have to change together for a plan."""
+        for each in reversed(numbers):
+            others = [other for other in numbers if other is not each]
+            if others and self.trials.has_plan(partial(without, scenario, others), _names(others)):
+                numbers = others
+        return numbers
 
     def _durations(
         self, scenario: Scenario, error: InfeasibleError
@@ -225,6 +237,10 @@ class _Search:
         return durations(scenario, self.trials, largest=_LONGEST)
 
 
+def _names(numbers: list[Adjustable]) -> str:
+    return f"no limit on {' and '.join(each.limit for each in numbers)}"
+
+
 def _has_no_path(error: InfeasibleError) -> bool:
     """Return whether paths were searched, and there is none however fast a vehicle may fly."""
     searched = error.statistics.searched
@@ -232,14 +248,9 @@ def _has_no_path(error: InfeasibleError) -> bool:
 
 
 def _may_help(each: Adjustable, error: InfeasibleError, conflicts: Mapping[str, Names]) -> bool:
-    """Return whether numbers bound a motion in some conflict."""
+    """Return whether numbers are in every conflict, so that changing them alone may give a plan."""
     if _has_no_path(error) and each.name not in ("obstacle", "position box"):
         return False
-    return any(_is_in(each, vehicle, error, conflicts) for vehicle in conflicts)
-
-
-def _is_in_every(each: Adjustable, error: InfeasibleError, conflicts: Mapping[str, Names]) -> bool:
-    """Return whether numbers are in every conflict, so that changing them alone may give a plan."""
     return all(_is_in(each, vehicle, error, conflicts) for vehicle in conflicts)
 
 

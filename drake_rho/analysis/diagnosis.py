@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 
 import numpy as np
 
@@ -16,6 +17,9 @@ from drake_rho.verification.check import Check
 _SHOWN = 4
 """Largest number of vehicles of a printed diagnosis that are named with what they miss, and with
 their conflicts."""
+
+_APART = re.compile(r"separation from (.*?)(?: (?:at|from) [^ ]+ s.*)?")
+"""How a conflict names the other vehicle of a pair."""
 
 _CUT = "time was up before everything was tried: smaller changes may suffice"
 
@@ -91,15 +95,14 @@ class Diagnosis(metaclass=Described):
             cut = f"; {_CUT}" if self.cut else ""
             return f"{self.scenario.name}: there is a plan{self._shorter()}{cut}"
         premise = f" {self.premise}" if self.premise else ""
-        missed = self._missed()
-        why = [f"{vehicle}: {', '.join(names)}" for vehicle, names in self.conflicts.items()]
+        missed, why = self._missed(), self._conflicts()
         return "\n".join(
             [
                 f"{self.scenario.name}: no plan was found",
-                *(["missed by the motion with the least total violation:"] if missed else []),
+                *(["the motion with the least total violation misses:"] if missed else []),
                 *_some(missed, "vehicles"),
-                f"cannot be met together{premise}:",
-                *_some(_pairs_once(why), "vehicles"),
+                f"these constraints cannot be met together{premise}:",
+                *_some(why, "vehicles"),
             ]
         )
 
@@ -116,6 +119,21 @@ class Diagnosis(metaclass=Described):
         for each in self.violations:
             lines.setdefault(each.vehicle, []).append(_told(each))
         return [f"{vehicle}: {', '.join(parts)}" for vehicle, parts in lines.items()]
+
+    def _conflicts(self) -> list[str]:
+        """Return a line for each vehicle, with its conflict; what is said of a pair is said once."""
+        lines, told = list[str](), set[tuple[str, str]]()
+        for vehicle, names in self.conflicts.items():
+            kept = list[str]()
+            for name in names:
+                pair = _APART.fullmatch(name)
+                if pair is None or (pair[1], vehicle) not in told:
+                    kept.append(name)
+                if pair is not None:
+                    told.add((vehicle, pair[1]))
+            if kept:
+                lines.append(f"{vehicle}: {', '.join(kept)}")
+        return lines
 
     def _duration(self, shortest: float) -> str:
         steps, note = self.scenario.grid.knots - 1, "" if self.is_monotone else " or perhaps less"
@@ -172,10 +190,6 @@ def _told(check: Check) -> str:
     if (partner := partner_of(check)) is not None:
         return f"too close to {partner} by {by} at {at}"
     return f"{check.constraint} by {by} at {at}"
-
-
-def _pairs_once(lines: list[str]) -> list[str]:
-    return lines
 
 
 def _some(lines: list[str], of: str) -> list[str]:

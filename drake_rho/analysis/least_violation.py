@@ -9,11 +9,15 @@ from drake_rho.planning.errors import InfeasibleError, SolverError
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs.backend import Backend
 from drake_rho.planning.scp.minimum_violation import minimum_distance_violation, minimum_violation
+from drake_rho.scenario.kinds import LIMITS
 from drake_rho.scenario.records import Scenario
 from drake_rho.verification.check import AT_ALL_TIMES, AT_KNOTS, Check
 from drake_rho.verification.verify import verify
 
 _PAIR = "separation"
+
+_SLIGHT = 1e-3
+"""Excess of a limit, as a part of it, up to which it is left to the solver's tolerance."""
 
 
 def least_violations(
@@ -50,6 +54,8 @@ def _worst(violations: tuple[Check, ...]) -> list[Check]:
     """Return the worst violation of each constraint of each vehicle, and of each pair."""
     worst = dict[tuple[object, ...], Check]()
     for each in violations:
+        if each.kind in LIMITS and each.excess < _SLIGHT * abs(each.limit) and len(violations) > 1:
+            continue
         key = (_members(each), each.constraint, each.unit)
         if key not in worst or each.badness > worst[key].badness:
             worst[key] = each

@@ -49,7 +49,7 @@ class Trials:
         backend: solves their programs.
         progress: called with a short description of each trial.
         most: the largest number of penalties in one restoration of a trial. Where it is given,
-            motions are first sought without obstacles and pairs, and fleets get no paths.
+            motions are first sought without obstacles and pairs, and searches are short.
 
     Attributes:
         plan: the last plan found.
@@ -99,7 +99,7 @@ class Trials:
             reference = time_scaled_plan(self.plan, scenario)
             backend, most = self._backend, self._most
             return plan_near(problem, reference, backend=backend, progress=progress, most=most)
-        search = FirstPlan(self._backend, progress, most=self._most, with_paths=not quick)
+        search = FirstPlan(self._backend, progress, most=self._most, thorough=not quick)
         return with_finer_margins(search.of, problem)
 
 

@@ -63,15 +63,12 @@ def _without_plan(error: InfeasibleError) -> int:
     diagnosis = None
     status = working("looking for changes that make the scenario feasible")
     with suppress(SolverError, OutOfTimeError), status as work, stopping_early():
-        diagnosis = diagnose(error.scenario, progress=work, time_limit=_DIAGNOSIS_TIME)
+        diagnosis = diagnose(error, progress=work, time_limit=_DIAGNOSIS_TIME)
     if output_mode.as_json:
         found = None if diagnosis is None else diagnosis_part(diagnosis)
         write(Failed(status=NO_PLAN, error=_line(error), diagnosis=found).to_json())
     elif diagnosis is not None:
-        if diagnosis.conflicts != error.conflicts:
-            say(diagnosis.reason, err)
-        if not diagnosis.feasible:
-            say(diagnosis.remedy, err)
+        say(str(diagnosis), err)
     return NO_PLAN
 
 

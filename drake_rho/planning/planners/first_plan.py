@@ -47,8 +47,9 @@ class FirstPlan:
     """bounds of the search"""
     most: int = MAX_RESTORATIONS
     """largest number of penalties in one restoration of a fleet"""
-    with_paths: bool = True
-    """whether a fleet that is not brought apart gets paths that avoid each other"""
+    thorough: bool = True
+    """whether a fleet that is not brought apart gets paths that avoid each other, and a vehicle for
+    which none of its paths leads to a plan perturbed initial guesses"""
 
     def of_any_duration(self, problem: Problem, reference: Plan | None = None) -> Plan:
         """Return a first plan, which may be one for a shorter duration, flown slower.
@@ -113,7 +114,7 @@ class FirstPlan:
             return brought_apart(problem, start, self.backend, self.progress, self.most)
         except InfeasibleError as error:
             error.scenario = scenario  # as it is, separation and all
-            if not (error.about_linearisation and self.with_paths):
+            if not (error.about_linearisation and self.thorough):
                 raise
             return self._along_paths(problem, error)
 
@@ -191,7 +192,7 @@ class FirstPlan:
         else:
             parts = [within(self.progress, scenario.names[group[0]]) for group in groups]
             own = repeat(self.backend), repeat(self.options)
-            found = list(map(plan_along_paths, alone, *own, parts))
+            found = list(map(plan_along_paths, alone, *own, parts, repeat(self.thorough)))
         accelerations = np.array(free.accelerations)
         for group, along in zip(groups, found, strict=True):
             spent += along.spent

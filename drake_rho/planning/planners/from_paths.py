@@ -70,6 +70,7 @@ def plan_along_paths(
     backend: Backend | None = None,
     options: Options = DEFAULTS,
     progress: Progress | None = None,
+    perturbed: bool = True,
 ) -> PathResult:
     """Search for paths around the obstacles, and for a plan near one of them.
 
@@ -78,6 +79,7 @@ def plan_along_paths(
         backend: Clarabel if not given.
         options: `max_ways` bounds the paths that are tried.
         progress: called with a short text on the current activity.
+        perturbed: whether perturbed initial guesses of a vehicle are tried if all paths fail.
     """
     tell(progress, "looking for paths around the obstacles")
     scenario, larger = problem.scenario, enlarged_by_margins(problem.scenario, problem.margins)
@@ -87,7 +89,7 @@ def plan_along_paths(
         attempts.spent += Statistics(searched=found.searched)
         if (best := _best_along(found.references, attempts, progress)) is not None:
             break
-    if best is None and found.references and len(scenario.vehicles) == 1:
+    if best is None and found.references and len(scenario.vehicles) == 1 and perturbed:
         best = _near_perturbed(attempts, progress)
     spent, failure = attempts.spent, attempts.failure
     if best is not None or failure is None:
