@@ -7,7 +7,7 @@ PYTEST := $(BIN)/python -m pytest -n auto -q
 SEED := $(shell od -An -N4 -tu4 /dev/urandom | tr -d ' ')
 PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check
 
-.PHONY: help reproduce animate notebooks pictures docs bench bench-fleet bench-world bench-flight bench-scale bench-open bench-map bench-time test test-all lint format clean
+.PHONY: help reproduce animate notebooks pictures docs bench bench-fleet bench-world bench-flight bench-scale bench-file bench-open bench-map bench-time test test-all lint format clean
 .DEFAULT_GOAL := help
 
 help: ## This list
@@ -44,6 +44,9 @@ bench-flight: $(VENV)/.bench .venv-crazyflow/.ready .venv-ampyc/.ready ## The sa
 
 bench-scale: $(VENV)/.bench ## The same for large fleets and campaigns
 	$(BIN)/python -m benchmarks --scale
+
+bench-file: $(VENV)/.bench ## The same for damaged files of every kind (twenty minutes)
+	$(BIN)/python -m benchmarks --files
 
 bench-open: $(VENV)/.bench ## The same for requirements: links, formations, corridors (six minutes)
 	$(BIN)/python -m benchmarks --open

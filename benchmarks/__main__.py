@@ -37,8 +37,10 @@ DRAWN = {
     "links_corridors": 20,
     "time_fleets": 12,
     "flight_late": 2300,
+    "damaged_files": 4000,
 }
-"""Benchmarks of random fleets, worlds, links, flights, and how many: `run(seeds) -> Table`."""
+"""Benchmarks of random fleets, worlds, links, flights, files, and how many:
+`run(seeds) -> Table`."""
 
 MISSIONS = ("fleet_b3", "world_b6", "map_forests", "map_office", "time_bisection", "time_bounds")
 """Benchmarks of missions in files: `run(folder) -> Table`."""
@@ -91,6 +93,10 @@ TIMES = ("time_tracks", "time_closed_forms", "time_fleets", "time_bisection", "t
 """Benchmarks of least times; those that are in no `DRAWN` or `MISSIONS` are `run() -> Table`."""
 
 
+FILES = ("damaged_files",)
+"""Benchmarks of files that are read."""
+
+
 def main() -> None:
     """Run the benchmarks named on the command line, by default the races and studies."""
     known = [
@@ -119,6 +125,7 @@ def main() -> None:
     parser.add_argument("--maps", action="store_true", help="all benchmarks of maps")
     parser.add_argument("--times", action="store_true", help="all benchmarks of least times")
     parser.add_argument("--open", action="store_true", help="all benchmarks of requirements")
+    parser.add_argument("--files", action="store_true", help="damaged files of every kind")
     parser.add_argument("--repetitions", type=int, default=9, help="rounds of a race (9)")
     parser.add_argument("--seeds", type=int, help="number of random fleets or worlds of each size")
     parser.add_argument(
@@ -139,7 +146,7 @@ def main() -> None:
         parser.error("--seeds: expected at least 1")
     console = Console()
     alone, worlds, flight = RACES + STUDIES, WORLDS, FLIGHT + FLOWN_MISSIONS
-    others = alone + worlds + flight + SCALE + OPEN + MAPS + TIMES
+    others = alone + worlds + flight + SCALE + OPEN + MAPS + TIMES + FILES
     fleets = tuple(name for name in known if name not in others)
     chosen = (fleets if arguments.fleets else ()) + (worlds if arguments.worlds else ())
     chosen += flight if arguments.flight else ()
@@ -147,6 +154,7 @@ def main() -> None:
     chosen += OPEN if arguments.open else ()
     chosen += MAPS if arguments.maps else ()
     chosen += TIMES if arguments.times else ()
+    chosen += FILES if arguments.files else ()
     by_default = chosen or alone
     for name in arguments.names or by_default:
         console.rule(name)

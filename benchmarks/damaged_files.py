@@ -211,11 +211,11 @@ def run(files: int) -> Table:
 
 _ABOUT = """\
 {files} files of {kinds} kinds, drawn with a fixed seed: small valid ones with flipped bits
-(anywhere or in their first 256 bytes), cut off, with numbers replaced by nan, inf, huge, negative or none at
-all, with words replaced by sequences for terminals, deep nesting, paths elsewhere and tags, with
-lines exchanged, left out or repeated, in other encodings; archives with arrays that claim much or
-are others; stores with other values and views. A quarter of them is damaged twice. Each is read by
-the command line in a fork of one process, scenarios, missions and studies only as far as they are
-read, not planned. Wrong is all but one line and status 2, or a file that is read without a word on
-standard error; warnings are left out of account. Memory is the largest resident size of the
-process, with the program and its libraries. It took {minutes:.0f} minutes."""
+(anywhere or in their first 256 bytes), cut off, with numbers replaced by nan, inf, huge, negative
+or none at all, with words replaced by sequences for terminals, deep nesting, paths elsewhere and
+tags, with lines exchanged, left out or repeated, in other encodings; archives with arrays that
+claim much or are others; stores with other values and views. A quarter of them is damaged twice.
+Each is read by the command line in a fork of one process, scenarios, missions and studies only as
+far as they are read, not planned. Wrong is all but one line and status 2, or a file that is read
+without a word on standard error; warnings are left out of account. Memory is the largest resident
+size of the process, with the program and its libraries. It took {minutes:.0f} minutes."""
