@@ -39,8 +39,10 @@ DRAWN = {
     "flight_late": 2300,
     "mixed_scenes": 5000,
     "mixed_windows": 1200,
+    "damaged_files": 4000,
 }
-"""Benchmarks of random fleets, worlds, links, flights, and how many: `run(seeds) -> Table`."""
+"""Benchmarks of random fleets, worlds, links, flights, files, and how many:
+`run(seeds) -> Table`."""
 
 MISSIONS = ("fleet_b3", "world_b6", "map_forests", "map_office", "time_bisection", "time_bounds")
 """Benchmarks of missions in files: `run(folder) -> Table`."""
@@ -93,7 +95,7 @@ TIMES = ("time_tracks", "time_closed_forms", "time_fleets", "time_bisection", "t
 """Benchmarks of least times; those that are in no `DRAWN` or `MISSIONS` are `run() -> Table`."""
 
 
-MIXED = ("mixed_scenes", "mixed_windows")
+MIXED = ("mixed_scenes", "mixed_windows", "damaged_files")
 """Benchmarks of random scenes, flights and files that mix everything."""
 
 

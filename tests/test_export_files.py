@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 import drake_rho as rho
-from drake_rho.exports import crazyswarm, states
+from drake_rho.exports import crazyswarm, folders, states
 from drake_rho.exports.folders import file_names, write_folder
 from tests.scenarios import straight
 from tests.test_cli import run
@@ -122,11 +122,24 @@ def test_a_folder_is_written_whole_or_not_at_all(
 
     with monkeypatch.context() as patched:
         patched.setattr(Path, failing, fails)
+        patched.setattr(folders, "exchanged", lambda *_: False)  # as on some file systems
         with pytest.raises(OSError, match="disk full"):
             write_folder(folder, {"a": b"new", "b": b"new"})
     found = {each.name: each.read_bytes() for each in folder.iterdir()} if folder.exists() else {}
     assert found == old
     assert [each.name for each in tmp_path.iterdir()] == ["out"] * bool(old)
+
+
+def test_a_folder_is_there_at_every_instant(tmp_path: Path) -> None:
+    folder = tmp_path / "out"
+    write_folder(folder, {"a": b"old"})
+    if not folders.exchanged(folder, folder):
+        pytest.skip("this file system cannot exchange two folders")
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(Path, "rename", lambda *_: pytest.fail("a name without a folder"))
+        write_folder(folder, {"a": b"new"})
+    assert (folder / "a").read_bytes() == b"new"
+    assert [each.name for each in tmp_path.iterdir()] == ["out"]
 
 
 def test_a_file_is_written_whole_or_not_at_all(

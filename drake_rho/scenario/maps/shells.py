@@ -49,6 +49,8 @@ class Shells:
         triangles = numbers.reshape(-1)[triangles]
         has_area: BoolArray = (triangles != np.roll(triangles, -1, axis=1)).all(axis=1)
         edges = _edges(triangles, len(first))
+        if has_area.any() and not _odd(edges, has_area).any():
+            return cls(vertices[first], triangles, has_area, True)
         shells = _shells(edges, has_area)
         once = has_area & _first_of_equal(triangles)
         is_open = _open(edges, shells, has_area)
@@ -96,8 +98,13 @@ def _first_of_equal(triangles: IntArray) -> BoolArray:
 
 def _open(edges: IntArray, shells: IntArray, counted: BoolArray) -> BoolArray:
     """Return which shells have an edge of an odd number of the triangles that are counted."""
-    counts = np.bincount(edges[counted].ravel(), minlength=int(edges.max()) + 1)
-    odd = (counts[edges] % 2 == 1).any(axis=1)
     found = np.zeros(int(shells.max()) + 1, dtype=bool)
-    found[shells[counted & odd]] = True
+    found[shells[counted & _odd(edges, counted)]] = True
     return found
+
+
+def _odd(edges: IntArray, counted: BoolArray) -> BoolArray:
+    """Return which triangles have an edge of an odd number of those that are counted, (F,)."""
+    counts = np.bincount(edges[counted].ravel(), minlength=int(edges.max()) + 1)
+    odd: BoolArray = (counts[edges] % 2 == 1).any(axis=1)
+    return odd
