@@ -50,9 +50,7 @@ TEXTS = 2
 """Number of columns, from the left, that hold texts."""
 
 
-def facts(
-    summary: Summary, checks: Sequence[Check], *, gap: bool
-) -> Iterator[tuple[str, str]]:
+def facts(summary: Summary, checks: Sequence[Check], *, gap: bool) -> Iterator[tuple[str, str]]:
     """Yield clearance, separation, speed, time and cost, each with its name.
 
     Args:

@@ -133,7 +133,7 @@ class WaypointTimes:
         return not bool(self._waypoints.given.all())
 
     def without_free(self) -> Scenario:
-        """Return the scenario without its free waypoints; with them it has no plan that it lacks."""
+        """Return the scenario without its free waypoints, which has every plan with them."""
         vehicles = tuple(
             dataclasses.replace(
                 each, waypoints=tuple(own for own in each.waypoints if own.time is not None)
@@ -253,6 +253,6 @@ def at_times_tried(error: InfeasibleError) -> InfeasibleError:
         error.obstacles,
         error.reference,
         because=error.because
-        or f"at none of the times of waypoints that were tried; at the first of these, these cannot "
+        or "at none of the times of waypoints that were tried; at the first of these, these cannot "
         f"be met together{premise}",
     )

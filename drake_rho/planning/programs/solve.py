@@ -32,7 +32,6 @@ from drake_rho.scenario.fields import FloatArray
 from drake_rho.system.drake_log import keep_to_news
 from drake_rho.system.threads import thread_pool
 
-
 keep_to_news()
 
 _Options = dict[str, float | int]

@@ -54,8 +54,8 @@ _NEARBY = 1e-3
 """Part of the final time by which corrected times may be others, if nothing else is said."""
 
 _FASTEST = 1e-8
-"""Least factor of the squared final time in one program. Values that are limited only by rows, which
-are added when a solution violates them, are finite in such a time."""
+"""Least factor of the squared final time in one program. Values that are limited only by rows,
+which are added when a solution violates them, are finite in such a time."""
 
 _AT_ONCE = 1e-9
 """Part of the step of the scenario, a guess, below which a step means that nothing bounds the
