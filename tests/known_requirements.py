@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 import drake_rho as rho
-from drake_rho.scenario.fields import FloatArray, IntArray
+from drake_rho.scenario.fields import FloatArray
 
 GRAVITY = np.array([0.0, 0.0, 9.81])
 CLOCKS = (0.0, -3.7, 8.8, 1000.1, 100000.3, 5e8 + 0.1, 1.7e9, 1.7e9 + 1.2, 1.7e9 + 8.8)
@@ -53,13 +53,20 @@ class Known:
             return np.asarray(self.velocities[i, k] + s * a)
         return np.asarray(self.positions[i, k] + s * self.velocities[i, k] + s * s / 2.0 * a)
 
-    def in_steps(self, of: str, i: int, steps: IntArray, before: FloatArray | None) -> FloatArray:
-        """Return accelerations, thrusts or jerks of a vehicle in steps."""
+    def in_steps(self, of: str, i: int, vehicle: rho.Vehicle) -> FloatArray:
+        """Return accelerations or thrusts of steps (K-1, 3), or jerks at knots (K, 3)."""
         a = self.accelerations[i]
         if of == "jerk":
-            first = a[:1] if before is None else before[None]
-            return np.asarray(np.diff(a, axis=0, prepend=first)[steps] / self.step)
-        return np.asarray(a[steps] + (GRAVITY if of == "thrust" else 0.0))
+            ends = (_outside(state)[None] for state in (vehicle.start, vehicle.goal))
+            return np.asarray(np.diff(a, axis=0, prepend=next(ends), append=next(ends)) / self.step)
+        return np.asarray(a + (GRAVITY if of == "thrust" else 0.0))
+
+
+def _outside(state: rho.State) -> FloatArray:
+    """Return the acceleration before a start or after a goal: NaN if none is known."""
+    if state.acceleration is not None:
+        return state.acceleration
+    return np.full(3, np.nan) if np.any(state.velocity) else np.zeros(3)
 
 
 def values_required(
@@ -67,7 +74,7 @@ def values_required(
 ) -> FloatArray:
     """Return the values that have to be in a requirement's set, at knots and many instants."""
     grid, names = scenario.grid, list(scenario.names)
-    h, last = grid.step, grid.knots - 1
+    h = grid.step
     near = max(1e-9 * h, 8.0 * 2.3e-16 * max(abs(grid.start), abs(grid.end)))
     knots: FloatArray = h * np.arange(grid.knots, dtype=np.float64)
     first, end = (0.0, knots[-1]) if asked.active is None else np.array(asked.active) - grid.start
@@ -77,16 +84,12 @@ def values_required(
         members.append(names.index(asked.relative_to))
     at_knots = knots[(knots >= first - near) & (knots <= end + near)]
     if asked.of in ("acceleration", "thrust", "jerk"):
-        met = (knots[:-1] <= end + near) & (knots[1:] > first + near)
-        met[-1] |= end >= knots[last] - near
-        starts = [scenario.vehicles[i].start.acceleration for i in members]
-        if asked.of == "jerk" and any(each is None for each in starts):
-            met[0] = False  # the first jerk needs an acceleration before it
-        steps = np.flatnonzero(met)
-        found = [
-            known.in_steps(asked.of, i, steps, b) for i, b in zip(members, starts, strict=True)
-        ]
-        return np.asarray(found[0] - found[1] if len(found) > 1 else found[0])
+        begins = knots if asked.of == "jerk" else knots[:-1]
+        met = (begins <= end + near) & (begins + h > first + near)
+        met[-1] |= end >= knots[-1] - near
+        found = [known.in_steps(asked.of, i, scenario.vehicles[i])[met] for i in members]
+        values = found[0] - found[1] if len(found) > 1 else found[0]
+        return np.asarray(values[~np.isnan(values[:, 0])])  # jerks from unknown accelerations
     times = np.asarray(np.union1d(np.linspace(first, end, samples), at_knots))
     if not scenario.between_knots and first < end:
         times = at_knots

@@ -123,3 +123,5 @@ def test_an_instant_at_the_last_knot_is_that_of_the_last_step(of: Any) -> None:
     assert beyond(plan) <= 1.0
     if of in ("acceleration", "thrust"):
         assert np.linalg.norm(plan.accelerations[0, -1]) <= 0.1 + 1e-6
+    if of == "jerk":  # of the change to rest
+        assert np.linalg.norm(plan.accelerations[0, -1]) <= 0.1 * 0.3 + 1e-6
