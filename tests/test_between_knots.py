@@ -18,6 +18,7 @@ from drake_rho.scenario.fields import FloatArray
 from tests.known_requirements import (
     GRAVITY,
     QUANTITIES,
+    Known,
     beyond,
     known_scene,
     set_around,
@@ -125,3 +126,30 @@ def test_an_instant_at_the_last_knot_is_that_of_the_last_step(of: Any) -> None:
         assert np.linalg.norm(plan.accelerations[0, -1]) <= 0.1 + 1e-6
     if of == "jerk":  # of the change to rest
         assert np.linalg.norm(plan.accelerations[0, -1]) <= 0.1 * 0.3 + 1e-6
+
+
+@pytest.mark.parametrize("required", [False, True])
+@pytest.mark.parametrize("far", [0.0, 4e4, 3e5])
+@pytest.mark.parametrize("seed", range(6))
+def test_points_passed_beside_knots_far_from_the_origin_have_a_plan(
+    seed: int, far: float, required: bool
+) -> None:
+    """Nothing else is asked, so a plan exists; planes through one point are no contradiction."""
+    rng = np.random.default_rng(seed)
+    step, knots, size = 0.5, 11, 0.05
+    at, v, a = far * rng.normal(size=3), np.zeros(3), rng.normal(size=(1, knots - 1, 3))
+    known = Known.of(at[None], v[None], size / 10.0 * a, step)
+    times = step * (np.array([2.0, 5.0, 8.0]) + rng.choice([-1e-6, 0.0, 1e-7, 1e-3, 0.3], 3))
+    points = known.values("position", 0, times)
+    start, goal = rho.State(at, v), rho.State(known.positions[0, -1], known.velocities[0, -1])
+    passed = [rho.Waypoint(time, x) for time, x in zip(times.tolist(), points, strict=True)]
+    asked = [rho.KeepIn(rho.Box(x.position, x.position), active=(x.time, x.time)) for x in passed]
+    vehicle = rho.Vehicle("v", start, goal, waypoints=() if required else passed)
+    plan = rho.plan(
+        rho.Scenario(
+            "far", rho.Grid(step, knots), [vehicle], requirements=asked if required else ()
+        )
+    )
+    assert rho.verify(plan).ok
+    missed = Known.planned(plan).values("position", 0, times) - points
+    assert np.abs(missed).max() <= 1e-6 * size + 1e-13 * far
