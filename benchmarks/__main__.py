@@ -91,7 +91,14 @@ OPEN = ("links_cvxpy", "links_corridors", "links_chains", "links_formation")
 MAPS = ("map_forests", "map_office", "map_meshes", "map_points")
 """Benchmarks of maps; those that are in no `MISSIONS` need no folder: `run() -> Table`."""
 
-TIMES = ("time_tracks", "time_closed_forms", "time_fleets", "time_bisection", "time_bounds")
+TIMES = (
+    "time_tracks",
+    "time_closed_forms",
+    "time_ruckig",
+    "time_fleets",
+    "time_bisection",
+    "time_bounds",
+)
 """Benchmarks of least times; those that are in no `DRAWN` or `MISSIONS` are `run() -> Table`."""
 
 

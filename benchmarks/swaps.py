@@ -5,8 +5,6 @@ from __future__ import annotations
 import dataclasses
 import time
 
-import numpy as np
-
 import drake_rho as rho
 from benchmarks.fleets import SAMPLED, THIS_PACKAGE
 from benchmarks.sampling import sample
@@ -39,8 +37,6 @@ class Swap:
     """total distance of all vehicles [m]"""
     index: float
     """f (13) [m²/s⁴]"""
-    end: float
-    """largest acceleration along an axis in the last step [m/s²]"""
     seconds: float
     """time to find and verify it [s]"""
 
@@ -73,7 +69,6 @@ def shortest(scenario: rho.Scenario) -> Swap:
         least=found.least,
         metres=found.metres,
         index=plan.cost,
-        end=float(np.max(np.abs(plan.accelerations[:, -1]))),
         seconds=seconds,
     )
 

@@ -103,8 +103,8 @@ def circle_swap(
 ) -> Scenario:
     """Generate vehicles on a horizontal circle that fly from rest to rest to the opposite points.
 
-    The vehicles are evenly spaced. They start without acceleration, so that a jerk limit applies
-    from the first step on. (A goal has no acceleration: the final acceleration is free.)
+    The vehicles are evenly spaced. They start and end at rest, so that a jerk limit applies from
+    the first step to the last.
 
     Args:
         n: number of vehicles; the first starts on the x axis, the others counter-clockwise.
