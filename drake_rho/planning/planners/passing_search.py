@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import dataclasses
+from contextlib import suppress
 
 import numpy as np
 
 from drake_rho.motion.costs import cost_of
 from drake_rho.planning.call.progress import Progress
+from drake_rho.planning.errors import SolverError
 from drake_rho.planning.planners.allowed_times import AllowedTimes
 from drake_rho.planning.programs.backend import Backend
-from drake_rho.planning.scp.least_time import LeastTime
+from drake_rho.planning.scp.least_time import CONVERGED, LeastTime
 from drake_rho.planning.scp.timed import Timed
 from drake_rho.scenario.fields import IntArray
 
@@ -20,7 +22,7 @@ _PRICES = 1e2, 1e5
 _ROUGHLY = 1e-2
 """Relative fall of the cost, with what is missed, that ends a search."""
 
-_PASSED = 1e-6
+_PASSED = 1e-9
 """Part of a motion's length by which a motion that passes waypoints may still miss them."""
 
 
@@ -43,11 +45,17 @@ class PassingSearch:
             start: motion to linearise around first, which need not meet any constraint.
             allowed: times at which its waypoints may be passed.
         """
-        best = self._search().around(start)
+        best = self._around(start)
         if best is None:
             start = self._passed(start, allowed)
-            best = self._search().around(start)
+            best = self._around(start)
         return best or start
+
+    def _around(self, start: Timed, tolerance: float = CONVERGED) -> Timed | None:
+        """Return the motion of least cost around another; None also if solvers fail."""
+        with suppress(SolverError):
+            return self._search().around(start, tolerance)
+        return None
 
     def _search(self) -> LeastTime:
         return LeastTime(self.backend, self.progress, final_time=False)
@@ -80,7 +88,7 @@ class PassingSearch:
 
     def _at_a_price(self, start: Timed, price: float) -> Timed | None:
         """Return a motion that may miss waypoints at a price; None if there is none."""
-        found = self._search().around(_priced(start, price), _ROUGHLY)
+        found = self._around(_priced(start, price), _ROUGHLY)
         return found and _exact(found)
 
     def _compared(self, start: Timed, allowed: AllowedTimes) -> Timed:

@@ -11,7 +11,7 @@ import numpy as np
 
 from drake_rho.motion.plan import Plan
 from drake_rho.planning.call.progress import Progress, tell
-from drake_rho.planning.errors import InfeasibleError
+from drake_rho.planning.errors import InfeasibleError, SolverError
 from drake_rho.planning.planners.allowed_times import AllowedTimes
 from drake_rho.planning.planners.passing_search import PassingSearch
 from drake_rho.planning.planners.related import changes_with_time
@@ -34,7 +34,7 @@ _LEAST_LEG = 1e-2
 _ROUGHLY = 1e-2
 """Relative fall of the final time that ends the search for first times."""
 
-_POWERS = 0.5, 2.0, 0.25, 4.0
+_POWERS = 0.5, 2.0
 """Powers to which parts of the final time are raised for further guesses."""
 
 _PASSED = 1e-3
@@ -98,7 +98,7 @@ def in_least_time(start: Timed, backend: Backend, progress: Progress | None) -> 
     none = np.zeros(len(passing), dtype=bool)
     scaled = dataclasses.replace(passing, given=none, in_proportion=passing.given)
     fast = None
-    with suppress(ScenarioError):  # nothing bounds the time
+    with suppress(ScenarioError, SolverError):  # where nothing bounds the time
         search = LeastTime(backend, progress)
         fast = search.around(dataclasses.replace(start, passing=scaled), _ROUGHLY)
     if fast is None:
@@ -156,7 +156,8 @@ class WaypointTimes:
                 best = dataclasses.replace(best, scenario=self._convex, passing=passing)
                 best = self._search.best(best, self._allowed)
             times, near = best.passing.times, _ALIKE * best.duration
-            if not any(np.allclose(times, each, rtol=0.0, atol=near) for each in known):
+            alike = any(np.allclose(times, each, rtol=0.0, atol=near) for each in known)
+            if not known or (best.missed <= _PASSED and not alike):
                 known.append(times)
                 yield self._timed(best)
 

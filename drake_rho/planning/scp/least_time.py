@@ -314,6 +314,8 @@ class LeastTime:
             if found is None:
                 self.statistics += Statistics(programs=1)
                 return None
+            if low == high:  # as solvers keep it only to their tolerance
+                found = dataclasses.replace(found, factor=low)
             more = violated_rows(constraints, found, problem)
             self.statistics += Statistics(
                 programs=1,
