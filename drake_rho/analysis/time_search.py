@@ -199,6 +199,8 @@ class TimeSearch:
             if best is None or best.duration > (1.0 + _WORTHWHILE) * self._least_of(alone):
                 known = [] if best is None else [partial(_same, best)]
                 best = self._shortest([*known, partial(self._by_bisection, alone)])
+            if best is not None:
+                best = self._shorter(self._least_of(alone), best)
         if best is None:
             best = self._shorter(self._least_of(alone), self._from_first_plans(alone))
         return best

@@ -104,6 +104,27 @@ class KeepInSet(Constraint):
         rows = self._rows(who[wanted], times[wanted], outward, offset[wanted])
         return rows if np.isinf(self.penalty) else self._with_faces(rows)
 
+    @property
+    def is_own_rate(self) -> bool:
+        """Whether it always keeps velocities or accelerations of single vehicles in one set."""
+        always = self.requirement.active is None and self.requirement.relative_to is None
+        return always and self.quantity in ("velocity", "acceleration")
+
+    def faces(self) -> HalfSpaces:
+        """Return the rows of the six sides of a box around C, at every instant of such rows.
+
+        Sides on which C is not bounded are left out.
+        """
+        sides = np.concatenate([np.eye(3), -np.eye(3)])
+        sides = sides[np.isfinite(np.asarray(self.requirement.set.support(sides)))]
+        who, times, outward = (
+            each.reshape(-1) for each in np.meshgrid(self.members, self._instants, range(len(sides)))
+        )
+        if len(who) == 0:
+            return self.none
+        near = self.clock_rounding
+        return self._rows(who, times, sides[outward], self.requirement.offset(times, near=near))
+
     def _concerned(self, vehicles: IntArray) -> IntArray:
         """Return the members with a new motion: all of them if the partner has one."""
         if self.partner is not None and self.partner in vehicles:
