@@ -18,14 +18,16 @@ from drake_rho.planning.constraints.base import (
     constrained_knots,
 )
 from drake_rho.planning.constraints.margins import Margins, PlanMargins
+from drake_rho.planning.constraints.norms import KeepInNorm
 from drake_rho.planning.constraints.smooth_jerks import Scaled, jerk_factor
 from drake_rho.planning.constraints.stretches import with_neighbours
 from drake_rho.planning.constraints.worst_instants import worst_instants
-from drake_rho.scenario.convex_sets import AROUND_BALL
+from drake_rho.scenario.convex_sets import AROUND_BALL, Balls
 from drake_rho.scenario.fields import FloatArray, IntArray, unchecked
 from drake_rho.scenario.parts import Grid
 from drake_rho.scenario.records import Scenario
 from drake_rho.scenario.requirements import KeepIn
+from drake_rho.scenario.shapes.quadrics import Sphere
 
 _ACCEPTED = 0.25
 """Violation, in tolerances, up to which no row is added. Each round quarters the violation of a set
@@ -109,6 +111,27 @@ class KeepInSet(Constraint):
         """Whether it always keeps velocities or accelerations of single vehicles in one set."""
         always = self.requirement.active is None and self.requirement.relative_to is None
         return always and self.quantity in ("velocity", "acceleration")
+
+    def as_norm(self) -> KeepInNorm | None:
+        """Return the limit of a norm that is the same for C a ball; None for any other C."""
+        ball = self.requirement.set
+        if not isinstance(ball, Sphere) or len(self.margins.grid.elapsed) > self.grid.knots:
+            return None
+        origins, radii = np.zeros((len(self.tolerances), 3)), np.full(len(self.tolerances), np.inf)
+        origins[self.members] = ball.center + self.requirement.offset(np.zeros(1))
+        radii[self.members] = ball.radius
+        inner = self.quantity == "velocity"
+        times = self.grid.elapsed
+        return KeepInNorm(
+            kind=self.kind,
+            key=self.key,
+            name=self.name,
+            quantity=self.quantity,
+            sets=Balls(origins, self.tolerances, radii),
+            times=times[1:-1] if inner else times[:-1],
+            first=int(inner),
+            margins=self.margins,
+        )
 
     def faces(self) -> HalfSpaces:
         """Return the rows of the six sides of a box around C, at every instant of such rows.

@@ -68,12 +68,14 @@ class FreeTimePrograms:
         group, motion = np.arange(len(problem)), problem.effort.motion
         boxes = [each for each in problem.convex if isinstance(each, KeepInBox)]
         self._boxes = [each.every_row(motion) for each in boxes if each.quantity != "position"]
-        self._boxes += [
-            faces
-            for each in problem.convex
-            if isinstance(each, KeepInSet) and each.is_own_rate and len(faces := each.faces()) > 0
-        ]
         sets = [each for each in problem.convex if isinstance(each, KeepInSets)]
+        for each in problem.convex:
+            if not isinstance(each, KeepInSet) or not each.is_own_rate:
+                continue
+            if (norm := each.as_norm()) is not None:
+                sets.append(norm)
+            elif len(faces := each.faces()) > 0:
+                self._boxes.append(faces)
         cones = [Cones.of(each, motion, group) for each in sets]
         self._cones = [each for each in cones if len(each) > 0]
         self._unit = self._limit() or float(problem.effort.units.max())
