@@ -141,7 +141,8 @@ class KeepInSet(Constraint):
         sides = np.concatenate([np.eye(3), -np.eye(3)])
         sides = sides[np.isfinite(np.asarray(self.requirement.set.support(sides)))]
         who, times, outward = (
-            each.reshape(-1) for each in np.meshgrid(self.members, self._instants, range(len(sides)))
+            each.reshape(-1)
+            for each in np.meshgrid(self.members, self._instants, range(len(sides)))
         )
         if len(who) == 0:
             return self.none
