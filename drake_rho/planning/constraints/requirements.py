@@ -120,16 +120,14 @@ class KeepInSet(Constraint):
         origins, radii = np.zeros((len(self.tolerances), 3)), np.full(len(self.tolerances), np.inf)
         origins[self.members] = ball.center + self.requirement.offset(np.zeros(1))
         radii[self.members] = ball.radius
-        inner = self.quantity == "velocity"
-        times = self.grid.elapsed
         return KeepInNorm(
             kind=self.kind,
             key=self.key,
             name=self.name,
             quantity=self.quantity,
             sets=Balls(origins, self.tolerances, radii),
-            times=times[1:-1] if inner else times[:-1],
-            first=int(inner),
+            times=self.grid.elapsed[constrained_knots(self.quantity)],
+            first=int(self.quantity == "velocity"),
             margins=self.margins,
         )
 
@@ -146,8 +144,7 @@ class KeepInSet(Constraint):
         )
         if len(who) == 0:
             return self.none
-        near = self.clock_rounding
-        return self._rows(who, times, sides[outward], self.requirement.offset(times, near=near))
+        return self._rows(who, times, sides[outward], self.requirement.offset(times))
 
     def _concerned(self, vehicles: IntArray) -> IntArray:
         """Return the members with a new motion: all of them if the partner has one."""
