@@ -9,6 +9,7 @@ from functools import partial
 from itertools import islice
 
 from drake_rho.analysis.early_arrivals import as_soon_as_each_can
+from drake_rho.analysis.own_final_time import is_too_short, planned_in_own_final_time
 from drake_rho.analysis.time_alone import TimesAlone, in_no_time
 from drake_rho.analysis.timed_plans import TimedPlans
 from drake_rho.analysis.trials import Trials, durations
@@ -19,9 +20,7 @@ from drake_rho.planning.constraints.tightening import enlarged_by_margins
 from drake_rho.planning.errors import InfeasibleError, SolverError
 from drake_rho.planning.path_search.initial_guesses import paths_on_grids
 from drake_rho.planning.planners.first_plan import FirstPlan, plan_near
-from drake_rho.planning.planners.plan import plan as best_plan
 from drake_rho.planning.planners.related import changes_with_time, is_steady, of_each_alone
-from drake_rho.planning.planners.waypoint_times import passing_of
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs.backend import Backend
 from drake_rho.planning.scp.least_time import ROUGH, LeastTime
@@ -138,35 +137,24 @@ class TimeSearch:
             alone: motion in the least time of each vehicle alone, if known.
             failure: error to raise if there is no motion at all.
         """
-        own = self._scenario.grid.duration
-        if best is not None and best.duration <= own * (1.0 + _SAME):
+        scenario, given = self._scenario, bool(self._waypoints.given.any())
+        known = [] if best is None else [partial(_same, best)]
+        if best is not None and (
+            best.duration <= scenario.grid.duration * (1.0 + _SAME)
+            or is_too_short(scenario, alone, given=given)
+        ):
             return best
-        if best is None or not self._excludes(own, alone):
-            found = self._shortest([self._from_own_final_time])
-            if found is not None and (best is None or found.duration < best.duration):
-                return found
-        if best is None:
+        found = self._shortest([*known, self._from_own_final_time])
+        if found is None:
             raise failure or SolverError("no motion was found around the first plans")
-        return best
+        return found
 
-    def _excludes(self, duration: float, alone: Timed | None) -> bool:
-        """Return whether vehicles alone show that there is no plan in a final time [s]."""
-        moving = self._scenario.fleet.start_velocities.any()
-        moving = moving or self._scenario.fleet.goal_velocities.any()
-        given = self._waypoints.given.any()
-        return alone is not None and not (moving or given) and duration < alone.duration
-
-    def _from_own_final_time(self) -> Timed:
+    def _from_own_final_time(self) -> Timed | None:
         """Return a motion in the least time around the plan for the scenario's own final time."""
-        grid, scenario = self._scenario.grid, self._given
-        planned = best_plan(
-            scenario.ending_with(grid), solver=self._backend.solver, options=self._options
+        known = planned_in_own_final_time(
+            self._given, self._scenario, self._backend, self._options, self._progress
         )
-        times = AllWaypoints.of(planned.scenario.vehicles).times
-        passing = passing_of(self._waypoints, self._scenario, grid)
-        passing = dataclasses.replace(passing, times=times - grid.start)
-        known = Timed(self._scenario, grid.step, planned.accelerations, passing)
-        return self._shortest([partial(_same, known), partial(self._least.around, known)]) or known
+        return self._shortest([partial(_same, known), partial(self._least.around, known)])
 
     def _arriving(self, best: Timed, alone: FloatArray) -> Timed:
         """Return a motion in which vehicles arrive one by one, if that is asked for.
@@ -199,6 +187,8 @@ class TimeSearch:
             if best is None or best.duration > (1.0 + _WORTHWHILE) * self._least_of(alone):
                 known = [] if best is None else [partial(_same, best)]
                 best = self._shortest([*known, partial(self._by_bisection, alone)])
+            if best is not None:
+                best = self._shorter(self._least_of(alone), best)
         if best is None:
             best = self._shorter(self._least_of(alone), self._from_first_plans(alone))
         return best

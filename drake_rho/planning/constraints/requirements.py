@@ -18,14 +18,16 @@ from drake_rho.planning.constraints.base import (
     constrained_knots,
 )
 from drake_rho.planning.constraints.margins import Margins, PlanMargins
+from drake_rho.planning.constraints.norms import KeepInNorm
 from drake_rho.planning.constraints.smooth_jerks import Scaled, jerk_factor
 from drake_rho.planning.constraints.stretches import with_neighbours
 from drake_rho.planning.constraints.worst_instants import worst_instants
-from drake_rho.scenario.convex_sets import AROUND_BALL
+from drake_rho.scenario.convex_sets import AROUND_BALL, Balls
 from drake_rho.scenario.fields import FloatArray, IntArray, unchecked
 from drake_rho.scenario.parts import Grid
 from drake_rho.scenario.records import Scenario
 from drake_rho.scenario.requirements import KeepIn
+from drake_rho.scenario.shapes.quadrics import Sphere
 
 _ACCEPTED = 0.25
 """Violation, in tolerances, up to which no row is added. Each round quarters the violation of a set
@@ -103,6 +105,46 @@ class KeepInSet(Constraint):
         outward = np.asarray(self.requirement.set.outward((values - offset)[wanted]))
         rows = self._rows(who[wanted], times[wanted], outward, offset[wanted])
         return rows if np.isinf(self.penalty) else self._with_faces(rows)
+
+    @property
+    def is_own_rate(self) -> bool:
+        """Whether it always keeps velocities or accelerations of single vehicles in one set."""
+        always = self.requirement.active is None and self.requirement.relative_to is None
+        return always and self.quantity in ("velocity", "acceleration")
+
+    def as_norm(self) -> KeepInNorm | None:
+        """Return the limit of a norm that is the same for C a ball; None for any other C."""
+        ball = self.requirement.set
+        if not isinstance(ball, Sphere) or len(self.margins.grid.elapsed) > self.grid.knots:
+            return None
+        origins, radii = np.zeros((len(self.tolerances), 3)), np.full(len(self.tolerances), np.inf)
+        origins[self.members] = ball.center + self.requirement.offset(np.zeros(1))
+        radii[self.members] = ball.radius
+        return KeepInNorm(
+            kind=self.kind,
+            key=self.key,
+            name=self.name,
+            quantity=self.quantity,
+            sets=Balls(origins, self.tolerances, radii),
+            times=self.grid.elapsed[constrained_knots(self.quantity)],
+            first=int(self.quantity == "velocity"),
+            margins=self.margins,
+        )
+
+    def faces(self) -> HalfSpaces:
+        """Return the rows of the six sides of a box around C, at every instant of such rows.
+
+        Sides on which C is not bounded are left out.
+        """
+        sides = np.concatenate([np.eye(3), -np.eye(3)])
+        sides = sides[np.isfinite(np.asarray(self.requirement.set.support(sides)))]
+        who, times, outward = (
+            each.reshape(-1)
+            for each in np.meshgrid(self.members, self._instants, range(len(sides)))
+        )
+        if len(who) == 0:
+            return self.none
+        return self._rows(who, times, sides[outward], self.requirement.offset(times))
 
     def _concerned(self, vehicles: IntArray) -> IntArray:
         """Return the members with a new motion: all of them if the partner has one."""

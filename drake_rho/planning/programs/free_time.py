@@ -22,6 +22,7 @@ from drake_rho.motion.dynamics import Motion, roll_out
 from drake_rho.planning.constraints.base import Constraint, HalfSpaces
 from drake_rho.planning.constraints.boxes import KeepInBox
 from drake_rho.planning.constraints.convex_sets import KeepInSets
+from drake_rho.planning.constraints.requirements import KeepInSet
 from drake_rho.planning.minimum_effort import TerminalState
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs.backend import Backend
@@ -68,6 +69,13 @@ class FreeTimePrograms:
         boxes = [each for each in problem.convex if isinstance(each, KeepInBox)]
         self._boxes = [each.every_row(motion) for each in boxes if each.quantity != "position"]
         sets = [each for each in problem.convex if isinstance(each, KeepInSets)]
+        for each in problem.convex:
+            if not isinstance(each, KeepInSet) or not each.is_own_rate:
+                continue
+            if (norm := each.as_norm()) is not None:
+                sets.append(norm)
+            elif len(faces := each.faces()) > 0:
+                self._boxes.append(faces)
         cones = [Cones.of(each, motion, group) for each in sets]
         self._cones = [each for each in cones if len(each) > 0]
         self._unit = self._limit() or float(problem.effort.units.max())

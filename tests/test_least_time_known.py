@@ -1,0 +1,135 @@
+"""Least times are never above known ones, whatever is required, guessed first, or far away."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import drake_rho as rho
+
+EQUAL = 2e-3
+"""Relative difference of least times that count as equal: that of local optima found twice."""
+
+ENDS = rho.State([0, 0, 0]), rho.State([6, 0, 0])
+FAST = rho.Limits(max_speed=3.0, max_acceleration=4.0)
+
+
+def least(scenario: rho.Scenario) -> float:
+    """Return the least time that is found [s], of a plan that holds."""
+    plan = rho.plan_minimum_time(scenario)
+    assert rho.verify(plan).ok
+    return plan.scenario.grid.duration
+
+
+def flown(
+    duration: float = 8.0,
+    *,
+    knots: int = 33,
+    limits: rho.Limits = FAST,
+    waypoints: list[rho.Waypoint] | None = None,
+    obstacles: list[rho.Obstacle] | None = None,
+    requirements: list[rho.KeepIn] | None = None,
+) -> rho.Scenario:
+    """Return a flight of 6 m from rest to rest."""
+    vehicle = rho.Vehicle("v", *ENDS, radius=0.1, waypoints=waypoints or [])
+    grid = rho.Grid(duration / (knots - 1), knots)
+    return rho.Scenario(
+        "known", grid, [vehicle], limits, obstacles or [], requirements=requirements or []
+    )
+
+
+@pytest.mark.parametrize("duration", [2.0, 60.0])
+@pytest.mark.parametrize(
+    ("quantity", "bound", "limits"),
+    [
+        ("acceleration", rho.Ball([0, 0, 0], 0.3), rho.Limits(max_acceleration=0.3)),
+        ("velocity", rho.Ball([0, 0, 0], 1.2), rho.Limits(max_speed=1.2)),
+        ("thrust", rho.Ball([0, 0, 0], 11.0), rho.Limits(max_thrust=11.0)),
+        (
+            "acceleration",
+            rho.Box([-0.2, -0.3, -0.1], [0.3, 0.2, 0.1]),
+            rho.Limits(acceleration=rho.Box([-0.2, -0.3, -0.1], [0.3, 0.2, 0.1])),
+        ),
+    ],
+)
+def test_a_requirement_bounds_the_time_as_a_limit_does(
+    quantity: str, bound: rho.Ball | rho.Box, limits: rho.Limits, duration: float
+) -> None:
+    gates = [rho.Waypoint(None, [0.2, 0.1, 0]), rho.Waypoint(None, [4, -0.3, 0])]
+    required = [rho.KeepIn(bound, of=quantity)]  # type: ignore[arg-type]
+    ours = flown(duration, knots=23, limits=rho.Limits(), waypoints=gates, requirements=required)
+    limited = flown(duration, knots=23, limits=limits, waypoints=gates)
+    assert least(ours) == pytest.approx(least(limited), rel=EQUAL)
+
+
+@pytest.mark.parametrize("shape", [rho.HalfSpace([0, 0, 1], 2.0), rho.HalfSpace([0, 1, 0], 2.0)])
+def test_a_set_that_bounds_nothing_is_the_documented_error(shape: rho.HalfSpace) -> None:
+    with pytest.raises(rho.ScenarioError, match=r"limits: .*that bounds the time"):
+        least(flown(limits=rho.Limits(), requirements=[rho.KeepIn(shape, of="acceleration")]))
+
+
+def test_velocities_may_change_at_one_place_in_no_time() -> None:
+    ends = rho.State([0, 0, 0], [0.6, 0, 1]), rho.State([0, 0, 0], [-2.8, 2.9, -5])
+    limits = rho.Limits(velocity=rho.Box([-9.6] * 3, [9.6] * 3))
+    turn = rho.Scenario("turn", rho.Grid(0.3, 13), [rho.Vehicle("v", *ends)], limits)
+    with pytest.raises(rho.ScenarioError, match=r"limits: .*that bounds the time"):
+        rho.plan_minimum_time(turn)
+
+
+@pytest.mark.slow
+def test_a_goal_that_is_occupied_is_reached_as_soon_as_it_is_free() -> None:
+    zone = rho.Obstacle(rho.Sphere([6, 0, 0], 0.5), active=(0.0, 4.0))
+    limits = rho.Limits(max_acceleration=4.0)
+    # 0.6 m before the goal at 4 s, at the speed from which it brakes there
+    closed_form = 4.0 + np.sqrt(2 * 0.6 / 4.0)
+    assert least(flown(limits=limits, obstacles=[zone])) == pytest.approx(closed_form, rel=EQUAL)
+
+
+def test_a_goal_that_a_moving_set_reaches_late() -> None:
+    point = rho.Track([0, 8], [[0, 0, 0], [8, 0, 0]])
+    near = rho.KeepIn(rho.Ball([0, 0, 0], 3.0), relative_to=point)
+    limits = rho.Limits(max_acceleration=4.0)
+    # 6 - 2 u² <= 3 + T - u at u before the end T, with equality at u = 1/4
+    assert least(flown(limits=limits, requirements=[near])) == pytest.approx(3.125, rel=EQUAL)
+
+
+@pytest.mark.slow
+def test_a_waypoint_that_is_occupied_is_passed_later() -> None:
+    gate = rho.Waypoint(None, [3, 1, 0])
+    alone = least(flown(waypoints=[gate]))
+    zone = rho.Obstacle(rho.Sphere([3, 1, 0], 0.5), active=(0.0, 5.0))
+    # 0.6 m before the waypoint at 5 s at full speed, from there as if alone
+    expected = 5.0 + 0.6 / 3.0 + alone / 2.0
+    assert least(flown(waypoints=[gate], obstacles=[zone])) == pytest.approx(expected, rel=EQUAL)
+
+
+@pytest.mark.parametrize("way", ["rest", "motion"])
+def test_what_is_far_away_changes_nothing(way: str) -> None:
+    gates = [rho.Waypoint(None, [0.2, 0.1, 0]), rho.Waypoint(None, [4, -0.3, 0])]
+    required = [rho.KeepIn(rho.Ball([0, 0, 0], 0.05), of="acceleration")]
+    ours = flown(60.0, knots=23, waypoints=gates, requirements=required)
+    velocity = [0.1, 0, 0] if way == "motion" else [0, 0, 0]
+    far = rho.Obstacle(rho.Sphere([50, 50, 0], 1.0), velocity=velocity)
+    other = dataclasses.replace(ours, obstacles=(far,))
+    assert least(other) == pytest.approx(least(ours), rel=EQUAL)
+
+
+@pytest.mark.slow
+def test_a_tour_there_and_back_takes_as_long_from_any_first_guess() -> None:
+    heights = [10, 30, 50, 30, 10]
+    tour = [rho.Waypoint(None, [0, 0, height]) for height in heights]
+    lift = rho.Vehicle("lift", rho.State([0, 0, 0]), rho.State([0, 0, 0]), waypoints=tour)
+    limits = rho.Limits(
+        velocity=rho.Box([-10, -10, -1.5], [10, 10, 2.5]),
+        acceleration=rho.Box([-2.5] * 3, [2.5] * 3),
+    )
+    times = [
+        least(rho.Scenario("lift", rho.Grid(step, 121), [lift], limits))
+        for step in (0.25, 0.5, 1.0)
+    ]
+    # 2.5 m/s up and 1.5 m/s down, with ramps of 2.5 m/s²: 50 / v + v / a each
+    by_hand = 50 / 2.5 + 1.0 + 50 / 1.5 + 0.6
+    assert np.ptp(times) <= EQUAL * by_hand
+    assert by_hand <= min(times) <= (1.0 + 2.0 * EQUAL) * by_hand
