@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 import pytest
@@ -203,6 +204,50 @@ def test_the_first_window_raises_only_where_the_scenario_has_no_plan_itself() ->
     for states in (scenario.fleet.start_states, scenario.fleet.start_states + 0.1):
         with pytest.raises(rho.InfeasibleError):
             rho.RecedingHorizon(scenario).step(states, 0.0)
+
+
+@pytest.mark.parametrize("error", [TypeError, ValueError, ZeroDivisionError, RuntimeError])
+def test_no_error_of_a_planner_ends_a_flight_after_the_first_window(error: type[Exception]) -> None:
+    planned = list[rho.Plan]()
+
+    def planner(scenario: rho.Scenario, **around: Any) -> rho.Plan:
+        if planned:
+            raise error("out of order")
+        planned.append(rho.plan_convex(scenario, **around))
+        return planned[-1]
+
+    scenario = single(obstacles=[rho.Sphere([5.0, 0.1, 0.0], 1.0)], between_knots=True)
+    horizon = rho.RecedingHorizon(scenario, planner=planner, fallback=planner)
+    for knot in horizon.knots:
+        window = horizon.step(horizon.planned(knot), float(scenario.grid.times[knot]))
+        assert (f"{error.__name__}: out of order" in window.infeasible) == (knot > 0)
+        assert window.kept == (knot > 0)
+
+    planned[:] = [window.plan]
+    with pytest.raises(error, match="out of order"):
+        rho.RecedingHorizon(scenario, planner=planner).step(scenario.fleet.start_states, 0.0)
+
+
+def test_a_window_whose_limits_leave_no_room_for_the_feedback_violates_least() -> None:
+    """An unseen vehicle may need more feedback than there is in its acceleration box at all."""
+    late = rho.Obstacle(rho.Sphere([0.5, 0.0, 0.0], 0.2), known_from=2.0)
+    scenario = single(
+        goal=rho.State([1.0, 0.0, 0.0]),
+        limits=rho.Limits(acceleration=box(0.6)),
+        obstacles=[late],
+        between_knots=True,
+    )
+    around = rho.Disturbance(0.3, feedback_every=0.5, delay=1, share=0.6, prediction=True)
+    scenario = dataclasses.replace(scenario, disturbance=around)
+    horizon = rho.RecedingHorizon(scenario, replan_every=2, latency=1.0)
+    horizon.step(scenario.fleet.start_states, 0.0)
+    windows = [
+        horizon.step(np.full((1, 6), np.nan), float(scenario.grid.times[knot]))
+        for knot in horizon.knots[1:]
+    ]
+    least = [window for window in windows if window.infeasible and not window.kept]
+    assert any("acceleration box (middle" in window.infeasible for window in least)
+    assert all(np.isfinite(window.plan.accelerations).all() for window in windows)
 
 
 def test_a_vehicle_without_a_measurement_is_predicted_and_its_tube_continues() -> None:

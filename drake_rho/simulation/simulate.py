@@ -70,7 +70,8 @@ def simulate(
         disturbance: disturbance to fly with, which determines the feedback, for a scenario that has
             none of its own.
         plant: point masses if not given; `"quadrotor"` for Drake's `QuadrotorPlant`, each with a
-            controller of thrust and attitude.
+            controller of thrust and attitude. Its lag is then part of the simulated scenario's
+            delay, and windows are planned as much earlier.
         rng: source of random estimation errors; without it there are none, unless the wind brings
             its own.
         progress: called with a short text when a window of a scenario begins, as 'window 3 of 10'.
@@ -80,9 +81,10 @@ def simulate(
         generators give bit-equal motions.
 
     Raises:
-        InfeasibleError: the first window has no plan.
+        InfeasibleError: the first window has no plan; with a quadrotor the error names the gains
+            that it can hold.
         SolverError: the solvers fail numerically in the first window.
-        ValueError: an argument is invalid.
+        ValueError: an argument is invalid, or a quadrotor cannot hold a horizon's feedback.
 
     Examples:
         >>> scenario = rho.load_scenario("courier")
