@@ -122,7 +122,7 @@ def _status(command: str, arguments: list[str], path: Path) -> int:
 
     def run() -> int | None:
         if command in calls:
-            calls[command]()
+            calls[command]()  # type: ignore[no-untyped-call]
             return 0
         found: int | None = commands.app([command, *arguments], standalone_mode=False)
         return found
@@ -169,14 +169,14 @@ def run(files: int) -> Table:
     for name in dict.fromkeys(each.kind for each in found):
         here = [each for each in found if each.kind == name]
         refused = sum(each.status == 2 for each in here)
-        wrong = sum(bool(each.wrong) for each in here)
+        failed = sum(bool(each.wrong) for each in here)
         rows.append(
             (
                 name,
                 len(here),
                 refused,
-                len(here) - refused - wrong,
-                wrong,
+                len(here) - refused - failed,
+                failed,
                 max(each.seconds for each in here),
                 max(each.megabytes for each in here),
             )
