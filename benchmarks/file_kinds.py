@@ -127,7 +127,7 @@ def _records(folder: Path) -> list[Kind]:
     flight = rho.plan_rho(plan.scenario, replan_every=5)
     simulation = rho.simulate(plan)
     block = rho.Voxels([[0, 0, 0], [1, 0, 0]], 0.2, [3, 3, 0])
-    mapped = rho.plan(dataclasses.replace(plan.scenario, obstacles=[block]))
+    mapped = rho.plan(dataclasses.replace(plan.scenario, obstacles=(block,)))
     found = list[Kind]()
     for name, each in (
         ("plan", plan),

@@ -236,3 +236,22 @@ def test_a_scenario_without_a_plan_is_explained(
     status, out, err = run(capsys, monkeypatch, "simulate", str(path), "--wind", "noise")
     assert (status, out) == (3, "")
     assert "Traceback" not in err
+
+
+def test_a_saved_plan_is_tracked_as_from_python(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plan = rho.plan(rho.load_scenario("courier"))
+    saved, other = str(tmp_path / "plan.npz"), str(tmp_path / "flown.npz")
+    rho.save(plan, saved)
+    status, _, words = run(capsys, monkeypatch, "simulate", saved, "-o", other)
+    assert status == 0, words
+    flown, same = rho.load(other), rho.simulate(plan)
+    assert isinstance(flown, rho.Simulation)
+    np.testing.assert_array_equal(flown.positions, same.positions)
+    status, _, words = run(capsys, monkeypatch, "simulate", saved, "--replan-every", "3")
+    assert status == 2
+    assert "--replan-every: got 3, expected a scenario with it" in words
+    status, _, words = run(capsys, monkeypatch, "simulate", other)
+    assert status == 2
+    assert "got a simulation, expected a plan or a flight" in words

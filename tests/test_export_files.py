@@ -15,8 +15,10 @@ import numpy as np
 import pytest
 
 import drake_rho as rho
-from drake_rho.exports import crazyswarm, folders, states
+from drake_rho.exports import crazyswarm, states
+from drake_rho.exports import folders as folder_files
 from drake_rho.exports.folders import file_names, write_folder
+from drake_rho.system.folders import exchanged
 from tests.scenarios import straight
 from tests.test_cli import run
 from tests.test_names import NAMES
@@ -122,7 +124,7 @@ def test_a_folder_is_written_whole_or_not_at_all(
 
     with monkeypatch.context() as patched:
         patched.setattr(Path, failing, fails)
-        patched.setattr(folders, "exchanged", lambda *_: False)  # as on some file systems
+        patched.setattr(folder_files, "exchanged", lambda *_: False)  # as on some file systems
         with pytest.raises(OSError, match="disk full"):
             write_folder(folder, {"a": b"new", "b": b"new"})
     found = {each.name: each.read_bytes() for each in folder.iterdir()} if folder.exists() else {}
@@ -133,7 +135,7 @@ def test_a_folder_is_written_whole_or_not_at_all(
 def test_a_folder_is_there_at_every_instant(tmp_path: Path) -> None:
     folder = tmp_path / "out"
     write_folder(folder, {"a": b"old"})
-    if not folders.exchanged(folder, folder):
+    if not exchanged(folder, folder):
         pytest.skip("this file system cannot exchange two folders")
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(Path, "rename", lambda *_: pytest.fail("a name without a folder"))

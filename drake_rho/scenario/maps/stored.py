@@ -21,8 +21,10 @@ _MOST_BYTES = 24 * MOST
 
 def _whole_rows(value: object) -> IntArray:
     if isinstance(value, str):
-        rows = np.cumsum(np.frombuffer(_expanded(value), dtype="<i4").reshape(-1, 3), axis=0)
-        return _frozen(rows.astype(np.int64))
+        steps = np.frombuffer(_expanded(value), dtype="<i4").reshape(-1, 3)
+        rows: IntArray = np.cumsum(steps, axis=0, dtype=np.int64)
+        rows.setflags(write=False)
+        return rows
     array = _rows(value, "whole numbers")
     rounded = np.rint(array)
     if not np.array_equal(array, rounded) or np.abs(array).max(initial=0.0) > 2**30:
