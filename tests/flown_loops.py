@@ -303,9 +303,13 @@ def closed_pieces(loop: Loop) -> Iterator[tuple[FloatArray, Motion]]:
         times = np.linspace(begin, end, SAMPLES * steps + 1)
         times = np.union1d(times, ends[(ends > begin) & (ends < end)])
         if scenario.smoothing is None:
-            yield times, lambda at, piece=piece: piece.at(at)[0]
+            yield times, partial(_positions, piece)
         else:
-            yield times, lambda at: loop.at(at)[0]
+            yield times, partial(_positions, loop)
+
+
+def _positions(motion: Piece | Loop, times: FloatArray) -> FloatArray:
+    return motion.at(times)[0]
 
 
 def least_of(values: Motion, times: FloatArray) -> FloatArray:
@@ -315,7 +319,7 @@ def least_of(values: Motion, times: FloatArray) -> FloatArray:
     for row, k in enumerate(np.argmin(coarse, axis=1)):
         near = times[max(k - 1, 0)], times[min(k + 1, len(times) - 1)]
         least[row] = min(least[row], values(np.linspace(*near, 801))[row].min())
-    return least
+    return np.asarray(least)
 
 
 def radii_at(loop: Loop, times: FloatArray, begin: float, end: float) -> FloatArray:
