@@ -26,6 +26,9 @@ _MORE = 0.02
 _LARGEST_TILT = np.pi / 2.0 - 1e-6
 """Largest tilt that is suggested [rad]."""
 
+_LITTLE = 1e-3
+"""Least distance or radius that is suggested, as a part of that in the scenario."""
+
 _SAMPLES = 8
 """Instants of a step at which positions are compared with the sides of a box."""
 
@@ -52,13 +55,12 @@ class Adjustable:
     """function that returns a scenario in which they bound nothing"""
     excess: Callable[[Plan], FloatArray]
     """function that returns what a motion needs beyond the numbers, shape (M,), 0 for nothing"""
-    largest: float = np.inf
-    """largest value of a number"""
+    bounds: tuple[float, float] = (-np.inf, np.inf)
+    """least and largest value of a number"""
 
     def needed(self, plan: Plan) -> FloatArray:
-        """Return numbers with which a motion holds; None of them is tighter than now."""
-        numbers = self.now + (1.0 + _MORE) * self.excess(plan)
-        return np.minimum(numbers, self.largest)
+        """Return numbers with which a motion holds; none of them is tighter than now."""
+        return np.clip(self.now + (1.0 + _MORE) * self.excess(plan), *self.bounds)
 
 
 def adjustable_numbers(scenario: Scenario, vehicles: Sequence[str]) -> list[Adjustable]:
@@ -104,7 +106,7 @@ def _limit(scenario: Scenario, field: str, owner: str | None, members: Sequence[
         changed=partial(_with_limit, field, owner),
         without=lambda other: _with_limit(field, owner, other, None),
         excess=measured or partial(_violated, scenario, field, members, name),
-        largest=_LARGEST_TILT if field == "max_tilt" else np.inf,
+        bounds=(-np.inf, _LARGEST_TILT if field == "max_tilt" else np.inf),
     )
 
 
@@ -289,12 +291,8 @@ def _of_separation(scenario: Scenario) -> Adjustable:
         now=np.array([apart.distance]),
         changed=changed,
         without=lambda other: other.without_separation(),
-        excess=lambda plan: (
-            -np.minimum(
-                _violated(scenario, "separation", scenario.names, "separation", plan),
-                0.99 * apart.distance,
-            )
-        ),
+        excess=lambda plan: -_violated(scenario, "separation", scenario.names, "separation", plan),
+        bounds=(_LITTLE * apart.distance, np.inf),
     )
 
 
@@ -303,7 +301,7 @@ def _of_radii(scenario: Scenario, vehicles: Sequence[str]) -> list[Adjustable]:
     radii = dict.fromkeys(each.radius for each in scenario.vehicles if each.name in vehicles)
     if not scenario.avoided or len(radii) != 1 or 0.0 in radii:
         return []
-    (radius,) = radii
+    (radius,), names = radii, ", ".join(vehicles)
 
     def changed(other: Scenario, numbers: FloatArray) -> Scenario:
         smaller = [
@@ -314,20 +312,14 @@ def _of_radii(scenario: Scenario, vehicles: Sequence[str]) -> list[Adjustable]:
 
     return [
         Adjustable(
-            limit="radius"
-            if len(vehicles) == len(scenario.vehicles) > 1 or len(scenario.vehicles) == 1
-            else f"radius of {', '.join(vehicles)}",
+            limit="radius" if len(vehicles) == len(scenario.vehicles) else f"radius of {names}",
             name="obstacle",
             vehicles=tuple(vehicles),
             unit="m",
             now=np.array([radius]),
             changed=changed,
-            without=partial(_apply, changed, np.array([1e-3 * radius])),
-            excess=lambda plan: (
-                -np.minimum(
-                    _violated(scenario, "obstacles", vehicles, "obstacle", plan),
-                    (1 - 1e-3) * radius,
-                )
-            ),
+            without=partial(_apply, changed, np.array([_LITTLE * radius])),
+            excess=lambda plan: -_violated(scenario, "obstacles", vehicles, "obstacle", plan),
+            bounds=(_LITTLE * radius, np.inf),
         )
     ]

@@ -108,7 +108,7 @@ def least_change(
 
     def numbers(part: float) -> list[FloatArray]:
         return [
-            _rounded(a, a + part * (b - a), each.largest)
+            np.clip(_rounded(a, a + part * (b - a)), *each.bounds)
             for each, a, b in zip(adjustables, now, enough, strict=True)
         ]
 
@@ -206,12 +206,17 @@ def _least_of(
     """
     if scenario.separation is None:
         return _least(has_plan, 0.0, enough, precision, confirm=bool(scenario.avoided))
-    low = 0.0
+    low, step = 0.0, precision
     if not has_plan_alone(0.0):
         low = _least(has_plan_alone, 0.0, enough, precision, confirm=False)
         if has_plan(low):
             return low
-    return _least(has_plan, low, enough, precision, confirm=False)
+    while low < enough:
+        step *= 2.0
+        if has_plan(after := min(low + step * (1.0 + low), enough)):
+            return _least(has_plan, low, after, precision, confirm=False)
+        low = after
+    return enough
 
 
 def _least(
@@ -241,8 +246,8 @@ def _relative(now: FloatArray, needed: FloatArray) -> float:
     return float(np.abs(changes).max() / largest) if largest > 0.0 else 0.0
 
 
-def _rounded(now: FloatArray, needed: FloatArray, largest: float = np.inf) -> FloatArray:
-    """Return numbers rounded away from those of now, but not beyond the largest."""
+def _rounded(now: FloatArray, needed: FloatArray) -> FloatArray:
+    """Return numbers rounded away from those of now."""
     rounded = needed.copy()
     for k in np.flatnonzero((needed != now) & np.isfinite(needed)):
         if needed[k] == 0.0:
@@ -251,7 +256,7 @@ def _rounded(now: FloatArray, needed: FloatArray, largest: float = np.inf) -> Fl
         part = needed[k] / unit
         whole = np.ceil(part * (1 - 1e-12)) if needed[k] > now[k] else np.floor(part)
         rounded[k] = float(f"{whole * unit:.{_DIGITS}g}")
-    return np.minimum(rounded, largest)
+    return rounded
 
 
 def _told(adjustable: Adjustable, numbers: FloatArray) -> str:

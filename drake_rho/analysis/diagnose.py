@@ -215,12 +215,13 @@ class _Search:
         changes = [each for each in found if each is not None]
         if changes or len(numbers) < 2:
             return changes
-        together = least_change(scenario, self._needed(scenario, numbers), self.trials)
+        others_first = sorted(numbers, key=lambda each: _is_named(each, conflicts))
+        together = least_change(scenario, self._needed(scenario, others_first), self.trials)
         return [] if together is None else [together]
 
     def _needed(self, scenario: Scenario, numbers: list[Adjustable]) -> list[Adjustable]:
         """Return those of some numbers that have to change together for a plan."""
-        for each in reversed(numbers):
+        for each in list(numbers):
             others = [other for other in numbers if other is not each]
             if others and self.trials.has_plan(partial(without, scenario, others), _names(others)):
                 numbers = others
@@ -266,8 +267,13 @@ def _is_in(
     if error.obstacles.get(vehicle):
         pairs = 0 in error.obstacles[vehicle]
         return pairs if each.name == "separation" else True
-    following = re.compile(re.escape(each.name) + r"(?!\d)")
-    return any(following.match(name) for name in conflicts[vehicle])
+    return _is_named(each, {vehicle: conflicts[vehicle]})
+
+
+def _is_named(each: Adjustable, conflicts: Mapping[str, Names]) -> bool:
+    """Return whether numbers are named in a conflict."""
+    named = re.compile(re.escape(each.name) + r"(?!\d)")
+    return any(named.match(name) for names in conflicts.values() for name in names)
 
 
 def is_monotone(scenario: Scenario) -> bool:

@@ -121,7 +121,7 @@ class Diagnosis(metaclass=Described):
         return [f"{vehicle}: {', '.join(parts)}" for vehicle, parts in lines.items()]
 
     def _conflicts(self) -> list[str]:
-        """Return a line for each vehicle, with its conflict; pairs are named once."""
+        """Return a line for each vehicle with its conflict, in which a pair is named once."""
         lines, told = list[str](), set[tuple[str, str]]()
         for vehicle, names in self.conflicts.items():
             kept = list[str]()

@@ -7,6 +7,28 @@ from drake_rho.cli.result_documents import CheckRow
 
 
 @record
+class NumbersRow:
+    """New value of one limit; of a box, its lower and then its upper bounds."""
+
+    limit: str
+    """field of the limit, with the vehicle or the part that it belongs to"""
+    unit: str
+    """unit of the numbers"""
+    now: list[float]
+    """numbers in the scenario"""
+    needed: list[float]
+    """numbers with which there is a plan"""
+
+
+@record
+class ChangeRow:
+    """Change that gives a plan."""
+
+    numbers: list[NumbersRow]
+    """limits that change together, mostly one"""
+
+
+@record
 class DiagnosisPart:
     """Part of a document: why a scenario has no plan, and which changes make it feasible."""
 
@@ -19,7 +41,9 @@ class DiagnosisPart:
     premise: str
     """premise of this proof beside the scenario: margins or linearised obstacles; or empty"""
     violations: list[CheckRow]
-    """violations of the motion with the least total violation, the worst first"""
+    """violations of the motion with the least total violation, missed goals first"""
+    changes: list[ChangeRow]
+    """changes with each of which a plan was found, the least of each limit"""
     shortest_duration_s: float | None
     """least duration for which a plan was found, all else unchanged"""
     longest_duration_s: float | None

@@ -7,14 +7,17 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from drake_rho.analysis.certificate import Certificate
+from drake_rho.analysis.changes import NewNumbers
 from drake_rho.analysis.diagnosis import Diagnosis
 from drake_rho.analysis.sensitivity import TimeSensitivity
 from drake_rho.analysis.time_certificate import TimeCertificate
 from drake_rho.cli.analysis_documents import (
     Certified,
     CertifiedRow,
+    ChangeRow,
     DiagnosisPart,
     LimitRow,
+    NumbersRow,
     TimeBoundRow,
     TimeCertified,
     TimeDiagnosed,
@@ -97,10 +100,16 @@ def diagnosis_part(diagnosis: Diagnosis) -> DiagnosisPart:
         scenario=diagnosis.scenario.name,
         conflicts={name: list(names) for name, names in diagnosis.conflicts.items()},
         violations=[_check(each) for each in diagnosis.violations],
+        changes=[ChangeRow([_numbers(one) for one in each.numbers]) for each in diagnosis.changes],
         shortest_duration_s=diagnosis.shortest_duration,
         longest_duration_s=diagnosis.longest_duration,
         bearable_wind_mps2=diagnosis.bearable_wind,
     )
+
+
+def _numbers(new: NewNumbers) -> NumbersRow:
+    """Return the row of a limit's new numbers."""
+    return NumbersRow(new.limit, new.unit, list(new.now), list(new.needed))
 
 
 def time_diagnosed(found: TimeSensitivity) -> TimeDiagnosed:
