@@ -143,7 +143,10 @@ def test_points_passed_beside_knots_far_from_the_origin_have_a_plan(
     points = known.values("position", 0, times)
     start, goal = rho.State(at, v), rho.State(known.positions[0, -1], known.velocities[0, -1])
     passed = [rho.Waypoint(time, x) for time, x in zip(times.tolist(), points, strict=True)]
-    asked = [rho.KeepIn(rho.Box(x.position, x.position), active=(x.time, x.time)) for x in passed]
+    asked = [
+        rho.KeepIn(rho.Box(x, x), active=(time, time))
+        for time, x in zip(times.tolist(), points, strict=True)
+    ]
     vehicle = rho.Vehicle("v", start, goal, waypoints=() if required else passed)
     plan = rho.plan(
         rho.Scenario(
