@@ -25,7 +25,7 @@ class InfeasibleError(DrakeRhoError):
     conflicts, this is proved of the scenario itself (`is_proved`). If they take part, it is proved
     of their linearisation (15): another reference may have a plan. With a disturbance it is proved
     for the constraint tightening that planners use, which is slightly larger than the errors, and
-    with a smoothing for its margin.
+    with a smoothing for its margin. At times of waypoints that a planner chose nothing is proved.
     `drake_rho.infeasible_subset` reduces the conflicts, and `drake_rho.diagnose` computes changes
     that would make the scenario feasible.
 

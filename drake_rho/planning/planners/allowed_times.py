@@ -57,7 +57,7 @@ class AllowedTimes:
 
     def select(self, numbers: IntArray) -> AllowedTimes:
         """Return the intervals of some of the waypoints."""
-        return AllowedTimes([self.intervals[w] for w in numbers], self.duration)
+        return AllowedTimes([self.intervals[int(w)] for w in numbers], self.duration)
 
     def nearest(self, passing: Passing) -> Passing:
         """Return waypoints at the allowed times nearest to theirs, with the intervals of these.
@@ -66,7 +66,7 @@ class AllowedTimes:
         """
         times = np.array(passing.times)
         allowed = np.tile([0.0, self.duration], (len(passing), 1))
-        for w in np.flatnonzero(~passing.given):
+        for w in np.flatnonzero(~passing.given).tolist():
             if len(intervals := self.intervals[w]) > 0:
                 within = np.clip(times[w], intervals[:, 0], intervals[:, 1])
                 which = np.argmin(np.abs(within - times[w]))

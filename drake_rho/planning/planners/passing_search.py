@@ -95,7 +95,7 @@ class PassingSearch:
         """Return the motion with the best of many times of each free waypoint, one by one."""
         search, best = self._search(), _priced(start, _PRICES[0])
         known = search.at_same_times(best)
-        for w in np.flatnonzero(~start.passing.given):
+        for w in np.flatnonzero(~start.passing.given).tolist():
             best = known or best
             for time in allowed.samples(best.passing, w):
                 times = np.array(best.passing.times)

@@ -13,6 +13,7 @@ from drake_rho.motion.plan import Plan
 from drake_rho.planning.call.progress import Progress, tell
 from drake_rho.planning.errors import InfeasibleError, SolverError
 from drake_rho.planning.planners.allowed_times import AllowedTimes
+from drake_rho.planning.planners.convex import linearised_once
 from drake_rho.planning.planners.passing_search import PassingSearch
 from drake_rho.planning.planners.related import changes_with_time
 from drake_rho.planning.problem import Problem
@@ -39,6 +40,9 @@ _POWERS = 0.5, 2.0
 
 _PASSED = 1e-3
 """Part of a motion's length by which a motion with times worth trying may still miss waypoints."""
+
+_BESIDE = 0.01, 0.1, 1.0
+"""Parts of the least time between waypoints by which times next to others differ."""
 
 _SAMPLES = 8
 """Number of samples of each step among which the instant nearest to a waypoint is sought."""
@@ -160,6 +164,26 @@ class WaypointTimes:
             if not known or (best.missed <= _PASSED and not alike):
                 known.append(times)
                 yield self._timed(best)
+                if best.missed <= _PASSED and (inner := self._within_reach(times)) is not None:
+                    yield inner
+
+    def _within_reach(self, times: FloatArray) -> Scenario | None:
+        """Return the scenario with times next to some that are at the edge of what is possible.
+
+        There a motion that a search has found may be none to the digits of a plan. None is returned
+        if times have one as they are, or none of those beside them has.
+        """
+        moved = np.eye(len(times))[~self._first.given] * self._first.least
+        steps = [0.0 * moved[0], *(far * each for far in _BESIDE for each in (*moved, *-moved))]
+        for number, step in enumerate(steps):
+            vehicles = self._waypoints.placed(
+                self._given.vehicles, self._given.grid.start + times + step
+            )
+            with suppress(InfeasibleError, SolverError, ScenarioError):
+                convex = dataclasses.replace(self._convex, vehicles=vehicles)
+                linearised_once(Problem.of(convex), None, self._backend)
+                return dataclasses.replace(self._given, vehicles=vehicles) if number else None
+        return None
 
     def near(self, plan: Plan) -> Scenario:
         """Return the scenario with the times that are best near a plan of it with other times."""
