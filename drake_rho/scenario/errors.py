@@ -12,7 +12,7 @@ _NAMES_LISTED = 12
 
 
 _LONGEST = 600
-"""Longest field, and longest text of what was expected, in an error: both may hold foreign names."""
+"""Longest field, and longest text of what was expected, in an error: both may be foreign."""
 
 
 class DrakeRhoError(Exception):
