@@ -42,7 +42,7 @@ _LOADED = (
 )
 """Modules that commands load when they need them."""
 
-_SEEN = 400
+_SEEN = 1400
 """Longest line of an error."""
 
 
@@ -75,7 +75,7 @@ class Read:
             return "a character that controls a terminal"
         if self.status == 2 and (len(lines) != 1 or not lines[0].startswith("drake-rho: ")):
             return f"{len(lines)} lines: {self.errors[-200:]!r}"
-        if self.status == 2 and len(lines[0]) > _SEEN + 200:
+        if self.status == 2 and len(lines[0]) > _SEEN:
             return f"a line of {len(lines[0])} characters"
         if self.status not in (0, 1, 2) or (self.status < 2 and lines):
             return f"status {self.status}: {self.errors[-300:]!r}"

@@ -11,6 +11,10 @@ _NAMES_LISTED = 12
 """Largest number of names that an error lists."""
 
 
+_LONGEST = 600
+"""Longest field, and longest text of what was expected, in an error: both may be foreign."""
+
+
 class DrakeRhoError(Exception):
     """Base class of all errors that drake_rho raises deliberately."""
 
@@ -50,8 +54,8 @@ class ScenarioError(DrakeRhoError, ValueError):
         super().__init__(field, value, expected)
 
     def __str__(self) -> str:
-        where = f"{self.field}: " if self.field else ""
-        return f"{where}got {shorten(self.value)}, expected {self.expected}"
+        where = f"{shortened(self.field, _LONGEST)}: " if self.field else ""
+        return f"{where}got {shorten(self.value)}, expected {shortened(self.expected, _LONGEST)}"
 
     def __reduce__(self) -> tuple[type, tuple[str, object, str]]:
         """Support pickling: a value that cannot be pickled is replaced by its description."""
