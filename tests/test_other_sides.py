@@ -83,7 +83,7 @@ def test_plans_past_random_boxes_are_as_cheap_as_around_bent_references(seed: in
     rng = np.random.default_rng([10, seed])
     boxes = []
     for _ in range(rng.integers(1, 6)):
-        center = [rng.uniform(2.5, 7.5), *(rng.normal(size=2) + [0.0, 1.0])]
+        center = [rng.uniform(2.5, 7.5), *(rng.normal(size=2) + np.array([0.0, 1.0]))]
         half = rng.uniform(0.4, 1.3, 3)
         boxes.append(rho.Box(center - half, center + half))
     scenario = between(tuple(boxes))
