@@ -397,7 +397,7 @@ def test_no_plan_is_a_diagnosis_and_status_3(
     assert status == 3
     assert "acceleration box x" in err.splitlines()[0]
     assert "a duration of 11.5" in err
-    assert "acceleration limits 2.083" in err
+    assert "acceleration: ±0.625" in err
     assert err.count("\n") <= 12
     assert not kept.exists()
 

@@ -192,6 +192,7 @@ def _violated(
 def _of_requirement(scenario: Scenario, number: int, required: KeepIn) -> Adjustable:
     """Return the size of a requirement's set: radius, sides or offset."""
     kept, name = required.set, required.called(number)
+    assert isinstance(kept, Box | Sphere | HalfSpace)  # noqa: S101  # callers leave out others
 
     def changed(other: Scenario, numbers: FloatArray) -> Scenario:
         sets = list(other.requirements)

@@ -119,7 +119,7 @@ def diagnose(
         >>> for change in diagnosis.changes:
         ...     print(change)
         duration: 10.691 s instead of 10 s
-        max_acceleration: 0.80002 m/s² instead of 0.7 m/s²
+        max_acceleration: 0.80011 m/s² instead of 0.7 m/s²
         >>> print(rho.diagnose(rho.plan_minimum_time(scenario)))
         hurry: 10.69 s; what makes it so long
         limit             change    vehicles  less time

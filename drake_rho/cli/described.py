@@ -100,7 +100,9 @@ def diagnosis_part(diagnosis: Diagnosis) -> DiagnosisPart:
         scenario=diagnosis.scenario.name,
         conflicts={name: list(names) for name, names in diagnosis.conflicts.items()},
         violations=[_check(each) for each in diagnosis.violations],
-        changes=[ChangeRow([_numbers(one) for one in each.numbers]) for each in diagnosis.changes],
+        changes=[
+            ChangeRow(numbers=[_numbers(one) for one in each.numbers]) for each in diagnosis.changes
+        ],
         shortest_duration_s=diagnosis.shortest_duration,
         longest_duration_s=diagnosis.longest_duration,
         bearable_wind_mps2=diagnosis.bearable_wind,
@@ -109,7 +111,7 @@ def diagnosis_part(diagnosis: Diagnosis) -> DiagnosisPart:
 
 def _numbers(new: NewNumbers) -> NumbersRow:
     """Return the row of a limit's new numbers."""
-    return NumbersRow(new.limit, new.unit, list(new.now), list(new.needed))
+    return read_off(NumbersRow, new, now=list(new.now), needed=list(new.needed))
 
 
 def time_diagnosed(found: TimeSensitivity) -> TimeDiagnosed:
