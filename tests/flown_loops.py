@@ -366,10 +366,12 @@ def least_distances(loop: Loop) -> list[tuple[str, str, float, float, bool]]:
             assert isinstance(body.shape, rho.Sphere)
             radius = body.shape.radius
 
+            centers = scenario.bodies_in_flight[number - 1].centers  # no clock rounds them
+
             def left(
-                at: FloatArray, body: rho.Obstacle = body, radius: float = radius
+                at: FloatArray, centers: Motion = centers, radius: float = radius
             ) -> FloatArray:
-                away = np.linalg.norm(positions(at) - body.centers(start + at), axis=2)  # noqa: B023
+                away = np.linalg.norm(positions(at) - centers(at), axis=2)  # noqa: B023
                 return np.asarray(away - radius - errors(at))  # noqa: B023
 
             for name, least in zip(scenario.names, least_of(left, times[counts]), strict=True):

@@ -109,7 +109,8 @@ class Motion:
             start, piece = begins[first], slice(first, last + 1)
             flown = accelerations[:, first:last]
             p[:, piece], v[:, piece] = roll_out(start[:, :3], start[:, 3:], flown, step)
-        return cls(step, p, v, accelerations, fleet.accelerations_before, fleet.flown)
+        ends = fleet.accelerations_before, fleet.accelerations_after
+        return cls(step, p, v, accelerations, *ends, fleet.flown)
 
     def with_accelerations(self, accelerations: FloatArray) -> Motion:
         """Return the motions with other accelerations from the same starts."""
