@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import drake_rho as rho
+from drake_rho import cli
 
 EQUAL = 2e-3
 """Relative difference of least times that count as equal: that of local optima found twice."""
@@ -114,6 +117,19 @@ def test_what_is_far_away_changes_nothing(way: str) -> None:
     far = rho.Obstacle(rho.Sphere([50, 50, 0], 1.0), velocity=velocity)
     other = dataclasses.replace(ours, obstacles=(far,))
     assert least(other) == pytest.approx(least(ours), rel=EQUAL)
+
+
+def test_fastest_tells_the_gap_of_the_time(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = tmp_path / "known.yaml"
+    rho.save_scenario(flown(), file)
+    monkeypatch.setattr(sys, "argv", ["drake-rho", "fastest", str(file)])
+    with pytest.raises(SystemExit, match="0"):
+        cli.main()
+    told = capsys.readouterr().out
+    assert "gap to the optimum" not in told
+    assert "this one at most 0 % longer" in told
 
 
 @pytest.mark.slow

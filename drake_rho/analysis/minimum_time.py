@@ -70,13 +70,15 @@ def plan_minimum_time(
 
     Returns:
         A plan that meets every constraint. The grid of its scenario has the final time, and its
-        waypoints the times that were found.
+        waypoints the times that were found. It takes no longer than the scenario's own final time
+        if `plan` has a plan for that.
 
     Raises:
         InfeasibleError: no plan was found for any final time that was tried, or vehicles cannot
             hold at their goals from the least time on (`Scenario.hold_at_goal`).
         OutOfTimeError: time was up before a plan was found.
-        ScenarioError: no limit bounds the time, or the scenario does not fit the number of knots.
+        ScenarioError: no limit and no requirement bounds the time, or the scenario does not fit the
+            number of knots.
         SolverError: the solvers fail numerically.
 
     Examples:

@@ -34,6 +34,9 @@ _LONGER = 1.3, 2.0, 4.0, 8.0
 """Multiples of the least time without obstacles and other vehicles in which a first plan is sought,
 around which both are linearised."""
 
+_LITTLE_LONGER = 1.05, 1.15
+"""Multiples in which motions near those of vehicles alone are sought before."""
+
 _LESS = 0.02, 0.005
 """Parts by which the time of a local optimum is reduced for another plan near it."""
 
@@ -236,8 +239,9 @@ class TimeSearch:
 
     def _around_alone(self, alone: Timed) -> Timed | None:
         """Return the motion in least time near those of vehicles alone; None if none is found."""
-        for longer in (1.0, 1.0 + _SPARE, *_LONGER[:2]):
-            near = partial(self._least.around, self._lasting(alone, longer * alone.duration))
+        least = self._least_of(alone)
+        for longer in (1.0, 1.0 + _SPARE, *_LITTLE_LONGER, *_LONGER):
+            near = partial(self._least.around, self._lasting(alone, longer * least))
             if (found := self._shortest([near])) is not None:
                 return found
         return None
