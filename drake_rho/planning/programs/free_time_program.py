@@ -135,12 +135,11 @@ class FreeTimeProgram:
         if len(passing) == 0:
             return
         reach = np.where(passing.may_change, change.waypoints, 0.0)
-        first, last = passing.least, T - passing.least
+        allowed = np.tile([passing.least, T - passing.least], (len(passing), 1))
         if passing.allowed is not None:
-            first, last = np.maximum(first, passing.allowed[:, 0]), passing.allowed[:, 1]
-            last = np.minimum(T - passing.least, last)
-        low = np.maximum(-reach, np.minimum(first - passing.times, 0.0))
-        high = np.minimum(reach, np.maximum(last - passing.times, 0.0))
+            allowed = np.clip(passing.allowed, passing.least, T - passing.least)
+        low = np.maximum(-reach, np.minimum(allowed[:, 0] - passing.times, 0.0))
+        high = np.minimum(reach, np.maximum(allowed[:, 1] - passing.times, 0.0))
         program.AddBoundingBoxConstraint(low, high, self._changes)
         if change.curvature > 0.0:
             curvatures = np.diag(change.curvature * passing.curvatures(T))
