@@ -18,7 +18,7 @@ from concurrent.futures import ProcessPoolExecutor
 from rich.progress import track
 
 import drake_rho as rho
-from benchmarks.tables import Goal, Table
+from benchmarks.tables import Cell, Goal, Table
 from tests.judged import violations
 from tests.mixed import Mixed, mixed
 
@@ -143,12 +143,12 @@ def _table(found: list[Outcome]) -> Table:
         name: [sum(each.fault == f for each in found if each.planner == name) for f in _FAULTS]
         for name in PLANNERS
     }
-    rows = []
-    for name, faults in counts.items():
+    rows = list[tuple[Cell, ...]]()
+    for name, counted in counts.items():
         seconds = sorted(each.seconds for each in found if each.planner == name)
         if seconds:
             middle = seconds[len(seconds) // 2]
-            rows.append((name, len(seconds), *faults, round(middle, 3), round(seconds[-1], 1)))
+            rows.append((name, len(seconds), *counted, round(middle, 3), round(seconds[-1], 1)))
     total = {f: sum(each.fault == f for each in found) for f in _FAULTS}
     searched = sum(each.planner in _COMPLETE for each in found)
     faults = [

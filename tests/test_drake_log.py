@@ -19,7 +19,7 @@ def test_solvers_and_scenes_are_silent(
 ) -> None:
     with caplog.at_level(logging.INFO):
         with pytest.raises(rho.InfeasibleError):
-            rho.plan(IMPOSSIBLE, solver=solver)  # type: ignore[arg-type]
+            rho.plan(IMPOSSIBLE, solver=solver)
         rho.viewer_page(IMPOSSIBLE)
     assert not caplog.records
 

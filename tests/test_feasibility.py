@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 import pytest
@@ -110,7 +111,7 @@ def test_an_error_carries_the_data_of_a_diagnosis() -> None:
     assert rho.infeasible_subset(rho.InfeasibleError({"a": ("b",)})) == {"a": ("b",)}
 
 
-def _hurry(**limits: float) -> rho.Scenario:
+def _hurry(**limits: Any) -> rho.Scenario:
     """Return a flight of 20 m from rest to rest in 10 s, and less, under limits."""
     vehicles = [
         rho.Vehicle(name, rho.State([0, y, 2]), rho.State([far, y, 2]))

@@ -73,7 +73,7 @@ def test_no_sides_are_tried_around_a_given_reference_or_where_none_can_be_cheape
     scenario = between()
     plan = rho.plan(scenario)
     assert rho.plan(scenario, reference=plan).statistics.detours == 0
-    aside = [rho.Sphere([5.0, 9.0, 1.0], 1.0)]
+    aside = (rho.Sphere([5.0, 9.0, 1.0], 1.0),)
     assert rho.plan(dataclasses.replace(scenario, obstacles=aside)).statistics.detours == 0
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Sequence
 from functools import partial
+from typing import Any, cast
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from drake_rho.motion.plan import Plan
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.kinds import BOXES, LIMITS
 from drake_rho.scenario.norms import NORMS
-from drake_rho.scenario.parts import Quantity
+from drake_rho.scenario.parts import UNITS, Quantity
 from drake_rho.scenario.records import Box, HalfSpace, KeepIn, Limits, Scenario, Sphere
 from drake_rho.verification.verify import verify
 
@@ -31,8 +32,6 @@ _LITTLE = 1e-3
 
 _SAMPLES = 8
 """Instants of a step at which positions are compared with the sides of a box."""
-
-_UNITS = {"position": "m", "velocity": "m/s", "acceleration": "m/s²", "jerk": "m/s³"}
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -95,8 +94,8 @@ def _limit(scenario: Scenario, field: str, owner: str | None, members: Sequence[
     limits = _limits_of(scenario, owner)
     is_box = field in BOXES
     name = f"{field} box" if is_box else NORMS[field].name  # type: ignore[index]
-    unit = _UNITS[field if is_box else NORMS[field].quantity]  # type: ignore[index]
-    measured = partial(_outside_box, scenario, field, members) if is_box else None
+    unit = UNITS[field if is_box else NORMS[field].quantity]  # type: ignore[index]
+    measured = partial(_outside_box, scenario, cast(Quantity, field), members) if is_box else None
     return Adjustable(
         limit=field if owner is None else f"{field} of {owner}",
         name=name,
@@ -129,7 +128,8 @@ def _with_limit(
     limit: Box | float | None = None
     if numbers is not None:
         limit = Box(numbers[:3], numbers[3:]) if len(numbers) == 6 else float(numbers[0])
-    limits = dataclasses.replace(_limits_of(scenario, owner), **{field: limit})
+    changed: dict[str, Any] = {field: limit}
+    limits = dataclasses.replace(_limits_of(scenario, owner), **changed)
     if owner is None:
         return dataclasses.replace(scenario, limits=limits)
     vehicles = [

@@ -42,9 +42,12 @@ def simulated(
     scenario = horizon.scenario
     timeline = Timeline.of(scenario, wind, np.inf if plant is None else LONGEST)
     errors = EstimationErrors.of(scenario, wind, rng)
-    lag = {} if plant is None else {"lag": LAG, "delay": lag_in_samples(scenario)}
     flying = WindyPointMass(scenario) if plant is None else quadrotors(scenario)
-    controller = RecedingHorizonController(horizon, **lag)
+    controller = (
+        RecedingHorizonController(horizon)
+        if plant is None
+        else RecedingHorizonController(horizon, lag=LAG, delay=lag_in_samples(scenario))
+    )
     source = WindSource(scenario, wind, timeline)
     estimator = Estimator(scenario, errors, float(timeline.elapsed[timeline.samples[1]]))
     simulator = _simulator(flying, controller, source, estimator, timeline)

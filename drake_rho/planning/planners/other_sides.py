@@ -108,13 +108,13 @@ def on_cheaper_sides(
             break
     if np.any(accelerations != plan.accelerations):
         plan = _with(plan, accelerations, references)
-    own = plan.statistics
+    before = plan.statistics
     ended = dataclasses.replace(
-        own + spent,
-        converged=own.converged,
-        cut=own.cut or spent.cut,
-        last_fall=own.last_fall,
-        tolerance=own.tolerance,
+        before + spent,
+        converged=before.converged,
+        cut=before.cut or spent.cut,
+        last_fall=before.last_fall,
+        tolerance=before.tolerance,
     )
     return plan.with_statistics(ended)
 
@@ -238,7 +238,8 @@ class _OtherSides:
     def _touching(self, obstacle: KeepOutOfShape) -> EvaluationPoints | None:
         """Return the instant at which the plan touches an obstacle; None if it does not."""
         grid = self._best.scenario.grid
-        times = grid.step / _SAMPLES * np.arange(1, _SAMPLES * (grid.knots - 1))
+        samples = np.arange(1, _SAMPLES * (grid.knots - 1))
+        times: FloatArray = np.float64(grid.step / _SAMPLES) * samples
         times = times[obstacle.holds_at(times)]
         none = np.zeros(len(times), dtype=int)
         points = EvaluationPoints(none, none, times)
@@ -256,6 +257,6 @@ class _OtherSides:
         second = np.cross(velocity[0], first)
         length = float(np.linalg.norm(second))
         if length == 0.0:  # at rest beside the obstacle
-            return -first[None]
+            return np.asarray(-first[None])
         turned = np.sin(_TURNS)[:, None] * second / length
         return np.asarray(np.cos(_TURNS)[:, None] * first + turned)

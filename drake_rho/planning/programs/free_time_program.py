@@ -138,12 +138,14 @@ class FreeTimeProgram:
         allowed = np.tile([passing.least, T - passing.least], (len(passing), 1))
         if passing.allowed is not None:
             allowed = np.clip(passing.allowed, passing.least, T - passing.least)
-        low = np.maximum(-reach, np.minimum(allowed[:, 0] - passing.times, 0.0))
-        high = np.minimum(reach, np.maximum(allowed[:, 1] - passing.times, 0.0))
-        program.AddBoundingBoxConstraint(low, high, self._changes)
+        earliest = np.maximum(-reach, np.minimum(allowed[:, 0] - passing.times, 0.0))
+        latest = np.minimum(reach, np.maximum(allowed[:, 1] - passing.times, 0.0))
+        program.AddBoundingBoxConstraint(earliest, latest, self._changes)
         if change.curvature > 0.0:
             curvatures = np.diag(change.curvature * passing.curvatures(T))
-            program.AddQuadraticCost(curvatures, np.zeros(len(low)), self._changes, is_convex=True)
+            program.AddQuadraticCost(
+                curvatures, np.zeros(len(earliest)), self._changes, is_convex=True
+            )
         if len(later := passing.ordered) > 0:
             # a given time t is by t (y - 1) / 2 earlier with the step of the program
             by_y = np.where(passing.given, passing.times, 0.0) / 2.0
