@@ -16,7 +16,7 @@ def _note(message: ConsoleMessage, errors: list[str]) -> None:
     errors.append(f"{message.type}: {message.text}")
 
 
-PHONE = {
+PHONE: dict[str, Any] = {
     "viewport": {"width": 390, "height": 844},
     "device_scale_factor": 2.0,
     "is_mobile": True,
