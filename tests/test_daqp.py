@@ -319,7 +319,7 @@ _CURVED = rho.Limits(max_speed=1.9, max_thrust=10.2, max_tilt=0.3)
 SCENARIOS: dict[str, Callable[[], rho.Scenario]] = {
     "boxes": lambda: single(limits=rho.Limits(velocity=box(1.8), acceleration=box(1.2))),
     "jerk": lambda: single(
-        limits=rho.Limits(velocity=box(1.8), jerk=box(1.0)),
+        limits=rho.Limits(velocity=box(1.8), jerk=box(2.4)),
         start=rho.State([0, 0, 0], acceleration=[0, 0, 0]),
         grid=rho.Grid(0.1, 81),
     ),

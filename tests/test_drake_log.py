@@ -26,6 +26,6 @@ def test_solvers_and_scenes_are_silent(
 
 def test_other_lines_of_the_log_are_kept(caplog: pytest.LogCaptureFixture) -> None:
     rho.plan(single())
-    with caplog.at_level(logging.INFO):
+    with caplog.at_level(logging.INFO, logger="drake"):
         logging.getLogger("drake").info("Meshcat says something else")
     assert len(caplog.records) == 1

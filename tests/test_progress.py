@@ -22,9 +22,9 @@ LINEARISED = r"linearised (once|\d+ times), cost [\d.e+-]+ m²/s⁴" + BREACH
 
 @pytest.fixture
 def swap() -> rho.Scenario:
-    """Return six vehicles that meet in the middle."""
+    """Return ten vehicles that meet in the middle."""
     apart = rho.Separation(0.4, downwash=2.0)
-    return rho.circle_swap(6, radius=2.0, duration=8.0, step=0.2, separation=apart)
+    return rho.circle_swap(10, radius=2.0, duration=8.0, step=0.2, separation=apart)
 
 
 @pytest.mark.parametrize("planner", [rho.plan, rho.plan_scp])

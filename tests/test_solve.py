@@ -214,7 +214,7 @@ def test_the_next_program_begins_with_the_first_solver_after_a_failure(
     attempt, used = _spoiled(first_only)
     monkeypatch.setattr(solve, "_solve_with", attempt)
     start = rho.State([0, 0, 0], acceleration=[0, 0, 0])
-    limits = rho.Limits(velocity=box(1.8), jerk=box(1.0))
+    limits = rho.Limits(velocity=box(1.8), jerk=box(2.4))
     plan = rho.plan_convex(single(limits=limits, start=start, grid=rho.Grid(0.1, 81)))
     assert rho.verify(plan).ok
     assert used[:2] == ["Clarabel", "OSQP"]

@@ -35,7 +35,7 @@ from tests.tolerances import INDEX, MOTION
 def test_a_warm_start_changes_the_work_and_not_the_plan() -> None:
     scenario = single(
         start=rho.State([0, 0, 0], acceleration=[0, 0, 0]),
-        limits=rho.Limits(velocity=box(1.7), jerk=box(1.2)),
+        limits=rho.Limits(velocity=box(1.7), jerk=box(2.4)),
         grid=rho.Grid(0.1, 81),
         obstacles=(rho.Sphere([5.0, 2.6, -1.0], 1.2),),
     )
@@ -200,7 +200,7 @@ def test_the_first_restoration_has_one_normal_per_encounter_and_later_ones_searc
 def test_pairs_are_separated_by_references_that_guarantee_nothing(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    scenario = through_the_middle(7)
+    scenario = through_the_middle(12)
     plan = independent(scenario)
     made: list[dict[str, Any]] = []
     around = InGroups.solve_around
@@ -232,7 +232,7 @@ def test_a_reference_that_satisfies_every_constraint_is_a_plan(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """References that are far enough apart need no program with hard rows."""
-    scenario = through_the_middle(7)
+    scenario = through_the_middle(12)
 
     def refused(*args: object) -> rho.Plan:
         raise rho.InfeasibleError({"v1": ("acceleration box",)}, scenario=scenario)

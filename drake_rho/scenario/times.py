@@ -31,7 +31,7 @@ class Clock:
     """Clock by which times are compared [s], alone or in arrays that broadcast.
 
     Examples:
-        >>> rho.Grid(0.1, 5, start=1.7e9).clock.same(0.3, 0.1 + 0.2)
+        >>> bool(rho.Grid(0.1, 5, start=1.7e9).clock.same(0.3, 0.1 + 0.2))
         True
     """
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from drake_rho.motion.plan import Plan
-from drake_rho.planning.call.options import SMALL_FLEET
 from drake_rho.planning.scp.subproblem import Subproblem
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.records import Scenario
@@ -13,10 +12,9 @@ from drake_rho.scenario.records import Scenario
 PATIENCE = 20
 """Penalties without a decrease in violating vehicles after which a restoration stops."""
 
-_STALLED, _STALLED_FLEET, _FALL = 4, 7, 0.98
-"""Penalties after which a restoration without a separation, and one of a small fleet, stops unless
-the worst violation has fallen to this fraction. The violation has then converged to the least that
-linearisation finds. In large fleets other pairs come apart meanwhile."""
+_STALLED, _FALL = 4, 0.98
+"""Penalties after which a restoration without a separation stops unless the worst violation has
+fallen to this fraction. The violation has then converged to the least that linearisation finds."""
 
 _SAME, _SETTLING = 0.05, 3
 """Largest difference between motions that count as the same dead end, as a fraction of the least
@@ -58,10 +56,8 @@ class Patience:
 
     def __init__(self, subproblem: Subproblem, dead_ends: DeadEnds | None) -> None:
         self._subproblem, self._dead_ends = subproblem, dead_ends
-        count, self._stalled = len(subproblem.problem), _STALLED
-        if subproblem.problem.scenario.separation is not None:
-            self._stalled = _STALLED_FLEET if count <= SMALL_FLEET else PATIENCE
-        self._fewest, self._worst = count + 1, np.inf
+        self._has_separation = subproblem.problem.scenario.separation is not None
+        self._fewest, self._worst = len(subproblem.problem) + 1, np.inf
         self._steps = self._since_fewest = self._since_worst = 0
 
     def ends(self, plan: Plan) -> bool:
@@ -75,7 +71,8 @@ class Patience:
             self._worst, self._since_worst = worst, 0
         if number < self._fewest:
             self._fewest, self._since_fewest = number, 0
-        if self._since_fewest >= PATIENCE or self._since_worst >= self._stalled:
+        stalled = self._since_worst >= _STALLED and not self._has_separation
+        if self._since_fewest >= PATIENCE or stalled:
             return True
         known = self._dead_ends
         return known is not None and self._steps >= _SETTLING and known.is_near(plan)
