@@ -71,7 +71,12 @@ def test_least_times_with_limited_jerk_are_known(seed: int, axes: int) -> None:
     plan = rho.plan_minimum_time(hop(start, goal, limits).derived(grid=rho.Grid(known / 40, KNOTS)))
     grid = plan.scenario.grid
     assert rho.verify(plan).ok
-    assert known * (1.0 - EXACT) <= grid.duration + grid.step <= known * (1.0 + CLOSE)
+    # a phase of full jerk may be shorter than a step, over which the acceleration steps at once
+    assert limits.acceleration is not None
+    assert limits.jerk is not None
+    phase = min(grid.step, float((limits.acceleration.upper / limits.jerk.upper)[:axes].min()))
+    assert known * (1.0 - EXACT) <= grid.duration + grid.step
+    assert grid.duration + phase <= known * (1.0 + CLOSE)
 
 
 def _averaged(state: rho.State, step: float, sign: float) -> rho.State:
@@ -117,7 +122,12 @@ def test_a_hop_from_rest_to_rest_takes_its_seven_phases(given: Any) -> None:
         known = 2.0 * (top / a + a / jerk)
     plan = rho.plan_minimum_time(hop(start, goal, HOP))
     grid = plan.scenario.grid
-    assert known * (1.0 - EXACT) <= grid.duration + grid.step <= known * (1.0 + CLOSE)
+    # a phase of full jerk may be shorter than a step, over which the acceleration steps at once
+    assert limits.acceleration is not None
+    assert limits.jerk is not None
+    phase = min(grid.step, float((limits.acceleration.upper / limits.jerk.upper)[:axes].min()))
+    assert known * (1.0 - EXACT) <= grid.duration + grid.step
+    assert grid.duration + phase <= known * (1.0 + CLOSE)
     report = rho.verify(plan)
     assert report.ok
     assert report.notes == ()
