@@ -122,12 +122,7 @@ def test_a_hop_from_rest_to_rest_takes_its_seven_phases(given: Any) -> None:
         known = 2.0 * (top / a + a / jerk)
     plan = rho.plan_minimum_time(hop(start, goal, HOP))
     grid = plan.scenario.grid
-    # a phase of full jerk may be shorter than a step, over which the acceleration steps at once
-    assert limits.acceleration is not None
-    assert limits.jerk is not None
-    phase = min(grid.step, float((limits.acceleration.upper / limits.jerk.upper)[:axes].min()))
-    assert known * (1.0 - EXACT) <= grid.duration + grid.step
-    assert grid.duration + phase <= known * (1.0 + CLOSE)
+    assert known * (1.0 - EXACT) <= grid.duration + grid.step <= known * (1.0 + CLOSE)
     report = rho.verify(plan)
     assert report.ok
     assert report.notes == ()
