@@ -69,7 +69,7 @@ def test_shares_add_up_as_the_dimensions_of_time_say(seed: int) -> None:
     )
     balls = [rho.Sphere(rng.uniform([3, -1, -1], [6, 1, 1]), 1.0)] if seed else []
     gate = [rho.Waypoint(None, rng.uniform([1, 1, 0], [2, 3, 0]), 0.1)] if seed < 2 else []
-    plan = rho.plan_minimum_time(straight(limits, 25, obstacles=balls, waypoints=gate))
+    plan = rho.plan_minimum_time(straight(limits, 41, obstacles=balls, waypoints=gate))
     found = effects(plan)
     powers = {"max_speed": 1.0, "max_acceleration": 2.0, "jerk": 3.0}
     total = sum(100.0 * power * found.get(name, 0.0) for name, power in powers.items())
