@@ -227,9 +227,7 @@ def test_the_violation_of_two_vehicles_that_cannot_pass_is_reported() -> None:
     assert reason.violations[0].excess == pytest.approx(1.0)
     assert reason.violations[0].time == pytest.approx(5.0)
     assert reason.shortest_duration is None
-    (change,) = reason.changes
-    assert [each.limit for each in change.numbers] == ["position"]
-    assert rho.verify(rho.plan(change.scenario)).ok
+    assert "no plan was found with more time" in str(reason)
 
 
 def test_another_duration_begins_at_the_same_time_and_obstacles_stay_on_the_clock() -> None:
