@@ -291,6 +291,7 @@ def test_the_page_is_for_its_own_name_only() -> None:
         server.close()
 
 
+@pytest.mark.slow
 def test_clients_that_hang_up_or_wait_are_no_matter(capfd: pytest.CaptureFixture[str]) -> None:
     server = serve("x" * 10_000_000)
     port = int(server.url.rpartition(":")[2])

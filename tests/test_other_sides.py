@@ -52,12 +52,14 @@ def test_a_plan_between_two_boxes_is_as_cheap_as_around_the_best_reference() -> 
     assert plan.cost <= (1.0 + SAME) * best
 
 
+@pytest.mark.slow
 def test_mirror_images_and_the_order_of_obstacles_change_nothing() -> None:
     cost = rho.plan(between()).cost
     assert rho.plan(between(sign=-1.0)).cost == pytest.approx(cost, rel=SAME)
     assert rho.plan(between(BOXES[::-1])).cost == pytest.approx(cost, rel=SAME)
 
 
+@pytest.mark.slow
 def test_independent_vehicles_pass_as_each_does_alone() -> None:
     scenario = between()
     (one,) = scenario.vehicles

@@ -20,6 +20,7 @@ from playwright.sync_api import Page
 import drake_rho as rho
 from drake_rho.display.viewer.serve import serve
 from tests.browser import PHONE, open_page
+from tests.scenarios import slow
 from tests.test_animation import crossing
 from tests.test_display_flight import in_noise
 
@@ -169,7 +170,7 @@ _TOUCHED = """() => [...document.querySelectorAll(
 """Edges of buttons and choices [px]."""
 
 
-@pytest.mark.parametrize("lying", [False, True])
+@pytest.mark.parametrize("lying", [False, *slow(True)])
 def test_a_phone_shows_the_page_at_its_size(tmp_path: Path, lying: bool) -> None:
     """Phones show pages without a viewport tag as ones of 980 pixels, at 0.4 of their size."""
     screen = dict(PHONE["viewport"])
