@@ -134,7 +134,8 @@ def _limits(plan: rho.Plan) -> Iterator[str]:
         if limits.max_tilt is not None:
             x = _at(plan, "thrust", _times(plan, positions=False))[i] + UP
             tilt = np.arctan2(np.linalg.norm(x[:, :2], axis=-1), x[:, 2])
-            yield from _line(f"{vehicle.name} tilt", tilt - limits.max_tilt, 1.0)
+            beyond = np.linalg.norm(x, axis=-1) * np.sin(tilt - limits.max_tilt)  # of the cone
+            yield from _line(f"{vehicle.name} tilt", beyond, GRAVITY)
 
 
 def _jerks(plan: rho.Plan) -> Array:

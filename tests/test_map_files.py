@@ -532,3 +532,19 @@ def test_a_mission_in_an_octomap(tmp_path: Path) -> None:
         rho.load_lsc_mission(
             tmp_path / "mission.json", grid=rho.Grid(0.2, 51), world=tmp_path / "forest.bt"
         )
+
+
+def test_a_surface_that_is_there_twice_encloses_nothing() -> None:
+    """Two faces of a pyramid, doubled, have each edge an even number of times and no inside."""
+    corners = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]
+    faces = [[0, 2, 1], [0, 1, 3]]
+    inside = np.array([0.1, 0.1, 0.1])
+    for triangles in (faces, faces + faces):
+        sheet = rho.Mesh(corners, triangles)
+        assert not sheet.is_watertight
+        assert sheet.signed_distance(inside) > 0.0
+    closed = [*faces, [0, 3, 2], [1, 2, 3]]
+    for triangles in (closed, closed + closed, [*closed, closed[0]]):
+        solid = rho.Mesh(corners, triangles)
+        assert solid.is_watertight
+        assert solid.signed_distance(inside) < 0.0

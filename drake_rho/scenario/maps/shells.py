@@ -48,11 +48,13 @@ class Shells:
         _, first, numbers = np.unique(places, axis=0, return_index=True, return_inverse=True)
         triangles = numbers.reshape(-1)[triangles]
         has_area: BoolArray = (triangles != np.roll(triangles, -1, axis=1)).all(axis=1)
+        # the same triangle again, facing the same way, encloses nothing more
+        has_area &= _first_of_equal(_turned(triangles))
         edges = _edges(triangles, len(first))
         if has_area.any() and not _odd(edges, has_area).any():
             return cls(vertices[first], triangles, has_area, True)
         shells = _shells(edges, has_area)
-        once = has_area & _first_of_equal(triangles)
+        once = has_area & _first_of_equal(np.sort(triangles, axis=1))
         is_open = _open(edges, shells, has_area)
         stays_open = is_open & _open(edges, shells, once)
         counted = np.where(is_open[shells], once, has_area)
@@ -89,9 +91,16 @@ def _shells(edges: IntArray, has_area: BoolArray) -> IntArray:
     return numbers
 
 
+def _turned(triangles: IntArray) -> IntArray:
+    """Return triangles with the least number first, each facing the way it did, shape (F, 3)."""
+    columns = (np.argmin(triangles, axis=1)[:, None] + np.arange(3)) % 3
+    turned: IntArray = np.take_along_axis(triangles, columns, axis=1)
+    return turned
+
+
 def _first_of_equal(triangles: IntArray) -> BoolArray:
-    """Return which triangles are the first with their three vertices, shape (F,)."""
-    first = np.unique(np.sort(triangles, axis=1), axis=0, return_index=True)[1]
+    """Return which rows of numbers are the first that are like them, shape (F,)."""
+    first = np.unique(triangles, axis=0, return_index=True)[1]
     found: BoolArray = np.isin(np.arange(len(triangles)), first)
     return found
 
