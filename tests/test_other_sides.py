@@ -81,13 +81,14 @@ def test_no_sides_are_tried_around_a_given_reference_or_where_none_can_be_cheape
 
 @pytest.mark.slow
 def test_plans_past_random_boxes_are_as_cheap_as_around_bent_references() -> None:
-    """Eight sides of each obstacle are not all motions: a few scenes may cost more."""
-    dear = 0
+    """Eight sides of each obstacle are not all motions: scene 2 costs 9 % more."""
+    dear = set[int]()
     for seed in range(12):
         scenario = _random_boxes(seed)
         around = min(rho.plan(scenario, reference=each).cost for each in bent(scenario))
-        dear += rho.plan(scenario).cost > (1.0 + WORTH) * around
-    assert dear <= 1
+        if rho.plan(scenario).cost > (1.0 + WORTH) * around:
+            dear.add(seed)
+    assert dear <= {2}
 
 
 def _random_boxes(seed: int) -> rho.Scenario:
