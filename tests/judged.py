@@ -12,6 +12,7 @@ import numpy as np
 
 import drake_rho as rho
 from drake_rho.scenario.limits import GRAVITY
+from tests.requirements import of_track
 from tests.sampled import _center, _signed_distance, _uncertainty, flown
 
 Array = np.ndarray
@@ -240,7 +241,7 @@ def _requirements(plan: rho.Plan) -> Iterator[str]:
             if asked.of == "thrust" and partner is None:
                 own = own + UP
             if isinstance(asked.relative_to, rho.Track):
-                own = own - _track(asked.relative_to, asked.of, when)
+                own = own - of_track(asked.relative_to, asked.of, when)
             due = (when >= first) & (when <= last)
             scale = _scale(plan, "acceleration" if asked.of == "thrust" else asked.of)
             size = max(1e-3 * scale, min(scale, float(getattr(asked.set, "size", np.inf))))
@@ -252,11 +253,3 @@ def _requirements(plan: rho.Plan) -> Iterator[str]:
 
 def _jerks_inside(plan: rho.Plan) -> Array:
     return np.asarray(np.diff(plan.accelerations, axis=1) / plan.scenario.grid.step)
-
-
-def _track(track: rho.Track, of: str, times: Array) -> Array:
-    if of == "position":
-        return np.stack([np.interp(times, track.times, x) for x in track.positions.T], axis=1)
-    rates = np.diff(track.positions, axis=0) / np.diff(track.times)[:, None]
-    piece = np.clip(np.searchsorted(track.times, times, side="right") - 1, 0, len(rates) - 1)
-    return np.asarray(rates[piece])

@@ -135,7 +135,7 @@ def outside(plan: rho.Plan, number: int, samples: int = 2001) -> float:
         if isinstance(asked.relative_to, str):
             values = values - _values(plan, names.index(asked.relative_to), asked.of, times)
         elif isinstance(asked.relative_to, rho.Track):
-            values = values - _of_track(asked.relative_to, asked.of, times)
+            values = values - of_track(asked.relative_to, asked.of, times)
         kept = ~np.isnan(values[:, 0])
         if kept.any():
             worst = max(worst, float(np.max(asked.set.signed_distance(values[kept]))))
@@ -165,7 +165,7 @@ def _values(plan: rho.Plan, i: int, of: str, times: FloatArray) -> FloatArray:
     return found[of]
 
 
-def _of_track(track: rho.Track, of: str, times: FloatArray) -> FloatArray:
+def of_track(track: rho.Track, of: str, times: FloatArray) -> FloatArray:
     """Return positions or velocities of a track's point at times."""
     if of == "position":
         return np.stack([np.interp(times, track.times, x) for x in track.positions.T], axis=1)

@@ -87,6 +87,19 @@ class InfeasibleError(DrakeRhoError):
             self.because,
         )
 
+    def with_reason(self, because: str) -> InfeasibleError:
+        """Return this error with another reason of its conflicts, which no solver has proved."""
+        return InfeasibleError(
+            self.conflicts,
+            self.steps_tried,
+            self.statistics,
+            self.scenario,
+            self.obstacles,
+            self.reference,
+            self.bearable,
+            because,
+        )
+
     @property
     def is_proved(self) -> bool:
         """True if the scenario is proved to have no plan."""

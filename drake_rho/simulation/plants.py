@@ -92,16 +92,7 @@ def with_gains(error: InfeasibleError, scenario: Scenario) -> InfeasibleError:
     """
     own = f"{_gains(tube_of(scenario).gains)} that a quadrotor can hold"
     because = error.because or "constraints cannot be met together"
-    return InfeasibleError(
-        error.conflicts,
-        error.steps_tried,
-        error.statistics,
-        error.scenario,
-        error.obstacles,
-        error.reference,
-        error.bearable,
-        f"{because}, with the {own}",
-    )
+    return error.with_reason(f"{because}, with the {own}")
 
 
 def _gains(gains: tuple[float, float]) -> str:
