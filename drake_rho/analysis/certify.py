@@ -252,7 +252,7 @@ def _solved(
 
 
 def _groups(vehicles: int, proposals: Sequence[CuttingPlanes]) -> list[IntArray]:
-    """Return groups of vehicles: those that share a program in one of the proposals."""
+    """Return the groups of vehicles that share a program in a proposal."""
     label = np.arange(vehicles)
     for solved in proposals:
         for vehicle in range(vehicles):

@@ -82,7 +82,7 @@ class Change(metaclass=Described):
 
     @property
     def is_of_duration(self) -> bool:
-        """Whether only the duration changes."""
+        """Whether the change is one of the duration alone."""
         return [each.limit for each in self.numbers] == ["duration"]
 
     def __str__(self) -> str:
@@ -139,7 +139,7 @@ def least_change(
 
 
 def without(scenario: Scenario, adjustables: Sequence[Adjustable]) -> Scenario:
-    """Return a scenario in which some numbers bound nothing."""
+    """Return a scenario without some of its limits."""
     for each in adjustables:
         scenario = each.without(scenario)
     return scenario
@@ -176,7 +176,7 @@ def least_duration(scenario: Scenario, trials: Trials) -> float | None:
 
 
 def new_duration(scenario: Scenario, duration: float) -> Change:
-    """Return the change of a duration [s], rounded to five digits away from that of now."""
+    """Return the change to a longer duration [s], rounded up to five digits."""
     now = scenario.grid.duration
     (needed,) = _rounded(np.array([now]), np.array([duration])).tolist()
     numbers = NewNumbers("duration", "s", (now,), (needed,))
@@ -247,7 +247,7 @@ def _relative(now: FloatArray, needed: FloatArray) -> float:
 
 
 def _rounded(now: FloatArray, needed: FloatArray) -> FloatArray:
-    """Return numbers rounded away from those of now."""
+    """Return new numbers of limits, rounded away from the present ones."""
     rounded = needed.copy()
     for k in np.flatnonzero((needed != now) & np.isfinite(needed)):
         if needed[k] == 0.0:

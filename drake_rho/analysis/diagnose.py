@@ -220,7 +220,7 @@ class _Search:
         return [] if together is None else [together]
 
     def _needed(self, scenario: Scenario, numbers: list[Adjustable]) -> list[Adjustable]:
-        """Return those of some numbers that have to change together for a plan."""
+        """Return the limits that have to change together for a plan."""
         for each in list(numbers):
             others = [other for other in numbers if other is not each]
             if others and self.trials.has_plan(partial(without, scenario, others), _names(others)):

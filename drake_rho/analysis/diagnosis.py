@@ -90,7 +90,7 @@ class Diagnosis(metaclass=Described):
 
     @property
     def reason(self) -> str:
-        """What is missed, and constraints that cannot be met together; or that a plan exists."""
+        """Violations and the constraints in conflict, or that a plan exists."""
         if self.feasible:
             cut = f"; {_CUT}" if self.cut else ""
             return f"{self.scenario.name}: there is a plan{self._shorter()}{cut}"
@@ -183,7 +183,7 @@ class Diagnosis(metaclass=Described):
 
 
 def _told(check: Check) -> str:
-    """Return in words what is missed, by how much and when."""
+    """Return the text of a violation: constraint, amount and time."""
     by, at = f"{check.excess:.3g} {check.unit}", clock_time(check.time, 4)
     if check.kind == "goals":
         return f"{check.constraint} {check.part} by {by}"

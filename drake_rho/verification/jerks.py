@@ -36,7 +36,7 @@ class Jerks:
 
     @classmethod
     def at_rest(cls, scenario: Scenario) -> Jerks:
-        """Return those of vehicles that stay where they are: zero."""
+        """Return the jerks of vehicles at rest, which are zero."""
         count = len(scenario.vehicles), scenario.grid.knots
         return cls(np.zeros((*count, 3)), np.zeros(count, dtype=bool))
 

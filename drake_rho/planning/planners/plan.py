@@ -138,7 +138,7 @@ def _all_times(
 def _with_better_times(
     times: WaypointTimes, first: Plan, kept_apart: Coupling, search: FirstPlan
 ) -> Plan:
-    """Return the best plan with times near those of another, or that one."""
+    """Return the cheaper of a plan and the best one with waypoint times near its own."""
     if not first.scenario.avoided and first.scenario.separation is None:
         return first
     try:

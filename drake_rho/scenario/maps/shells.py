@@ -81,7 +81,7 @@ def _edges(triangles: IntArray, vertices: int) -> IntArray:
 
 
 def _shells(edges: IntArray, has_area: BoolArray) -> IntArray:
-    """Return the number of the shell of each triangle: of those that edges connect, shape (F,)."""
+    """Return the number of each triangle's shell, which edges connect, shape (F,)."""
     count, most = len(edges), int(edges.max()) + 1
     joining = edges[has_area]
     rows = np.repeat(np.flatnonzero(has_area), 3)
@@ -113,7 +113,7 @@ def _open(edges: IntArray, shells: IntArray, counted: BoolArray) -> BoolArray:
 
 
 def _odd(edges: IntArray, counted: BoolArray) -> BoolArray:
-    """Return which triangles have an edge of an odd number of those that are counted, (F,)."""
+    """Return the triangles with an edge of an odd number of counted triangles, shape (F,)."""
     counts = np.bincount(edges[counted].ravel(), minlength=int(edges.max()) + 1)
     odd: BoolArray = (counts[edges] % 2 == 1).any(axis=1)
     return odd
