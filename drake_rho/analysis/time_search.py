@@ -238,7 +238,7 @@ class TimeSearch:
         return self._shortest([partial(self._least.around, start), partial(_same, start)])
 
     def _around_alone(self, alone: Timed) -> Timed | None:
-        """Return a fleet's motion in least time near single vehicles' motions; None if not found."""
+        """Return a fleet's motion in least time near those of single vehicles, or None."""
         least = self._least_of(alone)
         for longer in (1.0, 1.0 + _SPARE, *_LITTLE_LONGER, *_LONGER):
             near = partial(self._least.around, self._lasting(alone, longer * least))
