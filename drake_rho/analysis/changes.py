@@ -7,7 +7,7 @@ trial begins with the plan of a wider limit, so that only the first one is a sea
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Protocol
 
 import numpy as np
@@ -44,6 +44,29 @@ class _Trial(Protocol):
     """Trial of a part of a change; `near` begins with the plan found before."""
 
     def __call__(self, part: float, near: bool = True) -> bool: ...
+
+
+@dataclasses.dataclass(frozen=True)
+class _Parts:
+    """Parts of a change, of which 0 is none, and trials of scenarios that have them."""
+
+    trials: Trials
+    changed: Callable[[float], Scenario]
+    """function that returns the scenario with a part of the change"""
+    words: Callable[[float], str]
+    """function that describes it"""
+
+    def have_plan(self, part: float, near: bool = True) -> bool:
+        """Return whether a part of the change gives a plan."""
+        return self.trials.has_plan(lambda: self.changed(part), self.words(part), near=near)
+
+    def have_plans_alone(self, part: float, near: bool = True) -> bool:
+        """Return whether it gives plans of single vehicles, which keep no separation."""
+
+        def alone() -> Scenario:
+            return self.changed(part).without_separation()
+
+        return self.trials.has_plan(alone, self.words(part), near=near)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -118,19 +141,15 @@ def least_change(
             made = each.changed(made, new)
         return made
 
-    def has_plan(part: float, near: bool = True) -> bool:
-        words = ", ".join(map(_told, adjustables, numbers(part)))
-        return trials.has_plan(lambda: changed(part), words, near=near)
+    def words(part: float) -> str:
+        return ", ".join(map(_told, adjustables, numbers(part)))
 
-    def has_plan_alone(part: float, near: bool = True) -> bool:
-        words = ", ".join(map(_told, adjustables, numbers(part)))
-        return trials.has_plan(lambda: changed(part).without_separation(), words, near=near)
-
-    part = next((part for part in _WIDER if has_plan(part)), None)
-    if part is None:
+    parts = _Parts(trials, changed, words)
+    enough_of_it = next((part for part in _WIDER if parts.have_plan(part)), None)
+    if enough_of_it is None:
         return None
     precision = min(_PRECISION * precision_of(scenario) / largest, _FINEST_CHANGE)
-    part = _least_of(scenario, has_plan, has_plan_alone, part, precision)
+    part = _least_of(scenario, parts, enough_of_it, precision)
     new = [
         NewNumbers(each.limit, each.unit, tuple(each.now.tolist()), tuple(found.tolist()))
         for each, found in zip(adjustables, numbers(part), strict=True)
@@ -158,21 +177,14 @@ def least_duration(scenario: Scenario, trials: Trials) -> float | None:
     while factor <= LONGEST and not _holds(trials.plan, rescaled(scenario, factor)):
         factor *= 2.0
 
-    def has_plan(part: float, near: bool = True) -> bool:
-        words = f"a duration of {(1.0 + part) * duration:.5g} s"
-        return trials.has_plan(lambda: rescaled(scenario, 1.0 + part), words, near=near)
-
-    if not has_plan(factor - 1.0):
+    parts = _Parts(
+        trials,
+        lambda part: rescaled(scenario, 1.0 + part),
+        lambda part: f"a duration of {(1.0 + part) * duration:.5g} s",
+    )
+    if not parts.have_plan(factor - 1.0):
         return None
-
-    def has_plan_alone(part: float, near: bool = True) -> bool:
-        words = f"a duration of {(1.0 + part) * duration:.5g} s"
-        slower = rescaled(scenario, 1.0 + part)
-        return trials.has_plan(slower.without_separation, words, near=near)
-
-    precision = precision_of(scenario)
-    part = _least_of(scenario, has_plan, has_plan_alone, factor - 1.0, precision)
-    return duration * (1.0 + part)
+    return duration * (1.0 + _least_of(scenario, parts, factor - 1.0, precision_of(scenario)))
 
 
 def new_duration(scenario: Scenario, duration: float) -> Change:
@@ -196,25 +208,23 @@ def _holds(plan: Plan | None, slower: Scenario) -> bool:
     return plan is not None and verify(time_scaled_plan(plan, slower)).ok
 
 
-def _least_of(
-    scenario: Scenario, has_plan: _Trial, has_plan_alone: _Trial, enough: float, precision: float
-) -> float:
+def _least_of(scenario: Scenario, parts: _Parts, enough: float, precision: float) -> float:
     """Return the least part of a change with a plan, up to `enough`.
 
     In fleets a trial that fails takes long. What vehicles need each alone is found first, and they
     seldom need more together.
     """
     if scenario.separation is None:
-        return _least(has_plan, 0.0, enough, precision, confirm=bool(scenario.avoided))
+        return _least(parts.have_plan, 0.0, enough, precision, confirm=bool(scenario.avoided))
     low, step = 0.0, precision
-    if not has_plan_alone(0.0):
-        low = _least(has_plan_alone, 0.0, enough, precision, confirm=False)
-        if has_plan(low):
+    if not parts.have_plans_alone(0.0):
+        low = _least(parts.have_plans_alone, 0.0, enough, precision, confirm=False)
+        if parts.have_plan(low):
             return low
     while low < enough:
         step *= 2.0
-        if has_plan(after := min(low + step * (1.0 + low), enough)):
-            return _least(has_plan, low, after, precision, confirm=False)
+        if parts.have_plan(after := min(low + step * (1.0 + low), enough)):
+            return _least(parts.have_plan, low, after, precision, confirm=False)
         low = after
     return enough
 

@@ -137,7 +137,7 @@ class WaypointTimes:
         return not bool(self._waypoints.given.all())
 
     def without_free(self) -> Scenario:
-        """Return the scenario without its free waypoints, which has every plan with them."""
+        """Return the scenario without free waypoints; each plan with them is one of it."""
         vehicles = tuple(
             dataclasses.replace(
                 each, waypoints=tuple(own for own in each.waypoints if own.time is not None)
