@@ -6,7 +6,7 @@ Each is judged by plans in which the same times are given.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -178,3 +178,17 @@ def test_times_are_allowed_where_a_scenario_with_them_is_valid(seed: int, clock:
         if b - a > 1e-5:
             with pytest.raises(rho.ScenarioError):
                 timed(scenario, clock + a + 0.5 * (b - a))
+
+
+@pytest.mark.parametrize("planner", [rho.plan, rho.plan_rho])
+def test_a_place_that_is_forbidden_at_all_times_is_named(planner: Callable[..., object]) -> None:
+    """It is no error about a time, which nobody gave."""
+    creeping = rho.Obstacle(rho.Sphere([3, 1, 0], 0.5), velocity=[1e-3, 0, 0])
+    ways = [rho.Waypoint(None, [1, 0, 0]), rho.Waypoint(None, [3, 1, 0])]
+    vehicle = rho.Vehicle(
+        "v", rho.State([0, 0, 0]), rho.State([6, 0, 0]), radius=0.1, waypoints=ways
+    )
+    scenario = rho.Scenario("zone", rho.Grid(0.25, 33), [vehicle], obstacles=[creeping])
+    with pytest.raises(rho.InfeasibleError, match="at all times: v: waypoint 2") as caught:
+        planner(scenario)
+    assert not caught.value.is_proved

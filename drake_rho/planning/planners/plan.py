@@ -108,6 +108,7 @@ def _with_free_times(
         InfeasibleError: at none of the times that were tried there is a plan; it is proved only if
             there is none without these waypoints either.
     """
+    times.check()
     failures = list[Exception]()
     for guess in _all_times(times, reference, kept_apart, search):
         try:

@@ -136,6 +136,22 @@ class WaypointTimes:
         """Whether any waypoint has no time."""
         return not bool(self._waypoints.given.all())
 
+    def check(self) -> None:
+        """Check that the place of every free waypoint is allowed at some time of the flight.
+
+        Raises:
+            InfeasibleError: an obstacle or a requirement forbids one at all times.
+        """
+        forbidden = dict[str, list[str]]()
+        for w in np.flatnonzero(~self._waypoints.given).tolist():
+            if len(self._allowed.intervals[w]) == 0:
+                name = self._given.names[self._waypoints.vehicles[w]]
+                forbidden.setdefault(name, []).append(f"waypoint {self._waypoints.numbers[w] + 1}")
+        if forbidden:
+            conflicts = {name: tuple(which) for name, which in forbidden.items()}
+            because = "obstacles or requirements forbid these places at all times"
+            raise InfeasibleError(conflicts, scenario=self._given, because=because)
+
     def without_free(self) -> Scenario:
         """Return the scenario without free waypoints; each plan with them is one of it."""
         vehicles = tuple(
