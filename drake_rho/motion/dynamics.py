@@ -292,9 +292,8 @@ def response(quantity: Quantity, step: float, knots: int, times: npt.ArrayLike) 
     if m == 0:
         acts: FloatArray = (step_at(times, h)[:, None] == np.arange(knots - 1)).astype(np.float64)
         return acts
-    acted: FloatArray = np.minimum(
-        np.maximum(s, 0.0), h
-    )  # time during which a[j] has acted: s+ - (s - h)+
+    # time during which a[j] has acted: s+ - (s - h)+
+    acted: FloatArray = np.minimum(np.maximum(s, 0.0), h)
     if m == 1:
         return acted
     position: FloatArray = s  # in place, since there may be many rows
