@@ -81,7 +81,7 @@ def _options() -> rho.Options:
     return rho.Options(time_limit=LIMIT)
 
 
-PLANNERS: dict[str, tuple[int, Callable[[rho.Scenario], rho.Plan]]] = {
+PLANNERS: dict[str, tuple[int, Callable[[rho.Scenario], rho.Plan | rho.Flight]]] = {
     "plan": (1, lambda scenario: rho.plan(scenario, options=_options())),
     "plan_convex": (1, lambda scenario: rho.plan_convex(scenario, options=_options())),
     "plan, DAQP": (5, lambda scenario: rho.plan(scenario, solver="daqp", options=_options())),
@@ -89,7 +89,7 @@ PLANNERS: dict[str, tuple[int, Callable[[rho.Scenario], rho.Plan]]] = {
         5,
         lambda scenario: rho.plan(scenario, coupling="decoupled", options=_options()),
     ),
-    "plan_rho": (2, lambda scenario: rho.plan_rho(scenario, options=_options()).plan),
+    "plan_rho": (2, lambda scenario: rho.plan_rho(scenario, options=_options())),
     "plan_minimum_time": (4, lambda scenario: rho.plan_minimum_time(scenario, options=_options())),
 }
 """Planners, and of how many scenes each has one."""
@@ -99,7 +99,7 @@ _COMPLETE = ("plan", "plan, DAQP", "plan_minimum_time")
 
 
 def _outcome(
-    name: str, planner: Callable[[rho.Scenario], rho.Plan], scene: Mixed, seed: int
+    name: str, planner: Callable[[rho.Scenario], rho.Plan | rho.Flight], scene: Mixed, seed: int
 ) -> Outcome:
     """Return what a planner made of a scene."""
     began = time.process_time()
@@ -121,9 +121,10 @@ def _outcome(
     return Outcome(name, seed, fault, text[:150], time.process_time() - began)
 
 
-def _judged(plan: rho.Plan, name: str, scene: Mixed) -> tuple[str, str]:
-    """Return the fault of a plan, and what it is."""
-    report, sampled = rho.verify(plan), violations(plan)
+def _judged(planned: rho.Plan | rho.Flight, name: str, scene: Mixed) -> tuple[str, str]:
+    """Return the fault of a plan or of a flight, and what it is."""
+    plan = planned.plan if isinstance(planned, rho.Flight) else planned
+    report, sampled = rho.verify(planned), violations(plan)
     if not report.ok:
         return "refused", "; ".join(each.what for each in report.checks if not each.holds)
     if sampled:
