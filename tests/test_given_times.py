@@ -49,6 +49,14 @@ def test_after_the_last_given_time_a_line_is_flown_at_full_speed(seed: int) -> N
     assert plan.statistics.converged
 
 
+def test_a_flight_ends_right_after_a_given_time_where_nothing_else_needs_longer() -> None:
+    """The last waypoint is so close to the goal that 1 mm/s reaches it at once."""
+    places = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0 + 1e-7, 0.0, 0.0]])
+    plan = rho.plan_minimum_time(flight(places, [40.0], step=2.0))
+    assert 40.0 < plan.scenario.grid.duration <= 40.0 * (1.0 + 1e-5)
+    assert rho.verify(plan).ok
+
+
 @pytest.mark.parametrize("seed", [*range(2), *slow(2, 3, 4)])
 def test_no_plan_in_less_time_is_found_otherwise(seed: int) -> None:
     rng = np.random.default_rng([7, seed])

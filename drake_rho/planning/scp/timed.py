@@ -22,8 +22,9 @@ from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.records import Grid, Scenario
 
 _AFTER = 1e-3
-"""Part of the least time between waypoints for which a flight goes on after a requirement's end: so
-little costs no time, but constraints hold at the end of a requirement as at any instant in it."""
+"""Part of the least time between free waypoints for which a flight goes on after a requirement's end
+or a given time of a waypoint: so little costs no time, but constraints hold at the end of a
+requirement as at any instant in it."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -182,6 +183,5 @@ def latest(scenario: Scenario, passing: Passing) -> float:
         passing: its waypoints.
     """
     before_end = [each.active[1] for each in scenario.requirements if each.active]
-    after = passing.least * _AFTER - scenario.grid.start
-    waypoints = passing.times[passing.given] + passing.least
-    return float(max([0.0, *waypoints, *(each + after for each in before_end)]))
+    ends = [*passing.times[passing.given], *(end - scenario.grid.start for end in before_end)]
+    return max([0.0, *(float(end) + passing.least * _AFTER for end in ends)])
