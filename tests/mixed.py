@@ -359,7 +359,7 @@ def _waypoints(rng: Rng, scene: Mixed) -> rho.Scenario:
     for i, each in enumerate(scenario.vehicles):
         count = int(rng.integers(0, 4))
         parts = np.sort(rng.uniform(0.05, 0.95, count))
-        ways = list[rho.Waypoint]()
+        ways = dict[float, rho.Waypoint]()
         free = bool(rng.random() < 0.6)
         for part in parts:
             time = float(grid.start + part * grid.duration)
@@ -369,8 +369,9 @@ def _waypoints(rng: Rng, scene: Mixed) -> rho.Scenario:
             within = float(rng.choice([0.0, 0.0, 0.02])) * size
             at = at + within * 0.4 * rng.uniform(-1.0, 1.0, 3)
             given = None if free and rng.random() < 0.8 else time
-            ways.append(rho.Waypoint(given, at, within))
-        vehicles.append(dataclasses.replace(each, waypoints=tuple(ways)))
+            ways.setdefault(time, rho.Waypoint(given, at, within))
+        in_order = tuple(ways[time] for time in sorted(ways))
+        vehicles.append(dataclasses.replace(each, waypoints=in_order))
     return dataclasses.replace(scenario, vehicles=tuple(vehicles))
 
 
