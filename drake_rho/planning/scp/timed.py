@@ -23,8 +23,8 @@ from drake_rho.scenario.records import Grid, Scenario
 
 _AFTER = 1e-3
 """Part of the least time between free waypoints for which a flight goes on after a requirement ends
-or a waypoint's given time: so little costs no time, but constraints hold at the end of a requirement
-as at any instant in it."""
+or a waypoint's given time: so little costs no time, but constraints hold at the end of a
+requirement as at any instant in it."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
