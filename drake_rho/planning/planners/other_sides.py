@@ -13,7 +13,7 @@ from functools import partial
 
 import numpy as np
 
-from drake_rho.motion.dynamics import response
+from drake_rho.motion.dynamics import Motion, response
 from drake_rho.motion.plan import Plan
 from drake_rho.motion.statistics import Statistics
 from drake_rho.planning.call.progress import Progress, tell, within
@@ -24,7 +24,7 @@ from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs.backend import Backend
 from drake_rho.planning.scp.sequential_convex import sequential_convex
 from drake_rho.planning.scp.subproblem import Subproblem
-from drake_rho.scenario.fields import FloatArray
+from drake_rho.scenario.fields import FloatArray, IntArray
 
 _WORTH = 0.02
 """Part of a vehicle's cost that a detour must save to be tried: it costs less than plans near it,
@@ -56,6 +56,8 @@ Iterate = Callable[..., Plan]
 class Detour:
     """Motion of least effort that passes one obstacle on a given side, at a given instant."""
 
+    vehicle: int
+    """index of the vehicle"""
     cost: float
     """sum of its squared accelerations [m²/s⁴]"""
     accelerations: FloatArray
@@ -94,7 +96,7 @@ def on_cheaper_sides(
     iterated = partial(sequential_convex, tolerance=tolerance, most=most)
     accelerations, spent = np.array(plan.accelerations), Statistics()
     references = None if plan.reference is None else np.array(plan.reference.accelerations)
-    for vehicle in _bent(problem, plan):
+    for vehicle in sorted({each.vehicle for each in _detours(problem, plan)}):
         alone = problem if len(problem) == 1 else _of_vehicle(problem, vehicle)
         own = Plan.from_accelerations(alone.scenario, accelerations[[vehicle]])
         task = within(progress, problem.scenario.names[vehicle])
@@ -117,16 +119,6 @@ def on_cheaper_sides(
         tolerance=before.tolerance,
     )
     return plan.with_statistics(ended)
-
-
-def _bent(problem: Problem, plan: Plan) -> list[int]:
-    """Return the vehicles whose plans cost noticeably more than their minimum effort."""
-    least, costs = (
-        np.sum(each**2, axis=(1, 2))
-        for each in (problem.effort.motion.accelerations, plan.accelerations)
-    )
-    bent: list[int] = np.flatnonzero((1.0 - _WORTH) * costs > least).tolist()
-    return bent
 
 
 def _of_vehicle(problem: Problem, vehicle: int) -> Problem:
@@ -172,7 +164,7 @@ class _OtherSides:
 
     def _cheaper(self) -> Plan | None:
         """Return the first cheaper plan along detours, from the cheapest detour on."""
-        for detour in self._detours():
+        for detour in _detours(self._subproblem.problem, self._best):
             if self.spent.detours == _TRIES:
                 break
             self.spent += Statistics(detours=1)
@@ -204,59 +196,82 @@ class _OtherSides:
         plan = sequential_convex(subproblem, plan, _ROUGHLY, most=_ROUGH_STEPS)
         return self._iterated(subproblem, plan) if plan.cost < self._best.cost else plan
 
-    def _detours(self) -> list[Detour]:
-        """Return the detours that may lead to cheaper plans, the cheapest first."""
-        motion = self._best.motion()
-        worth = (1.0 - _WORTH) * np.sum(motion.accelerations**2)
-        shapes = self._subproblem.problem.obstacles_around(motion)
-        detours = [
-            detour
-            for each in shapes
-            if isinstance(each, KeepOutOfShape)  # other sides of a map are not looked for
-            for detour in self._beside(each)
-        ]
-        return sorted((each for each in detours if each.cost < worth), key=lambda each: each.cost)
 
-    def _beside(self, obstacle: KeepOutOfShape) -> Iterator[Detour]:
-        """Yield detours on other sides of an obstacle, if the plan touches it."""
-        nearest = self._touching(obstacle)
-        if nearest is None:
-            return
-        effort, grid = self._subproblem.problem.effort, self._best.scenario.grid
-        free, shape = effort.motion, obstacle.shape
-        sides = self._sides(obstacle, nearest)
-        row = response("position", grid.step, grid.knots, nearest.times)
-        row = effort.changes.inside(row)[0]
-        far = shape.local_support(sides) + obstacle.radius(nearest)
-        lacking = np.maximum(far - sides @ obstacle.offsets(free, nearest)[0], 0.0)
-        least, square = float(np.sum(free.accelerations**2)), float(row @ row)
-        for side, gap in zip(sides, lacking.tolist(), strict=True):
-            if 0.0 < gap < np.inf:  # infinite along an endless cylinder
-                change = gap / square * row[:, None] * side
-                yield Detour(least + gap**2 / square, free.accelerations + change)
+def _detours(problem: Problem, plan: Plan) -> list[Detour]:
+    """Return the detours of all vehicles that may lead to cheaper plans, the cheapest first."""
+    motion, free = plan.motion(), problem.effort.motion
+    least, costs = (np.sum(each.accelerations**2, axis=(1, 2)) for each in (free, motion))
+    worth = (1.0 - _WORTH) * costs
+    bent = np.flatnonzero(worth > least)
+    if len(bent) == 0:
+        return []
+    found = [
+        detour
+        for each in problem.obstacles_around(motion)
+        if isinstance(each, KeepOutOfShape)  # other sides of a map are not looked for
+        for detour in _beside(each, problem, motion, _touching(each, motion, bent), worth)
+    ]
+    return sorted(found, key=lambda each: each.cost)
 
-    def _touching(self, obstacle: KeepOutOfShape) -> EvaluationPoints | None:
-        """Return the instant at which the plan touches an obstacle; None if it does not."""
-        grid = self._best.scenario.grid
-        samples = np.arange(1, _SAMPLES * (grid.knots - 1))
-        times: FloatArray = np.float64(grid.step / _SAMPLES) * samples
-        times = times[obstacle.holds_at(times)]
-        none = np.zeros(len(times), dtype=int)
-        points = EvaluationPoints(none, none, times)
-        clearances = obstacle.distances(self._best.motion(), points) - obstacle.radius(points)
-        if len(times) == 0 or clearances.min() > _TOUCHING * obstacle.shape.size:
-            return None
-        return points.select(np.array([np.argmin(clearances)]))
 
-    def _sides(self, obstacle: KeepOutOfShape, at: EvaluationPoints) -> FloatArray:
-        """Return unit vectors to the other sides of an obstacle across the flight, shape (S, 3)."""
-        motion, x = self._best.motion(), obstacle.offsets(self._best.motion(), at)
-        velocity = motion.each_at("velocity", at.vehicles, at.times)
-        velocity = velocity - obstacle.obstacle.velocities(at.times)
-        first = side_of(obstacle.shape.local_outward(x), velocity)[0]
-        second = np.cross(velocity[0], first)
-        length = float(np.linalg.norm(second))
-        if length == 0.0:  # at rest beside the obstacle
-            return np.asarray(-first[None])
-        turned = np.sin(_TURNS)[:, None] * second / length
-        return np.asarray(np.cos(_TURNS)[:, None] * first + turned)
+def _touching(obstacle: KeepOutOfShape, motion: Motion, vehicles: IntArray) -> EvaluationPoints:
+    """Return the instants at which vehicles are nearest to an obstacle, of those that touch it."""
+    times = motion.step / _SAMPLES * np.arange(1, _SAMPLES * motion.accelerations.shape[1])
+    times = times[obstacle.holds_at(times)]
+    whose = np.repeat(vehicles, len(times))
+    points = EvaluationPoints(whose, whose, np.tile(times, len(vehicles)))
+    if len(points) == 0:
+        return points
+    clearances = obstacle.distances(motion, points) - obstacle.radius(points)
+    clearances = clearances.reshape(len(vehicles), -1)
+    nearest = len(times) * np.arange(len(vehicles)) + np.argmin(clearances, axis=1)
+    return points.select(nearest[clearances.min(axis=1) <= _TOUCHING * obstacle.shape.size])
+
+
+def _beside(
+    obstacle: KeepOutOfShape,
+    problem: Problem,
+    motion: Motion,
+    points: EvaluationPoints,
+    worth: FloatArray,
+) -> Iterator[Detour]:
+    """Yield detours on other sides of an obstacle that cost less than they are worth.
+
+    Args:
+        obstacle: the obstacle.
+        problem: with the motion of least effort.
+        motion: motion of a plan.
+        points: instants at which vehicles touch the obstacle.
+        worth: cost below which a detour of each vehicle is tried [m²/s⁴], shape (N,).
+    """
+    if len(points) == 0:
+        return
+    effort, grid, whose = problem.effort, problem.scenario.grid, points.vehicles
+    sides = _sides(obstacle, motion, points)
+    rows = effort.changes.inside(response("position", grid.step, grid.knots, points.times))
+    squares = np.vecdot(rows, rows)[:, None]
+    far = obstacle.shape.local_support(sides.reshape(-1, 3)).reshape(sides.shape[:2])
+    away = np.vecdot(sides, obstacle.offsets(effort.motion, points)[:, None])
+    gaps = np.maximum(far + obstacle.radius(points)[:, None] - away, 0.0)
+    least = np.sum(effort.motion.accelerations[whose] ** 2, axis=(1, 2))
+    costs = least[:, None] + gaps**2 / squares  # infinite along an endless cylinder
+    for r, s in np.argwhere((gaps > 0.0) & (costs < worth[whose, None])).tolist():
+        change = gaps[r, s] / squares[r] * rows[r, :, None] * sides[r, s]
+        free = effort.motion.accelerations[whose[r] : whose[r] + 1]
+        yield Detour(int(whose[r]), float(costs[r, s]), free + change)
+
+
+def _sides(obstacle: KeepOutOfShape, motion: Motion, points: EvaluationPoints) -> FloatArray:
+    """Return unit vectors to other sides of an obstacle across the flight, shape (R, S, 3).
+
+    Of a vehicle at rest beside the obstacle, all of them are to the opposite side.
+    """
+    velocities = motion.each_at("velocity", points.vehicles, points.times)
+    velocities = velocities - obstacle.obstacle.velocities(points.times)
+    first = side_of(obstacle.shape.local_outward(obstacle.offsets(motion, points)), velocities)
+    second = np.cross(velocities, first)
+    lengths = np.linalg.norm(second, axis=1, keepdims=True)
+    moving = lengths > 0.0
+    second = np.where(moving, second / np.where(moving, lengths, 1.0), 0.0)[:, None]
+    cosines = np.where(moving, np.cos(_TURNS), -1.0)[:, :, None]
+    return np.asarray(cosines * first[:, None] + np.sin(_TURNS)[:, None] * second)
