@@ -157,5 +157,6 @@ def side_of(offsets: FloatArray, velocities: FloatArray) -> FloatArray:
     sides = offsets - np.vecdot(offsets, ahead)[..., None] * ahead
     lengths = np.linalg.norm(sides, axis=-1, keepdims=True)
     defined = lengths > 1e-3 * np.linalg.norm(offsets, axis=-1, keepdims=True)
-    found: FloatArray = np.where(defined, sides / np.where(defined, lengths, 1.0), across(ahead))
-    return found
+    if defined.all():
+        return np.asarray(sides / lengths)
+    return np.where(defined, sides / np.where(defined, lengths, 1.0), across(ahead))
