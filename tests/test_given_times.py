@@ -57,6 +57,13 @@ def test_a_flight_ends_right_after_a_given_time_where_nothing_else_needs_longer(
     assert rho.verify(plan).ok
 
 
+def test_there_is_no_least_time_without_limits_though_a_time_is_given() -> None:
+    places = np.array([[0.0, 0.0, 0.0], [1.0, 1.0, 0.0], [2.0, 0.0, 0.0]])
+    scenario = dataclasses.replace(flight(places, [4.0], step=0.2), limits=rho.Limits())
+    with pytest.raises(rho.ScenarioError, match="there is no least time"):
+        rho.plan_minimum_time(scenario)
+
+
 @pytest.mark.parametrize("seed", [*range(2), *slow(2, 3, 4)])
 def test_no_plan_in_less_time_is_found_otherwise(seed: int) -> None:
     rng = np.random.default_rng([7, seed])

@@ -134,6 +134,20 @@ def test_times_are_found_though_the_first_guess_has_no_motion() -> None:
     assert plan.cost <= (1.0 + BEST) * best_given(scenario, np.arange(0.3, 1.0, 0.05))
 
 
+@pytest.mark.parametrize("planner", [rho.plan, rho.plan_minimum_time])
+def test_waypoints_are_passed_a_hundredth_of_a_step_apart(
+    planner: Callable[[rho.Scenario], rho.Plan],
+) -> None:
+    """At the largest speed of 2 m/s all the way, steps of 0.25 s are 0.5 m long."""
+    moving = [rho.State([x, 0.0, 0.0], [2.0, 0.0, 0.0]) for x in (0.0, 6.0)]
+    places = [[x, 0.0, 0.0] for x in (3.0, 3.005, 3.01)]
+    vehicle = rho.Vehicle("v", *moving, waypoints=[rho.Waypoint(None, each) for each in places])
+    limits = rho.Limits(max_speed=2.0)
+    plan = planner(rho.Scenario("close", rho.Grid(0.25, 13), [vehicle], limits))
+    assert rho.verify(plan).ok
+    assert plan.scenario.grid.duration == pytest.approx(3.0, rel=SAME)
+
+
 def test_nothing_is_proved_of_times_that_were_chosen() -> None:
     """A waypoint 30 m aside is too far, but it is not proved that it is at every time."""
     with pytest.raises(rho.InfeasibleError) as caught:

@@ -124,6 +124,8 @@ class TimesAlone:
             passing = passing_of(self._waypoints, free, grid)
             accelerations = Problem.of(free.ending_with(grid)).effort.motion.accelerations
             starts.append(Timed(free, grid.step, accelerations, passing))
+            if longer == _LATER[0]:
+                LeastTime(ROUGH).check_bounded(starts[0])
             with suppress(SolverError):
                 found, least = in_least_time(starts[-1], ROUGH, self._progress)
                 if least <= found.duration:

@@ -26,8 +26,9 @@ from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.records import Grid, Scenario
 from drake_rho.scenario.waypoints import AllWaypoints
 
-GAP = 0.05
-"""Least time between waypoints of a vehicle, and from its start and goal, in steps."""
+GAP = 0.002
+"""Least time between waypoints of a vehicle, and from its start and goal, in steps: at one time the
+rows of two waypoints would be the same."""
 
 _LEAST_LEG = 1e-2
 """Least part of the longest leg's time that a leg has at first, as to a waypoint at the start."""
@@ -41,8 +42,8 @@ _POWERS = 0.5, 2.0
 _PASSED = 1e-3
 """Part of a motion's length by which a motion with times worth trying may still miss waypoints."""
 
-_BESIDE = 0.01, 0.1, 1.0
-"""Parts of the least time between waypoints by which times next to others differ."""
+_BESIDE = 0.25, 2.5, 25.0
+"""Multiples of the least time between waypoints by which times next to others differ."""
 
 _SAMPLES = 8
 """Number of samples of each step among which the instant nearest to a waypoint is sought."""

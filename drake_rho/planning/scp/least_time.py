@@ -11,7 +11,7 @@ around a motion that meets every constraint, its solution does so as well and ta
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from typing import NamedTuple
 
@@ -20,6 +20,7 @@ import numpy as np
 from drake_rho.motion.statistics import Statistics
 from drake_rho.planning.call.progress import Progress, tell
 from drake_rho.planning.call.time_limit import check_time
+from drake_rho.planning.constraints.base import Constraint
 from drake_rho.planning.errors import OutOfTimeError, SolverError
 from drake_rho.planning.programs.backend import Backend
 from drake_rho.planning.programs.free_time import LITTLE_EFFORT, FreeTimePrograms
@@ -197,6 +198,16 @@ class LeastTime:
             final = self._same_times.final
         return self._tried(timed, Change(final, reach * timed.duration, curvature))
 
+    def check_bounded(self, timed: Timed) -> None:
+        """Check that something bounds how little time motions of a scenario may take.
+
+        Raises:
+            ScenarioError: nothing does.
+        """
+        programs = FreeTimePrograms(timed.problem, self._backend, LITTLE_EFFORT)
+        if not _is_bounded(programs, timed.linearised()):
+            raise nothing_bounds_the_time()
+
     def _again(self, best: Timed) -> _Iteration:
         """Return the motion in least time around the best one."""
         return _Iteration(self._tried(best, self._same_times), 0.0, 0.0)
@@ -298,8 +309,7 @@ class LeastTime:
             return None
         weight = LITTLE_EFFORT if self._final_time else 1.0
         programs = FreeTimePrograms(problem, self._backend, weight)
-        required = any(each.quantity != "position" for each in constraints)
-        if self._final_time and not (programs.bound_time or required):
+        if self._final_time and not _is_bounded(programs, constraints):
             raise nothing_bounds_the_time()
         known = {each.key: each for each in constraints}
         rows = {
@@ -331,7 +341,12 @@ class LeastTime:
         raise SolverError(f"rows were still violated after {_ROUNDS} rounds")
 
 
+def _is_bounded(programs: FreeTimePrograms, constraints: Sequence[Constraint]) -> bool:
+    """Return whether a velocity, an acceleration or a jerk is limited or required."""
+    return programs.bound_time or any(each.quantity != "position" for each in constraints)
+
+
 def nothing_bounds_the_time() -> ScenarioError:
     """Return the error of a scenario in which a motion takes as little time as one likes."""
     given = Description("none of velocities, accelerations or jerks that bounds the time")
-    return ScenarioError("limits", given, "one, without which the least time is zero")
+    return ScenarioError("limits", given, "one, without which there is no least time")
