@@ -38,6 +38,7 @@ DRAWN = {
     "time_fleets": 12,
     "time_known": 300,
     "flight_late": 2300,
+    "flight_windy_rooms": 200,
     "mixed_scenes": 5000,
     "mixed_windows": 1200,
     "damaged_files": 4000,
@@ -65,6 +66,7 @@ FLIGHT = (
     "flight_late",
     "flight_clocks",
     "flight_quadrotor",
+    "flight_windy_rooms",
 )
 """Benchmarks of wind, feedback, margins and windows; those in no `DRAWN` are `run() -> Table`."""
 

@@ -136,3 +136,28 @@ def least_margin(simulation: rho.Simulation) -> float:
         if bounds is not None:
             left.append(min((bounds.upper - values).min(), (values - bounds.lower).min()))
     return float(min(left))
+
+
+def windy_room(seed: int) -> tuple[rho.Scenario, rho.winds.Wind]:
+    """Return one or two vehicles in a room of some metres, with wind and no errors declared."""
+    rng = np.random.default_rng(seed)
+    step = float(rng.choice([0.02, 0.025, 0.04, 0.05, 0.08, 0.1]))
+    grid = rho.Grid.lasting(2.0, step=step)
+    most = float(rng.uniform(2.0, 5.0))
+    vehicles = []
+    for i in range(int(rng.integers(1, 3))):
+        start = np.array([0.0, 1.5 * i, 1.0])
+        goal = start + np.array([most * rng.uniform(0.1, 0.4), rng.uniform(-0.2, 0.2), 0.2])
+        vehicles.append(rho.Vehicle(f"v{i}", rho.State(start), rho.State(goal)))
+    scenario = rho.Scenario(
+        "windy",
+        grid,
+        vehicles,
+        rho.Limits(max_acceleration=most),
+        separation=rho.Separation(0.5) if len(vehicles) > 1 else None,
+        disturbance=rho.Disturbance(most * rng.uniform(0.05, 0.15)),
+    )
+    direction = rng.normal(size=3)
+    if rng.random() < 0.5:
+        return scenario, rho.winds.constant(scenario, direction)
+    return scenario, rho.winds.gust(scenario, direction, begin=0.5, duration=1.0)

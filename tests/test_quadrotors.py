@@ -11,6 +11,7 @@ from pydrake.systems.primitives import ConstantVectorSource
 import drake_rho as rho
 from drake_rho.simulation.attitude import LAG, MAX_TILT, WIDTH, SmoothCommand, held
 from drake_rho.simulation.quadrotors import quadrotors
+from tests.disturbed import windy_room
 from tests.scenarios import single, slow
 
 G = 9.81
@@ -20,35 +21,10 @@ RESIDUAL = 1e-3
 """Position by which a quadrotor may be off its smooth motion's mean [m], beside the tube."""
 
 
-def _scene(seed: int) -> tuple[rho.Scenario, rho.winds.Wind]:
-    """Return one or two vehicles in a room of some metres, with wind and no errors declared."""
-    rng = np.random.default_rng(seed)
-    step = float(rng.choice([0.02, 0.025, 0.04, 0.05, 0.08, 0.1]))
-    grid = rho.Grid.lasting(2.0, step=step)
-    most = float(rng.uniform(2.0, 5.0))
-    vehicles = []
-    for i in range(int(rng.integers(1, 3))):
-        start = np.array([0.0, 1.5 * i, 1.0])
-        goal = start + np.array([most * rng.uniform(0.1, 0.4), rng.uniform(-0.2, 0.2), 0.2])
-        vehicles.append(rho.Vehicle(f"v{i}", rho.State(start), rho.State(goal)))
-    scenario = rho.Scenario(
-        "windy",
-        grid,
-        vehicles,
-        rho.Limits(max_acceleration=most),
-        separation=rho.Separation(0.5) if len(vehicles) > 1 else None,
-        disturbance=rho.Disturbance(most * rng.uniform(0.05, 0.15)),
-    )
-    direction = rng.normal(size=3)
-    if rng.random() < 0.5:
-        return scenario, rho.winds.constant(scenario, direction)
-    return scenario, rho.winds.gust(scenario, direction, begin=0.5, duration=1.0)
-
-
 @pytest.mark.parametrize("seed", [3, *slow(*range(4, 12))])
 def test_quadrotors_end_within_the_tube_of_their_plant(seed: int) -> None:
     """Without the lag in the gains, all of them tumble."""
-    scenario, wind = _scene(seed)
+    scenario, wind = windy_room(seed)
     flown = rho.simulate(scenario, wind=wind, plant="quadrotor")
     around = flown.scenario.disturbance
     assert around is not None
@@ -104,7 +80,7 @@ def test_commands_that_no_quadrotor_follows_do_not_overturn_it(command: list[flo
 
 
 def test_a_horizon_is_refused_with_the_gains_that_a_quadrotor_can_hold() -> None:
-    scenario, _ = _scene(3)
+    scenario, _ = windy_room(3)
     with pytest.raises(ValueError, match=r"cannot hold, expected a delay of .* gains of .* 1/s²"):
         rho.simulate(rho.RecedingHorizon(scenario), plant="quadrotor")
     narrow = rho.Scenario(
