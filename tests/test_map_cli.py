@@ -12,7 +12,6 @@ import octomap
 import pytest
 
 import drake_rho as rho
-from drake_rho.cli.documents import Mapped
 from tests.scenarios import single
 from tests.test_cli import run
 from tests.test_cli_json import PYRAMID, read
@@ -70,7 +69,7 @@ def test_a_map_is_described(
     words: list[str], expected: dict[str, object], capsys: Captured, monkeypatch: Patch
 ) -> None:
     status, out, err = run(capsys, monkeypatch, "map", *words, "--json")
-    found = read(out, Mapped)
+    found = read(out, "map")
     assert (status, err) == (0, "")
     assert found["file"] == words[0]
     assert {name: found[name] for name in expected} == expected

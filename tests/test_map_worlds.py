@@ -20,7 +20,6 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import DiagramBuilder
 
 import drake_rho as rho
-from drake_rho.cli.documents import Mapped
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.files import scenario_from_yaml, scenario_to_yaml
 from drake_rho.scenario.maps import world_xml
@@ -201,7 +200,7 @@ def test_the_command_map_lists_what_a_world_holds(
     def answer(*words: str) -> tuple[int, str, str]:
         return run(capsys, monkeypatch, "map", *words)
 
-    document = read(answer(str(folder / "lab.sdf"), "--json")[1], Mapped)
+    document = read(answer(str(folder / "lab.sdf"), "--json")[1], "map")
     assert (document["kind"], len(document["obstacles"])) == ("world", 9)
     assert document["obstacles"][2].startswith("m::l::pole: cylinder of radius 0.1 m")
     assert "b::hull" in answer(str(folder / "x.xml"))[1]

@@ -64,19 +64,16 @@ def test_every_public_name_is_listed_with_its_static_type() -> None:
     listed = json.loads(reported.stdout)  # before any name was accessed
     assert {*rho.__all__, "__version__"} <= set(listed)
     assert [name for name in listed if not name.startswith("__")] == sorted(rho.__all__)
-    source = ast.parse((ROOT / "drake_rho" / "__init__.py").read_text())
-    imports = [node for node in ast.walk(source) if isinstance(node, ast.ImportFrom)]
-    typed = {
-        alias.name: node.module
-        for node in imports
-        for alias in node.names
-        if str(node.module).startswith("drake_rho")
-    }
-    assert typed.keys() == set(rho.__all__)
-    for name, module in typed.items():
-        assert getattr(importlib.import_module(str(module)), name) is getattr(rho, name)
+    source = ast.parse((ROOT / "drake_rho" / "__init__.pyi").read_text())
+    imports = [node for node in source.body if isinstance(node, ast.ImportFrom)]
+    typed = [(alias, node.module) for node in imports for alias in node.names]
+    assert [alias.asname for alias, _ in typed] == [alias.name for alias, _ in typed]
+    assert sorted(alias.name for alias, _ in typed) == sorted(rho.__all__)
+    for alias, module in typed:
+        found = getattr(importlib.import_module(f"drake_rho.{module}"), alias.name)
+        assert found is getattr(rho, alias.name)
     with pytest.raises(AttributeError, match="has no attribute 'plann'"):
-        rho.plann  # noqa: B018  # no such name
+        rho.plann  # type: ignore[attr-defined]  # noqa: B018  # no such name
 
 
 def test_importing_the_package_loads_nothing_else() -> None:

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 import drake_rho as rho
-from drake_rho.cli.analysis_documents import TimeDiagnosed
 from tests.scenarios import box, single
 from tests.test_cli import run
 from tests.test_cli_json import read
@@ -183,7 +182,7 @@ def test_the_command_prints_the_table_and_the_document(
     assert run(capsys, monkeypatch, "diagnose", "plan.npz") == (0, f"{expected}\n", "")
     planned = "plan.npz", "--planned", "asked.yaml"
     status, out, _ = run(capsys, monkeypatch, "diagnose", *planned, "--json")
-    found = read(out, TimeDiagnosed)
+    found = read(out, "diagnose plan.npz")
     assert status == 0
     assert [each["limit"] for each in found["limits"]] == [each.limit for each in expected.limits]
     assert found["limits"][0]["vehicles"] == ["solo"]

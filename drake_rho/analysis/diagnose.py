@@ -185,7 +185,7 @@ class _Search:
             with suppress(SolverError):
                 violations = least_violations(scenario, error, self.backend)
         except OutOfTimeError:
-            trials.cut = True
+            trials.stop()
         changes = self._changes(scenario, error, conflicts)
         shortest, longest = self._durations(scenario, error)
         if (other := longest or shortest) is not None:

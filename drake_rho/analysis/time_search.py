@@ -105,7 +105,7 @@ class TimeSearch:
             best = each if free else self._together(each)
         except (InfeasibleError, SolverError) as error:
             failure = error
-        self._least.statistics += alone.statistics
+        self._least.count(alone.statistics)
         self._bound = alone.bound
         best = self._no_later_than_known(best, each, failure)
         try:
@@ -170,7 +170,7 @@ class TimeSearch:
             return best
         least = LeastTime(ROUGH, self._progress, final_time=False)
         best = as_soon_as_each_can(best, alone, least, self._progress)
-        self._least.statistics += least.statistics
+        self._least.count(least.statistics)
         return best
 
     def _together(self, alone: Timed) -> Timed:

@@ -70,6 +70,14 @@ class Trials:
         """Begin with the plan of the original scenario, or with the knowledge that it has none."""
         self.plan, self.feasible = plan, plan is not None
 
+    def go_back_to(self, plan: Plan | None) -> None:
+        """Make an earlier plan the initial guess of the next trial again."""
+        self.plan = plan
+
+    def stop(self) -> None:
+        """Let all later trials fail, as time is up."""
+        self.cut = True
+
     def has_plan(self, make: Callable[[], Scenario], words: str, *, near: bool = False) -> bool:
         """Return whether a plan is found for a variant of the scenario.
 
@@ -183,7 +191,7 @@ def durations(
     if high < 1.0:
         found = trials.plan
         longest = duration * boundary(lasting, high, high / SHORTER, precision)
-        trials.plan = found
+        trials.go_back_to(found)
     while 1.0 >= high > 1.0 / LARGEST_FACTOR and lasting(high / 2.0):
         high /= 2.0
     if high > 1.0 / LARGEST_FACTOR:

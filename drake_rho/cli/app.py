@@ -12,7 +12,6 @@ from rich.table import Table
 
 import drake_rho
 from drake_rho.cli.console import answer
-from drake_rho.cli.documents import Listed
 from drake_rho.cli.failures import InterruptedByUserError
 
 Command = Callable[..., int]
@@ -89,9 +88,9 @@ def _with_shared_options(command: Command) -> Command:
     return run
 
 
-def _listed(groups: Groups) -> Listed:
+def _listed(groups: Groups) -> dict[str, object]:
     names = {each.__name__: _first_line(each) for group in groups.values() for each in group}
-    return Listed(version=drake_rho.__version__, commands=names)
+    return {"version": drake_rho.__version__, "commands": names}
 
 
 def _overview(groups: Groups) -> list[str | Table]:

@@ -16,7 +16,6 @@ from rich.progress import BarColumn, TextColumn, TimeRemainingColumn
 
 from drake_rho.cli.checks import check_outputs, check_writable, requested_drawing
 from drake_rho.cli.console import answer, bar, err, remark, say, tell, working, write
-from drake_rho.cli.documents import Content, Ran, Summary
 from drake_rho.cli.failures import InterruptedByUserError
 from drake_rho.cli.options import FormatOption, WidthOption
 from drake_rho.cli.sources import refuse_empty_file
@@ -72,7 +71,7 @@ def campaign(
         write(json.dumps(study_schema(), indent=2))
         return 0
     if example:
-        return answer(Content(content=example_study()), example_study().rstrip("\n"))
+        return answer({"content": example_study()}, example_study().rstrip("\n"))
     if study is None or store is None:
         missing = "STUDY" if study is None else "--store"
         raise ValueError(f"campaign: got no {missing}, expected STUDY and --store FILE")
@@ -92,7 +91,8 @@ def campaign(
         raise InterruptedByUserError(message) from None
     failed, seconds = sum(each.runs for each in results.failures), time.monotonic() - began
     summary = f"{len(results)} runs in {store}, {failed} failed; {seconds:.1f} s"
-    return tell(Ran(store=store, runs=len(results), failed=failed, seconds=seconds), summary)
+    document = {"store": store, "runs": len(results), "failed": failed, "seconds": seconds}
+    return tell(document, summary)
 
 
 def results(
@@ -126,8 +126,7 @@ def results(
             drawn = write_campaign_figures(
                 found, drawing.folder, file_format=drawing.file_format, width=drawing.width
             )
-    document = Summary(**found.to_json(), export=export, figures=[str(each) for each in drawn])
-    answer(document, str(found))
+    answer({**found.to_json(), "export": export, "figures": drawn}, str(found))
     if export is not None:
         remark(f"{len(found)} rows in {export}")
     if drawing is not None:

@@ -9,10 +9,10 @@ import webbrowser
 from pathlib import Path
 from typing import Annotated, NoReturn
 
+import numpy as np
 import typer
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
 
-from drake_rho.cli import described
 from drake_rho.cli.app import app_of
 from drake_rho.cli.campaigns import campaign, results
 from drake_rho.cli.checks import (
@@ -35,7 +35,7 @@ from drake_rho.cli.console import (
     working,
     write,
 )
-from drake_rho.cli.documents import Shown
+from drake_rho.cli.documents import content_of
 from drake_rho.cli.export import export
 from drake_rho.cli.failures import status_of
 from drake_rho.cli.maps import map as map_
@@ -97,8 +97,14 @@ def reproduce(
             study, figures, advance, file_format=drawing.file_format, width=drawing.width
         )
     written = f"{len(drawn)} figures in {figures}"
-    document = described.reproduced(study, drawn)
-    return tell(document, study_table(study), claims_table(study), written)
+    least = [float(np.min(study.clearances_at_all_times(each))) for each in study.examples]
+    examples = [
+        {**content_of(each), "clearance_m": clearance}
+        for each, clearance in zip(study.examples, least, strict=True)
+    ]
+    document = {"examples": examples, "claims": study.claims, "figures": drawn}
+    status = 0 if all(each.report.ok for each in study.examples) else 1
+    return tell(document, study_table(study), claims_table(study), written, status=status)
 
 
 def schema() -> int:
@@ -198,7 +204,7 @@ def show(
         scenario = flown if isinstance(flown, Scenario) else flown.scenario
         _film(page, film, size, scenario.grid.duration, rate)
         written.append(f"a film in {film}")
-    return tell(Shown(page=html, film=film), *written)
+    return tell({"page": html, "film": film, "url": None}, *written)
 
 
 def _serve(page: str, host: str, port: int, *, browser: bool) -> int:
@@ -207,7 +213,8 @@ def _serve(page: str, host: str, port: int, *, browser: bool) -> int:
 
     server = serve(page, host=host, port=port)
     wait_for_interrupt = on_interrupt()
-    answer(Shown(url=server.url), f"{server.url}  (Ctrl-C stops)")
+    document = {"page": None, "film": None, "url": server.url}
+    answer(document, f"{server.url}  (Ctrl-C stops)")
     sys.stdout.flush()
     if browser and not webbrowser.open(server.url):
         remark("no browser found on this machine: open the address in a browser")

@@ -7,7 +7,7 @@ import re
 import signal
 import threading
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 
 from rich.console import Console, ConsoleOptions, RenderableType
@@ -17,7 +17,7 @@ from rich.status import Status
 from rich.table import Table
 from rich.text import Text
 
-from drake_rho.cli.document import Document
+from drake_rho.cli.documents import content_of, json_of
 from drake_rho.planning.call.time_limit import stoppable
 from drake_rho.scenario.errors import DrakeRhoWarning
 
@@ -129,22 +129,29 @@ def warnings_as_lines() -> Iterator[None]:
         yield
 
 
-def answer(document: Document, *text: str | Table) -> int:
-    """Print the answer to a question, as a document or as text, and return its status."""
+def answer(content: object, *text: str | Table, status: int = 0) -> int:
+    """Print the answer to a question, as a document or as text, and return the exit status.
+
+    Args:
+        content: record or mapping that is printed as a document.
+        text: printed otherwise.
+        status: exit status of the command, the first key of its document.
+    """
     if output_mode.as_json:
-        write(document.to_json())
-        return document.status
+        found = content if isinstance(content, Mapping) else content_of(content)
+        write(json_of({"status": status, **found}))
+        return status
     for each in text:
         say(each) if isinstance(each, str) else _print_table(each)
-    return document.status
+    return status
 
 
-def tell(document: Document, *text: str | Table) -> int:
-    """Print the outcome of an action as `answer` does, with --quiet no text, and return its status.
+def tell(content: object, *text: str | Table, status: int = 0) -> int:
+    """Print the outcome of an action as `answer` does, and with --quiet no text.
 
     The status alone then tells the outcome.
     """
-    return answer(document, *(() if output_mode.quiet else text))
+    return answer(content, *(() if output_mode.quiet else text), status=status)
 
 
 def _print_table(table: Table) -> None:

@@ -7,7 +7,6 @@ from typing import Annotated
 
 import typer
 
-from drake_rho.cli import described
 from drake_rho.cli.console import tell, working
 from drake_rho.cli.sources import load_result
 from drake_rho.exports.export import FORMATS, check_export
@@ -56,4 +55,11 @@ def export(
     flown = load_result(file)
     with working("exporting"):
         written = exported(flown, output, format=format, rate=rate)
-    return tell(described.exported(written), str(written))
+    document = {
+        "path": written.path,
+        "files": written.files,
+        "content": written.words,
+        "deviations_m": dict(zip(written.names, written.deviations.tolist(), strict=True)),
+        "keeps_clear": written.spare and bool(written.spare.keeps_clear),
+    }
+    return tell(document, str(written))

@@ -6,9 +6,9 @@ from collections.abc import Callable
 from contextlib import suppress
 
 from drake_rho.analysis.diagnose import diagnose
-from drake_rho.cli.analysis_documents import Failed
+from drake_rho.analysis.diagnosis import Diagnosis
 from drake_rho.cli.console import err, output_mode, say, stopping_early, working, write
-from drake_rho.cli.described import diagnosis_part
+from drake_rho.cli.documents import json_of
 from drake_rho.planning.errors import InfeasibleError, OutOfTimeError, SolverError
 from drake_rho.scenario.errors import DrakeRhoError
 
@@ -65,8 +65,7 @@ def _without_plan(error: InfeasibleError) -> int:
     with suppress(SolverError, OutOfTimeError), status as work, stopping_early():
         diagnosis = diagnose(error, progress=work, time_limit=_DIAGNOSIS_TIME)
     if output_mode.as_json:
-        found = None if diagnosis is None else diagnosis_part(diagnosis)
-        write(Failed(status=NO_PLAN, error=_line(error), diagnosis=found).to_json())
+        write(_document(NO_PLAN, error, diagnosis))
     elif diagnosis is not None:
         say(str(diagnosis), err)
     return NO_PLAN
@@ -74,10 +73,15 @@ def _without_plan(error: InfeasibleError) -> int:
 
 def _complain(error: object, status: int) -> int:
     if output_mode.as_json:
-        write(Failed(status=status, error=_line(error)).to_json())
+        write(_document(status, error))
     else:
         say(f"drake-rho: {_line(error)}", err)
     return status
+
+
+def _document(status: int, error: object, diagnosis: Diagnosis | None = None) -> str:
+    """Return the document of a command that fails."""
+    return json_of({"status": status, "error": _line(error), "diagnosis": diagnosis})
 
 
 def _line(error: object) -> str:

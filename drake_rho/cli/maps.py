@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal
@@ -13,7 +14,6 @@ from rich.table import Table
 
 from drake_rho.cli.checks import check_writable
 from drake_rho.cli.console import answer, working
-from drake_rho.cli.documents import Mapped
 from drake_rho.scenario.maps import mesh_files, octomaps, point_clouds, world_xml
 from drake_rho.scenario.maps.map import Map
 from drake_rho.scenario.maps.mesh import Mesh
@@ -28,6 +28,44 @@ _KINDS = {"octomap": "an OctoMap", "points": "a point cloud", "mesh": "a mesh"}
 _ENDINGS = dict.fromkeys(
     (*octomaps.ENDINGS, *point_clouds.ENDINGS, *mesh_files.ENDINGS, *world_xml.ENDINGS)
 )
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Mapped:
+    """Content of a map's file."""
+
+    file: str
+    """path of the file"""
+    kind: str
+    """kind of the map: octomap, points, mesh or world"""
+    lower_m: list[float]
+    """least coordinates of the obstacle, x, y and z"""
+    upper_m: list[float]
+    """greatest coordinates of the obstacle, x, y and z"""
+    resolution_m: float | None = None
+    """side of the cells; None for a mesh or a world"""
+    cells: int | None = None
+    """number of cells of the obstacle; None for a mesh or a world"""
+    occupied_cells: int | None = None
+    """number of cells that an OctoMap has as occupied; None for other maps"""
+    free_cells: int | None = None
+    """number of cells that an OctoMap has as free; None for other maps"""
+    unknown_cells: int | None = None
+    """number of cells in the bounding box of an OctoMap that were never seen; None for others"""
+    triangles: int | None = None
+    """number of triangles; None unless it is a mesh"""
+    vertices: int | None = None
+    """number of vertices; None unless it is a mesh"""
+    watertight: bool | None = None
+    """true if a mesh has an inside, false if it is a surface; None unless it is a mesh"""
+    obstacles: list[str] | None = None
+    """names and shapes of the obstacles of a world; None for other maps"""
+    parts: int
+    """number of convex parts that planners keep clear of"""
+    beyond_m: float
+    """largest distance of these parts from the map; 0 if their union is the map"""
+    figure: str | None = None
+    """path of the figure; None if none was drawn"""
 
 
 def map(
@@ -163,7 +201,6 @@ def _document(
         triangles=None if mesh is None else len(mesh.triangles),
         vertices=None if mesh is None else len(mesh.vertices),
         watertight=None if mesh is None else mesh.is_watertight,
-        obstacles=None,
         parts=len(found.cover) if isinstance(found.cover, Parts) else 1,
         beyond_m=found.cover_excess,
         figure=figure,
@@ -179,18 +216,9 @@ def _world(file: str, obstacles: Sequence[Obstacle]) -> Mapped:
         kind="world",
         lower_m=np.min([each.center - each.extent for each in shapes], axis=0).tolist(),
         upper_m=np.max([each.center + each.extent for each in shapes], axis=0).tolist(),
-        resolution_m=None,
-        cells=None,
-        occupied_cells=None,
-        free_cells=None,
-        unknown_cells=None,
-        triangles=None,
-        vertices=None,
-        watertight=None,
         obstacles=[f"{each.name}: {each.shape}" for each in obstacles],
         parts=sum(len(each) if isinstance(each, Parts) else 1 for each in covers),
         beyond_m=max(each.cover_excess if isinstance(each, Map) else 0.0 for each in shapes),
-        figure=None,
     )
 
 

@@ -9,10 +9,9 @@ from rich.markup import escape
 from rich.table import Table
 
 from drake_rho.analysis.minimum_time import plan_minimum_time
-from drake_rho.cli import described
+from drake_rho.cli.assigned import Assigned, assigned
 from drake_rho.cli.checks import check_outputs, check_writable, requested_drawing
 from drake_rho.cli.console import Work, answer, stopping_early, tell, working
-from drake_rho.cli.documents import Assigned
 from drake_rho.cli.options import (
     REFERENCES,
     Arrival,
@@ -193,7 +192,7 @@ def assign(
         given, better = assignment(problem), assign_goals(problem)
     if output is not None:
         save_scenario(better, output)
-    document = described.assigned(problem, given, (_effort(problem), _effort(better)), output)
+    document = assigned(problem, given, (_effort(problem), _effort(better)), output)
     if output is None:
         return answer(document, *_summary(document))
     return tell(document, *_summary(document), f"saved to {output}")

@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 
 from rich.markup import escape
 from rich.table import Table
 
-from drake_rho.cli import described
 from drake_rho.cli.checks import Drawing
 from drake_rho.cli.console import out, tell, working
-from drake_rho.cli.summary import simulation_table
+from drake_rho.cli.documents import content_of
+from drake_rho.cli.summary import errors_of, simulation_table
 from drake_rho.motion.files import save
 from drake_rho.motion.flight import Window
 from drake_rho.motion.flown import Flown
 from drake_rho.verification.printed import TEXTS, Printed
+from drake_rho.verification.report import Report
 from drake_rho.verification.verify import verify
 
 
@@ -42,7 +44,7 @@ def finish(
     """
     if output is not None:  # before anything is printed: a closed pipe must not lose the work
         save(flown, output)
-    drawn = []
+    drawn = list[Path]()
     if drawing is not None:
         # importing matplotlib takes longer than most commands
         from drake_rho.display.plots.figures import write_figures
@@ -55,11 +57,52 @@ def finish(
     if drawing is not None:
         written += [f"{', '.join(path.name for path in drawn)} in {drawing.folder}"]
     with working("verifying"):
-        verified = verify(flown)
-    document = described.verified(flown, verified, wind=wind, file=output, figures=drawn)
+        report = verify(flown)
+    document = _document(flown, report, wind, output, drawn)
     heading = [f"wind: {wind}"] if wind is not None else []
-    text = _text(flown, verified.printed(every_row=every_row, gap=not least_time), least_time)
-    return tell(document, *heading, *text, *written)
+    text = _text(flown, report.printed(every_row=every_row, gap=not least_time), least_time)
+    status = 0 if report.ok else 1
+    return tell(document, *heading, *text, *written, status=status)
+
+
+def _document(
+    flown: Flown, report: Report, wind: str | None, file: str | None, figures: list[Path]
+) -> dict[str, object]:
+    """Return the document of a plan, flight or simulation and of its report."""
+    scenario = flown.scenario
+    return {
+        "kind": flown.kind,
+        "scenario": scenario,
+        "vehicles": len(scenario.vehicles),
+        "knots": scenario.grid.knots,
+        "step_s": scenario.grid.step,
+        "ok": report.ok,
+        "cost": flown.cost,
+        **content_of(flown.statistics),
+        "clearance_m": _least(report, "obstacles"),
+        "separation_m": _least(report, "separation"),
+        **content_of(report.summary),
+        "windows": None if flown.flight is None else len(flown.windows),
+        "windows_without_plan": [
+            {**content_of(each), "first_knot": each.first_knot + 1}
+            for each in flown.windows
+            if each.infeasible
+        ],
+        "sightings": report.sightings,
+        "errors": [] if flown.simulation is None else errors_of(flown.simulation),
+        "wind": wind,
+        "notes": report.notes,
+        "violations": report.violations,
+        "tightest": report.tightest,
+        "file": file,
+        "figures": figures,
+    }
+
+
+def _least(report: Report, kind: str) -> float | None:
+    """Return the least value of the required checks of a kind."""
+    values = (each.value for each in report.checks if each.asked and each.kind == kind)
+    return min(values, default=None)
 
 
 def _text(flown: Flown, printed: Printed, least_time: bool) -> Iterator[str | Table]:

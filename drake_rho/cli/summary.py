@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 from rich.markup import escape
 from rich.table import Table
 
-from drake_rho.cli.result_documents import ErrorRow
 from drake_rho.motion.nearest_vehicles import nearest_vehicles
 from drake_rho.motion.obstacle_clearances import clearances
 from drake_rho.motion.simulation import Simulation
@@ -19,7 +20,23 @@ _ZERO = 1e-9
 """Absolute value below which a number is printed as 0, in the units of the table."""
 
 
-def errors_of(simulation: Simulation) -> list[ErrorRow]:
+@dataclasses.dataclass(frozen=True)
+class VehicleErrors:
+    """Tracking error and least distances of one vehicle in a simulation."""
+
+    vehicle: str
+    """name of the vehicle"""
+    error_m: float
+    """largest position error with respect to the plan in force"""
+    of_radius: float | None
+    """largest ratio of the position error to the radius of the tube; None without a tube"""
+    to_obstacles_m: float | None
+    """least distance from an obstacle, less the vehicle's radius; None if none was known"""
+    to_others_m: float | None
+    """least distance from another vehicle, less the separation; None without a separation"""
+
+
+def errors_of(simulation: Simulation) -> list[VehicleErrors]:
     """Return the largest tracking error of each vehicle, and its least clearances.
 
     Clearances are distances in the record less the vehicle's radius, or less the separation.
@@ -29,7 +46,7 @@ def errors_of(simulation: Simulation) -> list[ErrorRow]:
     shares = largest_shares(errors, radii, negligible)
     to_obstacles, to_others = _to_obstacles(simulation), _to_others(simulation)
     return [
-        ErrorRow(
+        VehicleErrors(
             vehicle=vehicle.name,
             error_m=float(errors[:, i].max()),
             of_radius=float(shares[i]) if np.any(radii > 0.0) else None,

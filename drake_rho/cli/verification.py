@@ -10,8 +10,6 @@ import typer
 from drake_rho.analysis.certify import certify as certificate_of
 from drake_rho.analysis.certify_time import certify_time
 from drake_rho.analysis.diagnose import diagnose as diagnosis_of
-from drake_rho.cli import described
-from drake_rho.cli.analysis_documents import Diagnosed
 from drake_rho.cli.console import answer, stopping_early, working
 from drake_rho.cli.options import (
     DurationOption,
@@ -73,7 +71,7 @@ def certify(
             raise ValueError(f"{file}: got a flight, expected a plan, whose time is bounded")
         with working("bounding the least time") as work, stopping_early():
             found = certify_time(flown.plan, progress=work, time_limit=time_limit)
-        return answer(described.time_certified(found), str(found))
+        return answer(found, str(found))
     with working("computing a lower bound") as work, stopping_early():
         certificate = certificate_of(
             flown.flight or flown.plan,
@@ -81,7 +79,7 @@ def certify(
             progress=work,
             time_limit=time_limit,
         )
-    return answer(described.certified(certificate), str(certificate))
+    return answer(certificate, str(certificate))
 
 
 def diagnose(
@@ -121,7 +119,7 @@ def diagnose(
         diagnosis = diagnosis_of(
             problem, solver=SOLVERS[solver](), progress=work, time_limit=time_limit
         )
-    return answer(Diagnosed(diagnosis=described.diagnosis_part(diagnosis)), str(diagnosis))
+    return answer({"diagnosis": diagnosis}, str(diagnosis))
 
 
 def _diagnose_plan(source: str, planned: str | None, time_limit: float | None) -> int:
@@ -132,4 +130,4 @@ def _diagnose_plan(source: str, planned: str | None, time_limit: float | None) -
     scenario = None if planned is None else read(planned, None, None)
     with working("looking for less time near the plan") as work, stopping_early():
         found = diagnosis_of(flown.plan, planned=scenario, progress=work, time_limit=time_limit)
-    return answer(described.time_diagnosed(found), str(found))
+    return answer(found, str(found))

@@ -11,10 +11,10 @@ import zipfile
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any, get_type_hints
 
 import numpy as np
-from pydantic import Field, TypeAdapter
+from pydantic import TypeAdapter
 
 from drake_rho.motion.documents import is_document, read_document
 from drake_rho.motion.flight import Flight, Window, beginnings
@@ -42,23 +42,18 @@ _LARGEST_ARRAY = 1 << 30
 
 _PLAN, _FLIGHT, _SIMULATION = (f"drake_rho {kind} 1" for kind in ("plan", "flight", "simulation"))
 _ARRAYS = ("positions", "velocities", "accelerations")
-_KINDS = ("plan", "reference")
-_CONTINGENCY = "contingency"
-_Numbers = tuple[Annotated[int, Field(ge=1)], ...]
+_PLANS = ("plan", "reference", "contingency")
+"""Plans of a window, of which only a contingency may be missing."""
+
 _WINDOW_FIELDS: dict[str, TypeAdapter[Any]] = {
-    "learned": TypeAdapter(list[_Numbers]),
-    "not_avoided": TypeAdapter(list[_Numbers]),
-    "kept": TypeAdapter(list[Annotated[bool, Field(strict=True)]]),
-    "off_tube": TypeAdapter(list[tuple[str, ...]]),
-    "unseen": TypeAdapter(list[tuple[str, ...]]),
-    "no_contingency": TypeAdapter(list[str]),
-    "stopping": TypeAdapter(list[Annotated[bool, Field(strict=True)]]),
-    "cost_bound": TypeAdapter(list[Annotated[float, Field(ge=0.0, le=LARGEST)] | None]),
+    name: TypeAdapter(list[kind])  # type: ignore[valid-type]  # types of fields are values here
+    for name, kind in get_type_hints(Window, include_extras=True).items()
+    if name not in {"first_knot", "infeasible", *_PLANS}
 }
 """Fields of windows that are newer than the format of flights: older files do not have them."""
 
-_SELDOM = ("unseen", "no_contingency", "stopping", "cost_bound")
-"""Those that a file has only if any window does."""
+_ALWAYS = ("learned", "not_avoided", "kept", "off_tube")
+"""Fields of windows that every file has; it has the others only if any window does."""
 
 _MAP = "map"
 """Beginning of the names of maps, which end in their numbers. Older files have none: their
@@ -182,13 +177,12 @@ def _unpack_all(path: str | Path, content: Archive) -> Flown:
     if form not in {_PLAN, _FLIGHT, _SIMULATION}:
         raise PlanFileError(f"{path}: not a plan or flight of this version of drake_rho")
     first_knots = [] if form == _PLAN else content["first_knots"].tolist()
-    prefixes = [f"window{number}.{kind}" for number in range(len(first_knots)) for kind in _KINDS]
+    prefixes = [prefix for each in _prefixes(len(first_knots), content) for prefix in each.values()]
     expected = {f"{prefix}.{part}" for prefix in ["plan", *prefixes] for part in _PARTS}
     optional = {"format", _JUMPS}
     if form != _PLAN:
         expected |= {"first_knots", "infeasible"}
         optional |= set(_WINDOW_FIELDS)
-        expected |= {f"{each}.{part}" for each in _contingencies(content) for part in _PARTS}
     if form == _SIMULATION:
         expected |= {"plant", *(f"simulation.{name}" for name in _SIMULATED)}
         optional |= {_ELAPSED, _LOST}
@@ -210,35 +204,32 @@ def _pack_windows(windows: Sequence[Window], maps: list[Map]) -> dict[str, Any]:
     }
     for name in _WINDOW_FIELDS:
         values = [getattr(window, name) for window in windows]
-        if name not in _SELDOM or any(values):
+        if name in _ALWAYS or any(values):
             content[name] = json.dumps(values)
     for number, window in enumerate(windows):
-        content |= _pack(f"window{number}.plan", window.plan, maps)
-        content |= _pack(f"window{number}.reference", window.reference, maps)
-        if window.contingency is not None:
-            content |= _pack(f"window{number}.{_CONTINGENCY}", window.contingency, maps)
+        for kind in _PLANS:
+            if (plan := getattr(window, kind)) is not None:
+                content |= _pack(f"window{number}.{kind}", plan, maps)
     return content
 
 
 def _unpack_flight(content: Archive, first_knots: list[int], maps: Sequence[Map]) -> Flight:
-    fields = [
-        _window_field(name, content, len(first_knots)) for name in _WINDOW_FIELDS if name in content
+    count = len(first_knots)
+    fields: dict[str, Any] = {
+        "first_knot": first_knots,
+        "infeasible": content["infeasible"].tolist(),
+    }
+    for name in filter(content.__contains__, _WINDOW_FIELDS):
+        fields[name] = _WINDOW_FIELDS[name].validate_json(str(content[name]), strict=True)
+    for name, values in fields.items():
+        if len(values) != count:
+            raise ValueError(f"{name} has {len(values)} values, expected one for each window")
+    every = [
+        {name: values[number] for name, values in fields.items()}
+        | {kind: _unpack(prefix, content, maps) for kind, prefix in prefixes.items()}
+        for number, prefixes in enumerate(_prefixes(count, content))
     ]
-    found = _contingencies(content)
-    prefixes = [f"window{number}.{_CONTINGENCY}" for number in range(len(first_knots))]
-    windows = tuple(
-        Window(
-            first_knot,
-            _unpack(f"window{number}.plan", content, maps),
-            _unpack(f"window{number}.reference", content, maps),
-            reason,
-            **dict(each[number] for each in fields),
-            contingency=_unpack(prefix, content, maps) if prefix in found else None,
-        )
-        for number, (first_knot, reason, prefix) in enumerate(
-            zip(first_knots, content["infeasible"].tolist(), prefixes, strict=True)
-        )
-    )
+    windows = tuple(Window(**each) for each in every)
     plan = _unpack("plan", content, maps)
     _check_windows(plan, windows)
     if (smooth := plan.smooth()) is not None:
@@ -261,20 +252,13 @@ def _with_jumps(flight: Flight) -> Flight:
     return Flight(flown.plan.with_statistics(plan.statistics), flight.windows)
 
 
-def _contingencies(content: Mapping[str, np.ndarray]) -> set[str]:
-    """Return the beginnings of the names of what belongs to windows' contingencies."""
-    names = (name.rpartition(".")[0] for name in content)
-    return {name for name in names if name.endswith(f".{_CONTINGENCY}")}
-
-
-def _window_field(
-    name: str, content: Mapping[str, np.ndarray], windows: int
-) -> list[tuple[str, Any]]:
-    """Return the name and the value of a field for every window."""
-    values = _WINDOW_FIELDS[name].validate_json(str(content[name]))
-    if len(values) != windows:
-        raise ValueError(f"{name} has {len(values)} values, expected one for each window")
-    return [(name, each) for each in values]
+def _prefixes(windows: int, content: Mapping[str, np.ndarray]) -> list[dict[str, str]]:
+    """Return the beginnings of the names of every window's plans, by kind."""
+    every = [{kind: f"window{number}.{kind}" for kind in _PLANS} for number in range(windows)]
+    for each in every:
+        if f"{each['contingency']}.scenario" not in content:
+            del each["contingency"]
+    return every
 
 
 def _pack_simulation(simulation: Simulation) -> dict[str, Any]:

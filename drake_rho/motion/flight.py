@@ -14,7 +14,7 @@ from drake_rho.motion.remainders import goes_on
 from drake_rho.motion.samples import Samples
 from drake_rho.motion.statistics import Statistics
 from drake_rho.scenario.described import Described, ShownInNotebooks
-from drake_rho.scenario.fields import FloatArray, unchecked
+from drake_rho.scenario.fields import FloatArray, NotNegative, Ordinal, unchecked
 from drake_rho.scenario.records import Scenario
 from drake_rho.scenario.rest_of_flight import going_on
 
@@ -32,9 +32,9 @@ class Window(metaclass=Described):
     infeasible: str = ""
     """empty, or the reason why no new plan was found; `plan` is then the tail of the previous plan
     or, if that violates constraints known by now, a contingency or a plan of minimum violation"""
-    learned: tuple[int, ...] = ()
+    learned: tuple[Ordinal, ...] = ()
     """numbers of the obstacles, from 1, that became known with this window"""
-    not_avoided: tuple[int, ...] = ()
+    not_avoided: tuple[Ordinal, ...] = ()
     """numbers of the obstacles, from 1, that its plan does not avoid"""
     kept: bool = False
     """true if its plan is the rest of the previous one, which still satisfies all constraints in
@@ -51,7 +51,7 @@ class Window(metaclass=Described):
     """empty, or the reason why a contingency that was asked for was not found"""
     stopping: bool = False
     """true if `plan` brakes to rest: a contingency, flown because nothing else keeps clear"""
-    cost_bound: float | None = None
+    cost_bound: NotNegative | None = None
     """largest cost of the flight from this window on [m²/s⁴], whatever the disturbance, as long as
     nothing new becomes known; None if it was not asked for"""
 

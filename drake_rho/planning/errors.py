@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Self
 
 from drake_rho.motion.statistics import Statistics
 from drake_rho.scenario.errors import DrakeRhoError
@@ -18,7 +18,17 @@ _NAMED = 4
 """Largest number of vehicles whose conflicts a message lists one by one."""
 
 
-class InfeasibleError(DrakeRhoError):
+class PlanningError(DrakeRhoError):
+    """Error of a planner, with the statistics of its attempts."""
+
+    statistics: Statistics
+
+    def replaced(self, **changes: Any) -> Self:
+        """Return this error with other attributes, as if it had been raised with them."""
+        return type(self)(**(vars(self) | changes)).with_traceback(self.__traceback__)
+
+
+class InfeasibleError(PlanningError):
     """Infeasibility: no plan was found, as the constraints that were tried cannot be met together.
 
     If the scenario has no disturbance, and neither obstacles nor other vehicles take part in the
@@ -74,32 +84,6 @@ class InfeasibleError(DrakeRhoError):
             because,
         )
 
-    def after(self, steps_tried: tuple[float, ...], statistics: Statistics) -> InfeasibleError:
-        """Return this error with the steps that were tried [s] and their statistics."""
-        return InfeasibleError(
-            self.conflicts,
-            steps_tried,
-            statistics,
-            self.scenario,
-            self.obstacles,
-            self.reference,
-            self.bearable,
-            self.because,
-        )
-
-    def with_reason(self, because: str) -> InfeasibleError:
-        """Return this error with another reason of its conflicts, which no solver has proved."""
-        return InfeasibleError(
-            self.conflicts,
-            self.steps_tried,
-            self.statistics,
-            self.scenario,
-            self.obstacles,
-            self.reference,
-            self.bearable,
-            because,
-        )
-
     @property
     def is_proved(self) -> bool:
         """True if the scenario is proved to have no plan."""
@@ -147,22 +131,24 @@ class InfeasibleError(DrakeRhoError):
         return f"with {' and '.join(what)}" if what else ""
 
 
-class SolverError(DrakeRhoError):
+class SolverError(PlanningError):
     """Failure of the solvers to give a solution or a proof that there is none.
 
     Attributes:
+        message: description of the failure.
         statistics: statistics of the attempts, as far as they were counted.
     """
 
     def __init__(self, message: str, statistics: Statistics | None = None) -> None:
+        self.message = message
         self.statistics = statistics or Statistics()
         super().__init__(message, self.statistics)
 
     def __str__(self) -> str:
-        return str(self.args[0])
+        return self.message
 
 
-class OutOfTimeError(DrakeRhoError):
+class OutOfTimeError(PlanningError):
     """Expiry of a time limit, or Ctrl-C, before there was anything to return.
 
     Attributes:
@@ -181,7 +167,7 @@ class OutOfTimeError(DrakeRhoError):
     def while_doing(self, words: str, time_limit: float | None) -> OutOfTimeError:
         """Return this error with a progress text and a time limit where it has none of its own."""
         limit = time_limit if self.time_limit is None else self.time_limit
-        return OutOfTimeError(self.doing or words, limit, self.statistics)
+        return self.replaced(doing=self.doing or words, time_limit=limit)
 
     def __str__(self) -> str:
         limit = self.time_limit

@@ -261,9 +261,9 @@ def with_finer_margins(find: Callable[[Problem], Plan], problem: Problem) -> Pla
             plan = find(finer)
         except InfeasibleError as again:  # its slack is that of the finest margins
             spent = error.statistics + again.statistics
-            raise again.after(error.steps_tried, spent) from None
+            raise again.replaced(steps_tried=error.steps_tried, statistics=spent) from None
         except SolverError as again:
-            raise error.after(error.steps_tried, error.statistics + again.statistics) from None
+            raise error.replaced(statistics=error.statistics + again.statistics) from None
         return plan.with_statistics(error.statistics + plan.statistics)
 
 

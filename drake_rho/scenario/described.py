@@ -28,8 +28,10 @@ _PLAIN_NAMES = {
     "BoolArray": "array",
     "Margin": "float",
     "Name": "str",
+    "NotNegative": "float",
     "Numbers": "numbers",
     "Obstacles": "tuple[Shape | Obstacle, ...]",
+    "Ordinal": "int",
     "Points": "positions",
     "Positive": "float",
     "Vector": "x, y, z",
@@ -67,13 +69,16 @@ class Described(ABCMeta):
 class ShownInNotebooks:
     """Record that a notebook shows as a figure."""
 
-    html_of: ClassVar[Callable[[object], str] | None] = None
-    """function that returns the HTML of a record; the package sets it, since records know nothing
-    of their display"""
+    _html_of: ClassVar[Callable[[object], str] | None] = None
+
+    @staticmethod
+    def shown_by(html_of: Callable[[object], str]) -> None:
+        """Show all records by the HTML that a function returns: they know nothing of displays."""
+        ShownInNotebooks._html_of = html_of
 
     def _repr_html_(self) -> str | None:
         """Return the HTML by which a notebook shows the record; None for its text."""
-        draw = type(self).html_of
+        draw = ShownInNotebooks._html_of
         return None if draw is None else draw(self)
 
 

@@ -80,7 +80,10 @@ Positive = Annotated[
     NOT_BOOLEAN,
     AfterValidator(_in_range),
 ]
+NotNegative = Annotated[float, Field(ge=0.0, le=LARGEST)]
 Count = Annotated[int, NOT_BOOLEAN]
+Ordinal = Annotated[int, Field(ge=1)]
+"""Number of an obstacle or a requirement, from 1."""
 Boolean = Annotated[bool, BeforeValidator(_truth_value)]
 Name = Annotated[str, Field(min_length=1, max_length=80), AfterValidator(_printable)]
 """Printable name, short enough to be read at a glance and to fit into a legend."""

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from drake_rho.scenario.bounds import Bounds
-from drake_rho.scenario.fields import BoolArray, FloatArray
+from drake_rho.scenario.fields import BoolArray, FloatArray, read_only
 from drake_rho.scenario.limits import Limits
 from drake_rho.scenario.norms import NORMS, Norm, NormLimit
 from drake_rho.scenario.parts import Grid, Quantity, Vehicle
@@ -309,17 +309,23 @@ class Fleet:
         velocities: FloatArray,
         before: FloatArray,
         bodies: Sequence[Obstacle],
+        rests: FloatArray | None = None,
     ) -> Fleet:
         """Return the fleet with other starts, arrays of shape (N, 3), on another grid.
 
-        The obstacles' clocks are 0 at that grid's first knot.
+        The obstacles' clocks are 0 at that grid's first knot. Places of rest [m], if given, take
+        the place of the goals.
         """
         fleet = Fleet(grid, vehicles, self._limits, self._separation, bodies)
         fleet.start_positions, fleet.start_velocities = positions, velocities
         fleet.accelerations_before = before
         fleet._whole_flight = self._whole_flight or self
-        fleet.goal_positions, fleet.goal_velocities = self.goal_positions, self.goal_velocities
-        fleet.accelerations_after = self.accelerations_after
+        if rests is None:
+            fleet.goal_positions, fleet.goal_velocities = self.goal_positions, self.goal_velocities
+            fleet.accelerations_after = self.accelerations_after
+        else:
+            fleet.goal_positions = read_only(rests)
+            fleet.goal_velocities = fleet.accelerations_after = np.zeros(rests.shape)
         fleet._sides, fleet._largest = self._sides, self._largest
         fleet.weights = self.weights
         return fleet

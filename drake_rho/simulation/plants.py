@@ -92,7 +92,7 @@ def with_gains(error: InfeasibleError, scenario: Scenario) -> InfeasibleError:
     """
     own = f"{_gains(tube_of(scenario).gains)} that a quadrotor can hold"
     because = error.because or "constraints cannot be met together"
-    return error.with_reason(f"{because}, with the {own}")
+    return error.replaced(because=f"{because}, with the {own}")
 
 
 def _gains(gains: tuple[float, float]) -> str:

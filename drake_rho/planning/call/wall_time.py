@@ -38,8 +38,8 @@ def with_wall_time(planner: Callable[_Arguments, _Result]) -> Callable[_Argument
             planned = planner(*args, **kwargs)
         except (InfeasibleError, SolverError, OutOfTimeError) as error:
             seconds = time.perf_counter() - began
-            error.statistics = dataclasses.replace(error.statistics, seconds=seconds)
-            raise
+            spent = dataclasses.replace(error.statistics, seconds=seconds)
+            raise error.replaced(statistics=spent) from error.__cause__
         except MemoryError as error:
             spent = Statistics(seconds=time.perf_counter() - began)
             raise SolverError("the planner ran out of memory", spent) from error

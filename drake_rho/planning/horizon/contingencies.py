@@ -17,7 +17,7 @@ from drake_rho.motion.scenario_tube import tube_of
 from drake_rho.planning.errors import InfeasibleError, SolverError
 from drake_rho.planning.planners.convex import plan_convex
 from drake_rho.planning.programs.backend import Solver
-from drake_rho.scenario.fields import FloatArray, read_only, unchecked
+from drake_rho.scenario.fields import FloatArray, unchecked
 from drake_rho.scenario.parts import State
 from drake_rho.scenario.records import Grid, Scenario
 from drake_rho.scenario.smoothing import largest_accelerations
@@ -155,9 +155,8 @@ def _resting(plan: Plan, knot: int, rests: FloatArray, steps: int) -> Scenario:
         left.fleet.start_velocities,
         left.fleet.accelerations_before,
         [body for _, body in left.avoided],
+        rests=rests,
     )
-    fleet.goal_positions = read_only(rests)
-    fleet.goal_velocities = fleet.accelerations_after = np.zeros(rests.shape)
     around = window.disturbance
     if around is not None:
         around = unchecked(around, tracking=tube_of(window).tracking)

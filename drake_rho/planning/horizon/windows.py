@@ -252,8 +252,7 @@ class WindowPlanner:
             plan = self._verified(scenario, planner(scenario, reference=tail, solver=self.solver))
         except _expected(tail) as error:
             again = failure_of(error)
-            again.statistics = failure.statistics + again.statistics
-            return again
+            return again.replaced(statistics=failure.statistics + again.statistics)
         plan = plan.with_statistics(failure.statistics + plan.statistics)
         return Window(first_knot, plan, plan.reference or plan)
 

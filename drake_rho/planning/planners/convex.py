@@ -83,7 +83,9 @@ def plan_convex(
             statistics = dataclasses.replace(statistics + plan.statistics, steps_tried=steps_tried)
             return plan.with_statistics(statistics)
     first = failures[0]
-    raise first if first.bearable is not None else first.after(steps_tried, statistics)
+    if first.bearable is not None:
+        raise first
+    raise first.replaced(steps_tried=steps_tried, statistics=statistics)
 
 
 def linearised_once(
@@ -100,7 +102,7 @@ def linearised_once(
     try:
         return _plan(problem, reference, backend)
     except InfeasibleError as error:
-        raise error.after((scenario.grid.step,), error.statistics) from None
+        raise error.replaced(steps_tried=(scenario.grid.step,)) from None
 
 
 def _plan(problem: Problem, reference: Plan | None, backend: Backend | None) -> Plan:

@@ -113,10 +113,10 @@ class FirstPlan:
             start = Plan.from_accelerations(scenario, plan.accelerations, plan.statistics)
             return brought_apart(problem, start, self.backend, self.progress, self.most)
         except InfeasibleError as error:
-            error.scenario = scenario  # as it is, separation and all
-            if not (error.about_linearisation and self.thorough):
-                raise
-            return self._along_paths(problem, error)
+            failure = error.replaced(scenario=scenario)  # as it is, separation and all
+            if not (failure.about_linearisation and self.thorough):
+                raise failure from None
+            return self._along_paths(problem, failure)
 
     def _along_paths(self, problem: Problem, failure: InfeasibleError | None) -> Plan:
         """Return a first plan along paths of all vehicles, where there was none without them."""
@@ -152,6 +152,7 @@ class FirstPlan:
         no_path = searched is not None and searched.ways == 0
         if no_path or not failure.about_linearisation or not can_be_slower(scenario):
             raise failure
+        spent = failure.statistics
         for factor in _SHORTER:
             shorter = rescaled(scenario, factor)
             words = f"trying a duration of {shorter.grid.duration:.4g} s"
@@ -160,13 +161,13 @@ class FirstPlan:
             try:
                 plan = search.of(dataclasses.replace(problem, scenario=shorter))
             except (InfeasibleError, SolverError) as error:
-                failure.statistics += error.statistics
+                spent += error.statistics
                 if isinstance(error, InfeasibleError) and not error.about_linearisation:
                     break  # too short even without what is in the way
                 continue
             first = self.of(problem, fitted(plan, scenario))
-            return first.with_statistics(failure.statistics + plan.statistics + first.statistics)
-        raise failure
+            return first.with_statistics(spent + plan.statistics + first.statistics)
+        raise failure.replaced(statistics=spent)
 
     def _around_obstacles(
         self, problem: Problem, failing: Sequence[str], failure: InfeasibleError | None = None

@@ -86,7 +86,7 @@ def plan_along_paths(
     grids = paths_on_grids(larger, options.max_ways, options.max_memory)
     attempts, best = _Attempts(problem, backend), None
     for found in islice(grids, _GRIDS):
-        attempts.spent += Statistics(searched=found.searched)
+        attempts.count(Statistics(searched=found.searched))
         if (best := _best_along(found.references, attempts, progress)) is not None:
             break
     if best is None and found.references and len(scenario.vehicles) == 1 and perturbed:
@@ -119,6 +119,10 @@ class _Attempts:
         self.spent = Statistics()
         self.failure: InfeasibleError | None = None
         self._subproblem = Subproblem(problem, decoupled, backend)
+
+    def count(self, spent: Statistics) -> None:
+        """Add the statistics of a search for references."""
+        self.spent += spent
 
     def plan_near(
         self,

@@ -287,8 +287,8 @@ class WaypointTimes:
 def at_times_tried(error: InfeasibleError) -> InfeasibleError:
     """Return the error of a scenario at times that were chosen, as one that proves nothing."""
     premise = f" {error.premise}" if error.premise else ""
-    return error.with_reason(
-        error.because
+    return error.replaced(
+        because=error.because
         or "at none of the times of waypoints that were tried; at the first of these, these cannot "
         f"be met together{premise}"
     )

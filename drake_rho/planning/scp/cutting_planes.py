@@ -71,8 +71,7 @@ class CuttingPlanes:
         self._constraints = list[Constraint]()
         if accelerations is not None and len(self._planned) < count:
             others = np.setdiff1d(np.arange(count), self._planned)
-            fixed = self.motion.with_vehicles(others, accelerations[others])
-            self._programs.motion = fixed
+            self._programs.fly(others, accelerations[others])
 
     @property
     def motion(self) -> Motion:

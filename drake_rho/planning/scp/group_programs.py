@@ -47,6 +47,10 @@ class GroupPrograms:
         self._unsatisfied, self._retries = list[HalfSpaces](), 0
         self._solved, self._solver_name, self._solver_seconds = 0, "", 0.0
 
+    def fly(self, vehicles: IntArray, accelerations: FloatArray) -> None:
+        """Let some vehicles fly given accelerations [m/s²], shape (V, K-1, 3)."""
+        self.motion = self.motion.with_vehicles(vehicles, accelerations)
+
     def statistics(self, *, linearisations: int = 0) -> Statistics:
         """Return counts and times of all solves so far."""
         return Statistics(
@@ -112,7 +116,7 @@ class GroupPrograms:
             np.concatenate([own for _, own in solved]), vehicles
         )
         order = np.argsort(vehicles)
-        self.motion = self.motion.with_vehicles(vehicles[order], found[order])
+        self.fly(vehicles[order], found[order])
         every = np.concatenate([each.groups.reshape(-1) for each in answers])
         if len(every) == len(vehicles):
             return []

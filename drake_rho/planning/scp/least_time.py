@@ -146,6 +146,10 @@ class LeastTime:
                         break
         return dataclasses.replace(best, converged=converged)
 
+    def count(self, spent: Statistics) -> None:
+        """Add the statistics of work done for the same answer."""
+        self.statistics += spent
+
     @contextmanager
     def or_cut(self) -> Iterator[None]:
         """Return without an error when time is up; the statistics then say so."""

@@ -117,9 +117,7 @@ class Mesh(Map):
     @cached_property
     def parts(self) -> Triangles:
         """The triangles."""
-        triangles = Triangles(self.corners)
-        triangles.solid = self
-        return triangles
+        return Triangles(self.corners).of(self)
 
     @property
     def cover(self) -> Triangles:

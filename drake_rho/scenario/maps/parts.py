@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import abc
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 
@@ -56,6 +57,11 @@ class Parts(Solid):
         )
         self.tree = BoxTree(lower - self._middle, upper - self._middle)
         self._count = len(lower)
+
+    def of(self, solid: Solid) -> Self:
+        """Return the parts as those of a solid, or of its cover."""
+        self.solid = solid
+        return self
 
     def __len__(self) -> int:
         """Return the number of parts."""

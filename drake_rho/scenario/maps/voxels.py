@@ -208,9 +208,7 @@ class Voxels(Map):
     @cached_property
     def cover(self) -> Boxes:
         """Boxes whose union is that of the cells."""
-        cover = self._boxes(*covering_boxes(self.occupied))
-        cover.solid = self
-        return cover
+        return self._boxes(*covering_boxes(self.occupied)).of(self)
 
     @cached_property
     def _around(self) -> Boxes:
