@@ -7,7 +7,7 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from functools import partial
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal, cast
 
 import numpy as np
 from pydantic import BeforeValidator, Field, JsonValue
@@ -22,28 +22,18 @@ from drake_rho.motion.flown import Flown
 from drake_rho.motion.plan import Plan
 from drake_rho.planning.call.options import Options
 from drake_rho.planning.constraints.coupling import CouplingName
-from drake_rho.planning.horizon.interfaces import free_reference, tail_reference
 from drake_rho.planning.horizon.plan_rho import plan_rho
-from drake_rho.planning.horizon.receding_horizon import RecedingHorizon
+from drake_rho.planning.horizon.settings import DEFAULTS, Windows, by_names
 from drake_rho.planning.planners.convex import plan_convex
 from drake_rho.planning.planners.plan import plan as best_plan
 from drake_rho.planning.programs.backend import SolverName
 from drake_rho.scenario.fields import Count, Margin, Name, Positive, record
 from drake_rho.scenario.records import Scenario
-from drake_rho.simulation.closed_loop import flown
-from drake_rho.simulation.feedback import Feedback
-from drake_rho.simulation.plants import declared, known_ahead
+from drake_rho.simulation.closed_loop import fly
 from drake_rho.simulation.simulate import simulate
 
 ReplanEvery = Annotated[Count, Field(ge=1)]
 Knots = Annotated[Count, Field(ge=2)]
-
-_REFERENCES = {"free": free_reference, "tail": tail_reference}
-_WINDOWS: dict[str, tuple[Any, Any]] = {
-    "auto": (plan_convex, best_plan),
-    "convex": (plan_convex, None),
-    "scp": (best_plan, None),
-}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -129,9 +119,9 @@ class ByPlanRho(Method):
     """name of the method in tables and figures"""
     planner: Literal["plan_rho"]
     """name of the planner"""
-    replan_every: ReplanEvery = 5
+    replan_every: ReplanEvery = DEFAULTS["replan_every"]
     """number of steps flown of each window"""
-    free_final_time: bool = False
+    free_final_time: bool = DEFAULTS["free_final_time"]
     """whether windows may arrive before the last knot"""
     windows: Literal["auto", "convex", "scp"] = "auto"
     """planner of windows: convex is `plan_convex`, scp is `plan`, and auto is `plan` where
@@ -140,28 +130,20 @@ class ByPlanRho(Method):
     """reference around which windows are linearised; the default of `plan_rho` if not given"""
     solver: SolverName = "clarabel"
     """solver of the quadratic programs"""
-    contingencies: bool = False
+    contingencies: bool = DEFAULTS["contingencies"]
     """whether windows have contingencies, flown where something seen late leaves no plan"""
-    bounded_cost: bool = False
+    bounded_cost: bool = DEFAULTS["bounded_cost"]
     """whether no window costs more than the rest of the one before, moved to the measured states"""
     certify: bool = False
     """whether to compute a lower bound of the cost, too, which takes longer than the flight"""
+    latency: Margin | None = None
+    """time that planning a window takes [s], at most the time for which one is flown"""
+    options: Options | None = None
+    """tolerances, bounds, and the time limit of the flight"""
 
     def run(self, scenario: Scenario, rng: np.random.Generator) -> Found:
         """Plan one flight."""
-        planner, fallback = _WINDOWS[self.windows]
-        work = partial(
-            plan_rho,
-            scenario,
-            replan_every=self.replan_every,
-            free_final_time=self.free_final_time,
-            planner=planner,
-            fallback=fallback,
-            reference=None if self.reference is None else _REFERENCES[self.reference],
-            contingencies=self.contingencies,
-            bounded_cost=self.bounded_cost,
-        )
-        return _found(work, self.solver, self.certify)
+        return _found(partial(plan_rho, scenario, **_settings(self)), self.solver, self.certify)
 
 
 @record
@@ -193,9 +175,9 @@ class BySimulate(Method):
     """name of the method in tables and figures"""
     planner: Literal["simulate"]
     """name of the planner"""
-    replan_every: ReplanEvery = 5
+    replan_every: ReplanEvery = DEFAULTS["replan_every"]
     """number of steps flown of each window"""
-    free_final_time: bool = False
+    free_final_time: bool = DEFAULTS["free_final_time"]
     """whether windows may arrive before the last knot"""
     windows: Literal["auto", "convex", "scp"] = "auto"
     """planner of windows: convex is `plan_convex`, scp is `plan`, and auto is `plan` where
@@ -207,38 +189,27 @@ class BySimulate(Method):
     without Drake's simulator"""
     estimates: bool = True
     """whether estimated states have errors, within the bounds of the scenario's disturbance"""
-    contingencies: bool = False
+    contingencies: bool = DEFAULTS["contingencies"]
     """whether windows have contingencies, flown where something seen late leaves no plan"""
-    bounded_cost: bool = False
+    bounded_cost: bool = DEFAULTS["bounded_cost"]
     """whether no window costs more than the rest of the one before, moved to the measured states"""
-    latency: Margin = 0.0
+    latency: Margin = DEFAULTS["latency"]
     """time that planning a window takes [s], at most the time for which one is flown"""
+    reference: Literal["free", "tail"] | None = None
+    """reference around which windows are linearised; the default of `plan_rho` if not given"""
+    solver: SolverName | None = None
+    """solver of the quadratic programs; Clarabel if not given"""
+    options: Options | None = None
+    """tolerances, bounds, and the time limit of planning each window"""
 
     def run(self, scenario: Scenario, rng: np.random.Generator) -> Found:
         """Fly one scenario."""
-        planner, fallback = _WINDOWS[self.windows]
         wind_rng, estimate_rng = rng.spawn(2)
         wind = None if self.wind is None else self.wind.over(scenario, wind_rng)
         errors = estimate_rng if self.estimates else None
         began = time.perf_counter()
-        latency = self.latency
-        if self.plant is not None:
-            scenario = declared(scenario)
-            latency = max(latency, known_ahead(scenario, self.replan_every))
-        horizon = RecedingHorizon(
-            scenario,
-            replan_every=self.replan_every,
-            free_final_time=self.free_final_time,
-            planner=planner,
-            fallback=fallback,
-            contingencies=self.contingencies,
-            latency=latency,
-            bounded_cost=self.bounded_cost,
-        )
-        if self.plant is None:
-            simulation = flown(Feedback(horizon), wind, errors)
-        else:
-            simulation = simulate(horizon, wind=wind, plant=self.plant, rng=errors)
+        fly_by = fly if self.plant is None else partial(simulate, plant=self.plant)
+        simulation = fly_by(scenario, wind=wind, rng=errors, **_settings(self))
         return _evaluated(simulation, time.perf_counter() - began)
 
 
@@ -279,6 +250,13 @@ AnyMethod = Annotated[
     Field(discriminator="planner"),
 ]
 """One of the methods, distinguished by its planner."""
+
+
+def _settings(method: ByPlanRho | BySimulate) -> Windows:
+    """Return the settings of windows of a method. Fields that are None are not given."""
+    given = {name: getattr(method, name, None) for name in Windows.__annotations__}
+    known = cast(Windows, {name: each for name, each in given.items() if each is not None})
+    return known | by_names(method.windows, method.reference)
 
 
 def _found(work: Callable[..., Plan | Flight], solver: SolverName, bounded: bool) -> Found:

@@ -83,8 +83,9 @@ def _with_shared_options(command: Command) -> Command:
         except KeyboardInterrupt:
             raise InterruptedByUserError from None
 
-    own = inspect.signature(command, eval_str=True)
-    run.__signature__ = own.replace(parameters=[*own.parameters.values(), *_SHARED])  # type: ignore[attr-defined]  # for typer
+    own, hints = inspect.signature(command), inspect.get_annotations(command, eval_str=True)
+    options = [each.replace(annotation=hints[name]) for name, each in own.parameters.items()]
+    run.__signature__ = own.replace(parameters=[*options, *_SHARED])  # type: ignore[attr-defined]  # for typer
     return run
 
 

@@ -3,16 +3,10 @@
 from __future__ import annotations
 
 from enum import StrEnum
-from functools import partial
 from typing import Annotated
 
 import typer
 
-from drake_rho.planning.call.options import DEFAULTS, Options
-from drake_rho.planning.call.progress import Progress
-from drake_rho.planning.horizon.interfaces import Planner, free_reference, tail_reference
-from drake_rho.planning.planners.convex import plan_convex
-from drake_rho.planning.planners.plan import plan as best_plan
 from drake_rho.scenario.files import library
 
 
@@ -39,22 +33,12 @@ class Arrival(StrEnum):
     EACH = "each"
 
 
-class Reference(StrEnum):
-    """References of a window, by their names on the command line."""
-
-    FREE = "free"
-    TAIL = "tail"
-
-
 class FigureFormat(StrEnum):
     """Formats of figures, by their file endings."""
 
     PNG = "png"
     PDF = "pdf"
     SVG = "svg"
-
-
-REFERENCES = {Reference.FREE: free_reference, Reference.TAIL: tail_reference}
 
 
 def _completed(beginning: str) -> list[str]:
@@ -106,32 +90,6 @@ WidthOption = Annotated[
         "an IEEE journal. One column is 3.5.",
     ),
 ]
-ReplanEveryOption = Annotated[
-    int, typer.Option(help="Steps that are flown of each window before the next is planned.")
-]
-FreeFinalTimeOption = Annotated[
-    bool,
-    typer.Option(
-        "--free-final-time",
-        help="Windows arrive at the earliest knot for which a plan is found, and vehicles then "
-        "rest; by default all arrive at the last knot.",
-    ),
-]
-ContingenciesOption = Annotated[
-    bool,
-    typer.Option(
-        "--contingencies",
-        help="Every window also plans how to brake to rest, clear of all that is known, which is "
-        "flown where something seen late leaves no plan.",
-    ),
-]
-LatencyOption = Annotated[
-    float,
-    typer.Option(
-        help="Time that planning a window takes [s]: windows are planned that much ahead, from "
-        "predicted states.",
-    ),
-]
 MethodOption = Annotated[
     Method,
     typer.Option(
@@ -156,13 +114,3 @@ MaxMemoryOption = Annotated[
     ),
 ]
 SolverOption = Annotated[Solver, typer.Option(help="Solver of the quadratic programs.")]
-
-
-def planners(
-    method: Method, progress: Progress, options: Options = DEFAULTS
-) -> tuple[Planner, Planner | None]:
-    """Return the planner of a window, and the fallback for windows in which it has no solution."""
-    iterated = partial(best_plan, progress=progress, options=options)
-    if method is Method.AUTO:
-        return plan_convex, iterated
-    return (plan_convex, None) if method is Method.CONVEX else (iterated, None)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from rich.markup import escape
@@ -13,19 +13,14 @@ from drake_rho.cli.assigned import Assigned, assigned
 from drake_rho.cli.checks import check_outputs, check_writable, requested_drawing
 from drake_rho.cli.console import Work, answer, stopping_early, tell, working
 from drake_rho.cli.options import (
-    REFERENCES,
     Arrival,
-    ContingenciesOption,
     DurationOption,
     FiguresOption,
     FormatOption,
-    FreeFinalTimeOption,
     MaxMemoryOption,
     Method,
     MethodOption,
     OutputOption,
-    Reference,
-    ReplanEveryOption,
     ScenarioArgument,
     Solver,
     SolverOption,
@@ -33,10 +28,10 @@ from drake_rho.cli.options import (
     TimeLimitOption,
     WidthOption,
     WorldOption,
-    planners,
 )
 from drake_rho.cli.reports import finish
 from drake_rho.cli.sources import read
+from drake_rho.cli.windows import takes_windows, windows_of
 from drake_rho.motion.costs import cost_of
 from drake_rho.motion.plan import Plan
 from drake_rho.planning.call.options import DEFAULTS, Options
@@ -126,23 +121,11 @@ def fastest(
     return finish(planned, output, drawing, least_time=True)
 
 
+@takes_windows
 def fly(
     scenario: ScenarioArgument,
     output: OutputOption = None,
-    replan_every: ReplanEveryOption = 5,
-    free_final_time: FreeFinalTimeOption = False,
-    method: MethodOption = Method.AUTO,
-    reference: Annotated[
-        Reference | None,
-        typer.Option(
-            help="Reference around which a window is linearised. free: its own solution without "
-            "obstacles, as in the paper. tail: the rest of the previous prediction. By default "
-            "tail for scenarios with a separation, free otherwise."
-        ),
-    ] = None,
-    contingencies: ContingenciesOption = False,
-    solver: SolverOption = Solver.CLARABEL,
-    max_memory: MaxMemoryOption = DEFAULTS.max_memory,
+    *,
     time_limit: TimeLimitOption = None,
     duration: DurationOption = None,
     step: StepOption = None,
@@ -150,26 +133,14 @@ def fly(
     figures: FiguresOption = None,
     file_format: FormatOption = None,
     width: WidthOption = None,
+    **windows: Any,
 ) -> int:
     """Plan a scenario with a receding horizon and verify the flight."""
     drawing = requested_drawing(figures, file_format, width)
     check_outputs(output, drawing)
-    options = Options(max_memory=max_memory, time_limit=time_limit)
     problem = read(scenario, duration, step, world)
     with working("planning the first window") as work, stopping_early():
-        planner, fallback = planners(method, work.detail, options)
-        flight = plan_rho(
-            problem,
-            replan_every=replan_every,
-            free_final_time=free_final_time,
-            planner=planner,
-            fallback=fallback,
-            reference=None if reference is None else REFERENCES[reference],
-            solver=SOLVERS[solver](),
-            progress=work,
-            options=options,
-            contingencies=contingencies,
-        )
+        flight = plan_rho(problem, **windows_of(work, time_limit=time_limit, **windows))
     return finish(flight, output, drawing)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from enum import StrEnum
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Literal, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 import typer
@@ -13,23 +13,17 @@ import typer
 from drake_rho.cli.checks import check_outputs, requested_drawing
 from drake_rho.cli.console import working
 from drake_rho.cli.options import (
-    ContingenciesOption,
     DurationOption,
     FiguresOption,
     FormatOption,
-    FreeFinalTimeOption,
-    LatencyOption,
-    Method,
-    MethodOption,
     OutputOption,
-    ReplanEveryOption,
     StepOption,
     WidthOption,
     WorldOption,
-    planners,
 )
 from drake_rho.cli.reports import finish
 from drake_rho.cli.sources import is_result, load_result, read, refuse_options
+from drake_rho.cli.windows import refuse_windows, takes_windows, windows_of
 from drake_rho.motion.plan import Plan
 from drake_rho.planning.horizon.receding_horizon import RecedingHorizon
 from drake_rho.scenario.records import Scenario
@@ -58,13 +52,11 @@ class Plant(StrEnum):
     QUADROTOR = "quadrotor"
 
 
-_EVERY = 5
-"""Default number of steps flown of each window."""
-
 DIRECTED = (WindName.CONSTANT, WindName.GUST, WindName.WORST)
 """Winds for which a direction can be given."""
 
 
+@takes_windows
 def simulate(
     source: Annotated[
         str,
@@ -97,17 +89,14 @@ def simulate(
     plant: Annotated[
         Plant, typer.Option(help="Vehicle model: point masses or Drake's quadrotors.")
     ] = Plant.POINT,
-    replan_every: ReplanEveryOption = _EVERY,
-    free_final_time: FreeFinalTimeOption = False,
-    method: MethodOption = Method.AUTO,
-    contingencies: ContingenciesOption = False,
-    latency: LatencyOption = 0.0,
+    *,
     duration: DurationOption = None,
     step: StepOption = None,
     world: WorldOption = None,
     figures: FiguresOption = None,
     file_format: FormatOption = None,
     width: WidthOption = None,
+    **windows: Any,
 ) -> int:
     """Simulate a scenario or a plan in wind and verify the true motion."""
     # importing Drake's simulator takes long
@@ -119,7 +108,7 @@ def simulate(
     vehicles: Literal["quadrotor"] | None = "quadrotor" if plant is Plant.QUADROTOR else None
     if is_result(source):
         refuse_options(source, duration, step, world)
-        _refuse_windows(source, replan_every, free_final_time, method, contingencies, latency)
+        refuse_windows(source, windows)
         plan = _plan_in(source)
         check_wind(plan.scenario, wind, direction)
         with working("computing the wind"):
@@ -129,21 +118,11 @@ def simulate(
     problem = read(source, duration, step, world)
     check_wind(problem, wind, direction)
     with working("computing the wind") as work:
-        planner, fallback = planners(method, work.detail)
-        horizon = partial(
-            RecedingHorizon,
-            problem,
-            replan_every=replan_every,
-            free_final_time=free_final_time,
-            planner=planner,
-            fallback=fallback,
-            contingencies=contingencies,
-            latency=latency,
-        )
+        horizon = partial(RecedingHorizon, problem, **windows_of(work, **windows))
         grid = problem.grid
-        end = float(grid.times[min(replan_every, grid.knots - 1)])
+        end = float(grid.times[min(windows["replan_every"], grid.knots - 1)])
         found = _wind(problem, wind, direction, wind_rng, end, horizon())
-        flown = simulated(horizon(progress=work), wind=found.wind, plant=vehicles, rng=error_rng)
+        flown = simulated(horizon(), wind=found.wind, plant=vehicles, rng=error_rng)
     return finish(flown, output, drawing, f"{found.description}; seed {seed}")
 
 
@@ -157,31 +136,6 @@ def _plan_in(source: str) -> Plan:
     if flown.simulation is not None:
         raise ValueError(f"{source}: got a simulation, expected a plan or a flight")
     return flown.plan
-
-
-def _refuse_windows(
-    source: str,
-    replan_every: int,
-    free_final_time: bool,
-    method: Method,
-    contingencies: bool,
-    latency: float,
-) -> None:
-    """Check that no option is about windows, which a plan that is tracked has not.
-
-    Raises:
-        ValueError: one is.
-    """
-    for option, value, default in (
-        ("--replan-every", replan_every, _EVERY),
-        ("--free-final-time", free_final_time, False),
-        ("--method", method, Method.AUTO),
-        ("--contingencies", contingencies, False),
-        ("--latency", latency, 0.0),
-    ):
-        if value != default:
-            expected = f"a scenario with it: the plan in {source} is flown as it is"
-            raise ValueError(f"{option}: got {value}, expected {expected}")
 
 
 def check_wind(scenario: Scenario, wind: WindName, direction: Direction | None) -> None:

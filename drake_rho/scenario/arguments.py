@@ -63,6 +63,7 @@ def checked(function: Callable[_Arguments, _Result]) -> Callable[_Arguments, _Re
     """
     signature = inspect.signature(function)
     names = tuple(signature.parameters)
+    known = frozenset(names)
 
     @functools.wraps(function)
     def run(*args: _Arguments.args, **kwargs: _Arguments.kwargs) -> _Result:
@@ -76,9 +77,43 @@ def checked(function: Callable[_Arguments, _Result]) -> Callable[_Arguments, _Re
                 except TypeError:  # wrong number of arguments: Python's own message is better
                     break
                 raise _refusal(name, value, kinds[name])
+        for name in kwargs.keys() - known:  # a function with `passes_to` would accept it
+            raise TypeError(
+                f"{function.__qualname__}() got an unexpected keyword argument {name!r}"
+            )
         return function(*args, **kwargs)
 
     return run
+
+
+def passes_to(
+    other: Callable[..., object],
+) -> Callable[[Callable[_Arguments, _Result]], Callable[_Arguments, _Result]]:
+    """Return a decorator for functions whose `**` takes the keyword arguments of another one.
+
+    Their signatures and annotations list these arguments one by one, before the function's own
+    keyword arguments, for help, completion and `checked`.
+    """
+
+    def listed(function: Callable[_Arguments, _Result]) -> Callable[_Arguments, _Result]:
+        signature = inspect.signature(function)
+        own = [each for each in signature.parameters.values() if each.kind != each.VAR_KEYWORD]
+        passed = [
+            each
+            for name, each in inspect.signature(other).parameters.items()
+            if each.kind == each.KEYWORD_ONLY and name not in signature.parameters
+        ]
+        parameters = sorted([*own, *passed], key=lambda each: (each.kind, each in own))
+        shown = signature.replace(parameters=parameters)
+        function.__signature__ = shown  # type: ignore[attr-defined]  # `inspect` reads it
+        hints = inspect.get_annotations(function, eval_str=True)
+        of_other = inspect.signature(other, eval_str=True).parameters
+        hints |= {each.name: of_other[each.name].annotation for each in passed}
+        named = [*shown.parameters, "return"]
+        function.__annotations__ = {name: hints[name] for name in named if name in hints}
+        return function
+
+    return listed
 
 
 def _refusal(name: str, value: object, kinds: tuple[_Kind, ...]) -> TypeError | ValueError:

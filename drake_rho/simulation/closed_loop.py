@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import Unpack
 
 import numpy as np
 
 from drake_rho.motion.flight import Flight, Window
 from drake_rho.motion.plan import Plan
 from drake_rho.motion.simulation import Simulation
-from drake_rho.planning.horizon.interfaces import Planner
 from drake_rho.planning.horizon.receding_horizon import RecedingHorizon
-from drake_rho.planning.planners.convex import plan_convex
-from drake_rho.planning.planners.plan import plan as best_plan
+from drake_rho.planning.horizon.settings import Windows, takes_windows
 from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.records import Scenario
@@ -56,15 +55,13 @@ class OnePlan:
         return self.flight.windows[0]
 
 
+@takes_windows
 def fly(
     scenario: Scenario,
     *,
-    replan_every: int = 5,
-    free_final_time: bool = False,
-    planner: Planner = plan_convex,
-    fallback: Planner | None = best_plan,
     wind: Wind | None = None,
     rng: np.random.Generator | None = None,
+    **windows: Unpack[Windows],
 ) -> Simulation:
     """Simulate point masses as `rho.simulate` does, but faster, without Drake's simulator.
 
@@ -73,13 +70,7 @@ def fly(
         SolverError: the solvers fail numerically in the first window.
         ValueError: an argument is invalid.
     """
-    horizon = RecedingHorizon(
-        scenario,
-        replan_every=replan_every,
-        free_final_time=free_final_time,
-        planner=planner,
-        fallback=fallback,
-    )
+    horizon = RecedingHorizon(scenario, **windows)
     return flown(Feedback(as_flown(horizon)), wind, rng)
 
 

@@ -11,6 +11,7 @@ import dataclasses
 
 from drake_rho.motion.scenario_tube import error_tube, tube_of
 from drake_rho.planning.errors import InfeasibleError
+from drake_rho.planning.horizon.settings import DEFAULTS, Windows
 from drake_rho.scenario.disturbance import Tracking
 from drake_rho.scenario.records import Scenario
 from drake_rho.scenario.times import steps_lasting
@@ -53,14 +54,17 @@ def declared(scenario: Scenario) -> Scenario:
     return dataclasses.replace(scenario, disturbance=delayed)
 
 
-def known_ahead(scenario: Scenario, replan_every: int) -> float:
-    """Return the time by which windows are planned earlier, so that a quadrotor has turned [s].
+def planned_ahead(scenario: Scenario, windows: Windows) -> Windows:
+    """Return settings with which windows are planned so early that a quadrotor has turned.
 
     Args:
         scenario: to be flown.
-        replan_every: number of steps flown of each window, which is as long at least.
+        windows: settings that were given.
     """
-    return min(LAG, replan_every * scenario.grid.step)
+    asked = DEFAULTS | windows
+    least = min(LAG, asked["replan_every"] * scenario.grid.step)
+    latency = asked["latency"]
+    return {**windows, "latency": least if 0.0 <= latency < least else latency}
 
 
 def check_declared(scenario: Scenario) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Literal
+from typing import Literal, Unpack
 
 import numpy as np
 
@@ -11,40 +11,31 @@ from drake_rho.motion.flight import Flight
 from drake_rho.motion.jumps import check_continuous
 from drake_rho.motion.plan import Plan
 from drake_rho.motion.simulation import Simulation
-from drake_rho.planning.call.progress import Progress
 from drake_rho.planning.errors import InfeasibleError
-from drake_rho.planning.horizon.interfaces import Planner
 from drake_rho.planning.horizon.receding_horizon import RecedingHorizon
-from drake_rho.planning.planners.convex import plan_convex
-from drake_rho.planning.planners.plan import plan as best_plan
+from drake_rho.planning.horizon.settings import Windows, refuse_settings, takes_windows
 from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.records import Disturbance, Scenario
 from drake_rho.simulation import winds
 from drake_rho.simulation.closed_loop import OnePlan, adopted
 from drake_rho.simulation.diagram import simulated
 from drake_rho.simulation.feedback import Horizon
-from drake_rho.simulation.plants import check_declared, declared, known_ahead, with_gains
+from drake_rho.simulation.plants import check_declared, declared, planned_ahead, with_gains
 from drake_rho.simulation.small_steps import in_small_steps
 from drake_rho.simulation.small_windows import as_flown
 from drake_rho.simulation.winds import Wind
 
-_EVERY = 5
-"""Default number of steps flown of each window."""
-
 
 @checked
+@takes_windows
 def simulate(
     scenario: Scenario | Plan | Flight | RecedingHorizon,
     *,
-    replan_every: int = _EVERY,
-    free_final_time: bool = False,
-    planner: Planner = plan_convex,
-    fallback: Planner | None = best_plan,
     wind: Wind | None = None,
     disturbance: Disturbance | None = None,
     plant: Literal["quadrotor"] | None = None,
     rng: np.random.Generator | None = None,
-    progress: Progress | None = None,
+    **windows: Unpack[Windows],
 ) -> Simulation:
     """Fly in wind with feedback, in Drake's simulator.
 
@@ -61,10 +52,6 @@ def simulate(
     Args:
         scenario: scenario to fly, a receding horizon that has not begun, or the plan or flight to
             track.
-        replan_every: number of steps flown of each window; of a scenario only.
-        free_final_time: whether windows may arrive before the last knot; of a scenario only.
-        planner: planner of a window; of a scenario only.
-        fallback: planner of a window for which `planner` finds no plan; of a scenario only.
         wind: a wind of `rho.winds`, `rho.worst_case`, or a function of time [s], positions [m] and
             velocities [m/s], (N, 3) each, to accelerations [m/s²], (N, 3); none if not given.
         disturbance: disturbance to fly with, which determines the feedback, for a scenario that has
@@ -74,7 +61,7 @@ def simulate(
             delay, and windows are planned as much earlier.
         rng: source of random estimation errors; without it there are none, unless the wind brings
             its own.
-        progress: called with a short text when a window of a scenario begins, as 'window 3 of 10'.
+        **windows: settings of windows, as for `RecedingHorizon`; of a scenario only.
 
     Returns:
         The true motion, with windows, winds and commands. Equal arguments and equally seeded
@@ -104,18 +91,11 @@ def simulate(
     flyable = (lambda given: given) if plant is None else declared
     if isinstance(scenario, Scenario):
         asked = flyable(_disturbed(scenario, disturbance))
-        horizon = RecedingHorizon(
-            asked,
-            replan_every=replan_every,
-            latency=0.0 if plant is None else known_ahead(asked, replan_every),
-            free_final_time=free_final_time,
-            planner=planner,
-            fallback=fallback,
-            progress=progress,
-        )
+        if plant is not None:
+            windows = planned_ahead(asked, windows)
+        horizon = RecedingHorizon(asked, **windows)
     elif isinstance(scenario, RecedingHorizon):
-        given = replan_every, free_final_time, planner, fallback
-        _check_no_windows("receding horizon", *given)
+        refuse_settings(windows, "receding horizon")
         if disturbance is not None:
             expected = "none beside a receding horizon, whose scenario has its own"
             got = f"one of {disturbance.acceleration:g} m/s²"
@@ -127,7 +107,7 @@ def simulate(
             check_declared(scenario.scenario)
         horizon = scenario
     else:
-        _check_no_windows(scenario.kind, replan_every, free_final_time, planner, fallback)
+        refuse_settings(windows, scenario.kind)
         expected = f"a plan, or a {scenario.kind} without jumps, which vehicles could follow"
         check_continuous(scenario.plan, expected)
         flown = flyable(_disturbed(scenario.plan.scenario, disturbance))
@@ -154,29 +134,3 @@ def _disturbed(scenario: Scenario, disturbance: Disturbance | None) -> Scenario:
         expected = f"none: {scenario.name} has its own, of {own:g} m/s²"
         raise ValueError(f"disturbance: got one of {got:g} m/s², expected {expected}")
     return dataclasses.replace(scenario, disturbance=disturbance)
-
-
-def _check_no_windows(
-    flown: str,
-    replan_every: int,
-    free_final_time: bool,
-    planner: Planner,
-    fallback: Planner | None,
-) -> None:
-    """Check that nothing is said about windows, which a plan has not, and a horizon already has.
-
-    Raises:
-        ValueError: an argument differs from its default.
-    """
-    given = {
-        "replan_every": (replan_every, _EVERY),
-        "free_final_time": (free_final_time, False),
-        "planner": (planner, plan_convex),
-        "fallback": (fallback, best_plan),
-    }
-    for name, (value, default) in given.items():
-        if value != default:
-            expected = f"none for a {flown}, which is flown as it is"
-            raise ValueError(
-                f"{name}: got {getattr(value, '__name__', value)}, expected {expected}"
-            )

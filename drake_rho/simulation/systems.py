@@ -7,7 +7,7 @@ each vehicle in turn; accelerations are three numbers for each vehicle in turn.
 
 from __future__ import annotations
 
-from typing import cast
+from typing import Unpack, cast
 
 import numpy as np
 from pydrake.common.value import Value
@@ -23,6 +23,7 @@ from pydrake.systems.framework import (
 
 from drake_rho.motion.flight import Flight
 from drake_rho.planning.horizon.receding_horizon import RecedingHorizon
+from drake_rho.planning.horizon.settings import Windows, refuse_settings, takes_windows
 from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.records import Scenario
@@ -51,16 +52,28 @@ class RecedingHorizonController(LeafSystem):
         horizon: a `rho.RecedingHorizon` that has not begun, or a scenario, for which one is made.
         lag: time that the plant takes to reach a command [s].
         delay: number of samples of the scenario's delay that this time stands for.
+        **windows: settings of windows, as for `RecedingHorizon`; of a scenario only.
 
     Raises:
         InfeasibleError: the first window has no plan.
         SolverError: the solvers fail numerically in the first window.
     """
 
-    def __init__(self, horizon: Horizon | Scenario, *, lag: float = 0.0, delay: int = 0) -> None:
+    @checked
+    @takes_windows
+    def __init__(
+        self,
+        horizon: Horizon | Scenario,
+        *,
+        lag: float = 0.0,
+        delay: int = 0,
+        **windows: Unpack[Windows],
+    ) -> None:
         super().__init__()
         if isinstance(horizon, Scenario):
-            horizon = RecedingHorizon(horizon)
+            horizon = RecedingHorizon(horizon, **windows)
+        else:
+            refuse_settings(windows, "receding horizon")
         self._feedback, self._lag = Feedback(as_flown(horizon), delay), lag
         count = len(horizon.scenario.vehicles)
         self._states = self.DeclareVectorInputPort("states", 6 * count)

@@ -75,6 +75,9 @@ class RecedingHorizon:
     began at measured states would be a jump. A flight depends on what is planned up to
     `Scenario.lead` later, so that windows are planned as much earlier.
 
+    The keyword arguments are the settings of windows, which `plan_rho`, `simulate` and
+    `RecedingHorizonController` pass on.
+
     Args:
         scenario: to be flown.
         replan_every: d, the steps flown of each window; the last window has the remaining ones.

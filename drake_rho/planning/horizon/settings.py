@@ -1,0 +1,90 @@
+"""Settings of windows, which every function that flies with a receding horizon takes.
+
+`RecedingHorizon` describes them, checks them and has their defaults.
+"""
+
+from __future__ import annotations
+
+import inspect
+from typing import TypedDict, cast
+
+from drake_rho.planning.call.options import Options
+from drake_rho.planning.call.progress import Progress
+from drake_rho.planning.horizon.interfaces import (
+    Planner,
+    Reference,
+    free_reference,
+    tail_reference,
+)
+from drake_rho.planning.horizon.receding_horizon import RecedingHorizon
+from drake_rho.planning.planners.convex import plan_convex
+from drake_rho.planning.planners.plan import plan
+from drake_rho.planning.programs.backend import Solver, SolverName
+from drake_rho.scenario.arguments import passes_to
+
+
+class Windows(TypedDict, total=False):
+    """Settings of windows: the keyword arguments of `RecedingHorizon`."""
+
+    replan_every: int
+    free_final_time: bool
+    planner: Planner
+    fallback: Planner | None
+    reference: Reference | None
+    solver: Solver | SolverName | None
+    progress: Progress | None
+    options: Options | None
+    contingencies: bool
+    latency: float
+    bounded_cost: bool
+
+
+DEFAULTS = cast(
+    Windows,
+    {
+        name: each.default
+        for name, each in inspect.signature(RecedingHorizon).parameters.items()
+        if each.kind is each.KEYWORD_ONLY
+    },
+)
+"""Settings of calls that give none."""
+
+takes_windows = passes_to(RecedingHorizon)
+"""Decorator of functions with `**windows: Unpack[Windows]`, whose signatures then list them."""
+
+_REFERENCES = {None: None, "free": free_reference, "tail": tail_reference}
+
+
+def by_names(windows: str, reference: str | None, iterated: Planner = plan) -> Windows:
+    """Return the planners and the reference of windows with the names of commands and studies.
+
+    Args:
+        windows: convex for `plan_convex`, scp for `plan`, or auto for `plan` where `plan_convex`
+            has no solution.
+        reference: free or tail; None for the default.
+        iterated: `plan`, possibly with arguments.
+    """
+    planner, fallback = {
+        "auto": (plan_convex, iterated),
+        "convex": (plan_convex, None),
+        "scp": (iterated, None),
+    }[windows]
+    return {"planner": planner, "fallback": fallback, "reference": _REFERENCES[reference]}
+
+
+def refuse_settings(windows: Windows, flown: str) -> None:
+    """Check that nothing is set for windows where none are planned.
+
+    Args:
+        windows: settings that were given.
+        flown: kind of what is flown as it is.
+
+    Raises:
+        ValueError: a setting differs from its default.
+    """
+    for name, value in windows.items():
+        if name != "progress" and value != DEFAULTS[name]:  # type: ignore[literal-required]
+            expected = f"none for a {flown}, which is flown as it is"
+            raise ValueError(
+                f"{name}: got {getattr(value, '__name__', value)}, expected {expected}"
+            )
