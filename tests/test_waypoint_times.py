@@ -141,7 +141,8 @@ def test_waypoints_are_passed_a_hundredth_of_a_step_apart(
     """At the largest speed of 2 m/s all the way, steps of 0.25 s are 0.5 m long."""
     moving = [rho.State([x, 0.0, 0.0], [2.0, 0.0, 0.0]) for x in (0.0, 6.0)]
     places = [[x, 0.0, 0.0] for x in (3.0, 3.005, 3.01)]
-    vehicle = rho.Vehicle("v", *moving, waypoints=[rho.Waypoint(None, each) for each in places])
+    waypoints = [rho.Waypoint(None, each) for each in places]
+    vehicle = rho.Vehicle("v", moving[0], moving[1], waypoints=waypoints)
     limits = rho.Limits(max_speed=2.0)
     plan = planner(rho.Scenario("close", rho.Grid(0.25, 13), [vehicle], limits))
     assert rho.verify(plan).ok

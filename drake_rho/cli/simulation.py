@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from enum import StrEnum
-from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
@@ -118,11 +117,11 @@ def simulate(
     problem = read(source, duration, step, world)
     check_wind(problem, wind, direction)
     with working("computing the wind") as work:
-        horizon = partial(RecedingHorizon, problem, **windows_of(work, **windows))
-        grid = problem.grid
+        settings, grid = windows_of(work, **windows), problem.grid
         end = float(grid.times[min(windows["replan_every"], grid.knots - 1)])
-        found = _wind(problem, wind, direction, wind_rng, end, horizon())
-        flown = simulated(horizon(), wind=found.wind, plant=vehicles, rng=error_rng)
+        horizon = RecedingHorizon(problem, **settings)
+        found = _wind(problem, wind, direction, wind_rng, end, horizon)
+        flown = simulated(problem, wind=found.wind, plant=vehicles, rng=error_rng, **settings)
     return finish(flown, output, drawing, f"{found.description}; seed {seed}")
 
 
