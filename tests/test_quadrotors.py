@@ -31,6 +31,10 @@ def test_quadrotors_end_within_the_tube_of_their_plant(seed: int) -> None:
     assert around.delay * around.sample(scenario.grid) >= LAG - 1e-9
     errors, radii = flown.errors(), flown.radii()
     assert np.all(errors[-1] <= radii[-1] + 1e-9)
+    feedback, bound = flown.errors("acceleration"), flown.radii("acceleration")
+    assert np.all(feedback <= bound[:, None] + 1e-9)
+    assert feedback.max() > 0.0
+    assert rho.verify(flown).ok
     assert np.all(errors <= radii[:, None] + RESIDUAL)
 
 

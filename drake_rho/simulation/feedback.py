@@ -79,10 +79,12 @@ class Memory:
     errors: tuple[FloatArray, ...] = ()
     """measured states minus those of the plan that was tracked at their time, (N, 6) each; empty if
     the feedback predicts the state"""
-    feedback: FloatArray | float = 0.0
-    """latest feedback (N, 3) [m/s²]"""
+    sample: int = -1
+    """number of the latest sample"""
+    feedback: tuple[FloatArray, ...] = ()
+    """feedback of the latest samples (N, 3) [m/s²], the newest last: one more than the lag"""
     commands: tuple[FloatArray, ...] = ()
-    """latest commanded accelerations (N, 3) [m/s²], the newest last"""
+    """accelerations commanded for the latest samples (N, 3) [m/s²], the newest last"""
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Self:
         """Return the memory itself, since Drake's contexts copy their state."""
@@ -98,7 +100,8 @@ class Feedback:
     Args:
         horizon: planner of windows.
         lag: number of samples of the scenario's delay that pass between a command and its effect,
-            so that measurements arrive as much earlier.
+            so that measurements arrive as much earlier. The feedback of a sample acts as many
+            samples later, as the scenario says, whatever part of them the plant takes.
 
     Raises:
         InfeasibleError: the first window has no plan; other errors of the horizon are passed on.
@@ -112,7 +115,8 @@ class Feedback:
         self.sample = disturbance.sample(scenario.grid) / self._held
         self.samples = round(scenario.grid.duration / self.sample)
         self._times = scenario.grid.times
-        self._delay = (disturbance.delay - lag) * self._held
+        self._lag = lag * self._held
+        self._delay = disturbance.delay * self._held - self._lag
         self._dropouts = disturbance.dropouts * self._held
         self._per_step = disturbance.samples_per_step(scenario.grid.step)
         self._knots, self._latency = frozenset(horizon.knots), horizon.latency
@@ -139,9 +143,13 @@ class Feedback:
         now = self._adopted(self._planned(self._adopted(now, j), j), j)
         if j % self._held == 0:  # else it is held while the plan's acceleration changes
             now = self._answered(now, j)
+        else:
+            now = dataclasses.replace(now, feedback=(*now.feedback, now.feedback[-1]))
+        feedback = now.feedback[-(self._lag + 1) :]
+        now = dataclasses.replace(now, sample=j, feedback=feedback)
         a = self.nominal(now.window, j * self.sample)[2]
-        commands = (*now.commands, a + now.feedback)[-max(self._delay, 1) :]
-        return dataclasses.replace(now, commands=commands)
+        commands = (*now.commands, a + self._acting(feedback, j, j, now.since))
+        return dataclasses.replace(now, commands=commands[-max(self._delay, 1) :])
 
     def commanded(self, memory: Memory, elapsed: float, ahead: float) -> FloatArray:
         """Return commands (N, 3) [m/s²] at a time since the start, with what is planned later.
@@ -152,20 +160,65 @@ class Feedback:
             ahead: time by which planned accelerations are commanded in advance [s].
         """
         later = elapsed + ahead
-        begin = self.scenario.grid.step * memory.planned.first_knot
-        window = memory.planned if later >= begin else memory.window
-        return self.nominal(window, later)[2] + memory.feedback
+        i = int(steps_begun(later, self.sample))
+        window = self._in_force(memory, i)
+        acting = self._acting(memory.feedback, memory.sample, i, self._tracked_since(window))
+        return self.nominal(window, later)[2] + acting
+
+    def _in_force(self, memory: Memory, i: int) -> Window:
+        """Return the window in force at a sample, which may be the one planned."""
+        begins = memory.planned.first_knot * self._per_step
+        return memory.planned if i >= begins else memory.window
+
+    def _acting(
+        self, feedback: Sequence[FloatArray], j: int, i: int, since: int
+    ) -> FloatArray | float:
+        """Return the feedback (N, 3) that acts at a sample: that of as many before as the lag.
+
+        Args:
+            feedback: of the samples up to j, the newest last.
+            j: number of the latest sample.
+            i: number of the sample at which it acts.
+            since: sample at which the plan began that is tracked then; feedback of a plan before
+                does not act.
+        """
+        of = min(i - self._lag, j)
+        return 0.0 if of < since or j - of >= len(feedback) else feedback[of - j - 1]
 
     def _answered(self, now: Memory, j: int) -> Memory:
         """Return the memory with the feedback of sample j."""
-        planned, errors = self._nominal_states(now.window, j), now.errors
+        errors = now.errors
         if self._predicts:
-            error = np.where((now.arrived >= now.since)[:, None], now.states - planned, 0.0)
+            window = self._in_force(now, j + self._lag)
+            arrived = now.arrived >= self._tracked_since(window)
+            states = self._when_it_acts(now, now.feedback, j, now.states)
+            error = states - self._nominal_states(window, j + self._lag)
+            error = np.where(arrived[:, None], error, 0.0)
         else:
-            error = np.nan_to_num(now.measured[-1] - planned)  # a lost one counts as no error
-            errors = (*errors, error)[-(self._delay // self._held + 1) :]
+            error = now.measured[-1] - self._nominal_states(now.window, j)
+            errors = (*errors, np.nan_to_num(error))  # a lost one counts as no error
+            errors = errors[-(self._delay // self._held + 1) :]
             error = errors[0] if j - now.since >= self._delay else np.zeros_like(error)
-        return dataclasses.replace(now, errors=errors, feedback=self._answer(error))
+        return dataclasses.replace(
+            now, errors=errors, feedback=(*now.feedback, self._answer(error))
+        )
+
+    def _when_it_acts(
+        self, now: Memory, feedback: Sequence[FloatArray], j: int, states: FloatArray
+    ) -> FloatArray:
+        """Return states (N, 6), given at sample j, when its feedback acts.
+
+        Args:
+            now: memory with the windows.
+            feedback: of the samples before j, the newest last.
+            j: number of the sample.
+            states: at the sample, shape (N, 6).
+        """
+        for i in range(j, j + self._lag):
+            window = self._in_force(now, i)
+            acting = self._acting(feedback, j - 1, i, self._tracked_since(window))
+            states = self._moved(states, (self.nominal(window, i * self.sample)[2] + acting,))
+        return states
 
     def _planned(self, now: Memory, j: int) -> Memory:
         """Return the memory with the next window, if planning it begins at sample j."""
@@ -194,9 +247,13 @@ class Feedback:
         path = [now.states if age == 0 else now.measured[0]]  # of samples j - age to j
         for command in now.commands[len(now.commands) - age :]:
             path.append(self._moved(path[-1], (command,)))
+        feedback, ahead = list(now.feedback), self._lag if self._predicts else 0
         for i in range(j, j + self._latency):
-            error = path[0] - self._nominal_states(now.window, i - age)
-            command = self.nominal(now.window, i * self.sample)[2] + self._answer(error)
+            states = self._when_it_acts(now, feedback, i, path[0]) if ahead else path[0]
+            error = states - self._nominal_states(now.window, i - age + ahead)
+            feedback.append(self._answer(error))
+            acting = self._acting(feedback, i, i, now.since)
+            command = self.nominal(now.window, i * self.sample)[2] + acting
             path = [*path[1:], self._moved(path[-1], (command,))][-(age + 1) :]
         return path[-1]
 
