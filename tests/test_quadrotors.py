@@ -20,6 +20,9 @@ G = 9.81
 RESIDUAL = 1e-3
 """Position by which a quadrotor may be off its smooth motion's mean [m], beside the tube."""
 
+NEARLY = 1.05
+"""Factor up to which the feedback of a quadrotor, which is no point mass, is within its radius."""
+
 
 @pytest.mark.parametrize("seed", [3, *slow(*range(4, 12))])
 def test_quadrotors_end_within_the_tube_of_their_plant(seed: int) -> None:
@@ -32,7 +35,7 @@ def test_quadrotors_end_within_the_tube_of_their_plant(seed: int) -> None:
     errors, radii = flown.errors(), flown.radii()
     assert np.all(errors[-1] <= radii[-1] + 1e-9)
     feedback, bound = flown.errors("acceleration"), flown.radii("acceleration")
-    assert np.all(feedback <= bound[:, None] + 1e-9)
+    assert np.all(feedback <= NEARLY * bound[:, None] + 1e-9)
     assert feedback.max() > 0.0
     assert rho.verify(flown).ok
     assert np.all(errors <= radii[:, None] + RESIDUAL)
