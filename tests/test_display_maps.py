@@ -16,6 +16,7 @@ from pydrake.geometry import Meshcat
 
 import drake_rho as rho
 from drake_rho.display.common import map_faces as module
+from drake_rho.display.common.drawable import drawn
 from drake_rho.display.common.hidden_by_maps import hidden
 from drake_rho.display.common.map_faces import map_faces
 from drake_rho.display.common.obstacle_snapshots import Snapshot, as_obstacles
@@ -288,7 +289,7 @@ def test_the_scene_has_one_mesh_for_each_map(meshcat: Meshcat) -> None:
     assert meshcat.HasPath("/flight/obstacles/3/unknown")
     error = rho.InfeasibleError({"one": ("obstacles",)}, obstacles={"one": frozenset({1})})
     plain = meshcat.StaticHtml()
-    add_obstacles(meshcat, stage.scene, plan, error)
+    add_obstacles(meshcat, stage.scene, drawn(plan), error)
     assert meshcat.StaticHtml() != plain  # red
     figure = rho.paths_figure(plan, conflicts=error)
     assert "red: in conflict" in " ".join(text.get_text() for text in figure.texts)

@@ -14,14 +14,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
-from drake_rho.display.common.drawable import (
-    Drawn,
-    Planned,
-    closest_two,
-    commands,
-    planned,
-    planned_jerks,
-)
+from drake_rho.display.common.drawable import Drawn, Prediction
 from drake_rho.display.common.names import as_text, brief
 from drake_rho.display.common.style import (
     COLOURS,
@@ -77,12 +70,12 @@ def draw_separation(ax: Axes, plan: Drawn) -> list[Line2D]:
     if separation is None or len(vehicles) < 2:
         got = "none" if separation is None else "one for a single vehicle"
         raise ValueError(f"separation: got {got}, expected one and at least two vehicles")
-    found = closest_two(plan, separation)
+    found = plan.closest_two(separation)
     times = plan.scenario.grid.start + found.times
     shown = with_gaps(plan, found.times, found.distances)
     (curve,) = ax.plot(plan.scenario.grid.start + shown[0], shown[1], color=COLOURS[0])
-    for piece in planned(plan):
-        near = closest_two(piece.plan, separation)
+    for piece in plan.planned:
+        near = piece.shown.closest_two(separation)
         draw_planned(ax, piece, near.times, near.distances[None])
     m = int(np.argmin(found.distances))
     closest = (vehicles[index].name for index in (found.one[m], found.other[m]))
@@ -124,7 +117,7 @@ def draw_velocities(axes: Sequence[Axes], plan: Drawn) -> list[Line2D]:
 def draw_accelerations(axes: Sequence[Axes], plan: Drawn) -> list[Line2D]:
     """Draw the piecewise constant acceleration components with their bounds, one axes for each."""
     lines = []
-    times, values = commands(plan)
+    times, values = plan.commands
     values = _rounded(values)
     for axis, ax in enumerate(axes):
         lines += [_draw_steps(ax, plan, i, times, values[i, :, axis]) for i in range(len(values))]
@@ -156,10 +149,10 @@ def draw_norm(ax: Axes, plan: Drawn, norm: Norm) -> list[Line2D]:
             for index in range(len(exact))
         ]
     else:
-        grid, values = plan.scenario.grid, planned_jerks(plan)
+        grid, values = plan.scenario.grid, plan.stepwise.jerks()
         ends = np.asarray(grid.start + grid.step * (np.arange(grid.knots + 1.0) - 0.5))
         if limit.kind.quantity == "acceleration":
-            ends, values = commands(plan)
+            ends, values = plan.commands
         steps = _rounded(limit.kind.measured(values))
         lines = [_draw_steps(ax, plan, index, ends, steps[index]) for index in range(len(steps))]
     ax.set(xlabel="time [s]", ylabel=_NORM_LABELS[norm], ylim=(0, None))
@@ -217,16 +210,18 @@ def draw_curve(
     return line
 
 
-def draw_planned(ax: Axes, piece: Planned, times: FloatArray, values: FloatArray) -> list[Line2D]:
+def draw_planned(
+    ax: Axes, piece: Prediction, times: FloatArray, values: FloatArray
+) -> list[Line2D]:
     """Draw the values that a window planned for each vehicle as dotted lines.
 
     Args:
         ax: where to draw.
-        piece: the plan, and the time for which it was in force.
+        piece: the prediction, of which the part in force is drawn.
         times: since its first knot [s], shape (M,) or (N, M).
         values: of all vehicles at these times, shape (N, M).
     """
-    start, colours = piece.plan.scenario.grid.start, vehicle_colours(len(values))
+    start, colours = piece.shown.scenario.grid.start, vehicle_colours(len(values))
     lines = []
     for each, at, colour in zip(values, np.broadcast_to(times, values.shape), colours, strict=True):
         shown = piece.in_force(at)

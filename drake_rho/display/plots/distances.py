@@ -15,7 +15,7 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
 from drake_rho.display.common.clearances import Clearances, least_clearances
-from drake_rho.display.common.drawable import Drawn, planned
+from drake_rho.display.common.drawable import Drawn
 from drake_rho.display.common.names import as_text, brief
 from drake_rho.display.common.obstacle_snapshots import short_label
 from drake_rho.display.common.style import (
@@ -140,9 +140,9 @@ def _draw_distances(
         draw_curve(ax, plan, index, (grid.start + times, exact[index]), (plan.times, knots[index]))
         for index in range(len(exact))
     ]
-    for piece in planned(plan):
-        times = dense_times(piece.plan)
-        draw_planned(ax, piece, times, shown(piece.plan, times))
+    for piece in plan.planned:
+        times = dense_times(piece.shown)
+        draw_planned(ax, piece, times, shown(piece.shown, times))
     _draw_discoveries(ax, plan, {obstacle.known_from: "known"})
     draw_inactive(ax, plan, obstacle.active)
     return lines
@@ -219,8 +219,8 @@ def draw_least_clearances(ax: Axes, plan: Drawn, obstacles: Sequence[Obstacle]) 
             mark_minimum(ax, plan, i, place, colours[i])
             words = short_label(number, obstacles[number - 1])
             Labels.of(ax).add(words, around(ax, *place), rank=1, color=colours[i])
-    for piece in planned(plan):
-        near = least_clearances(piece.plan, obstacles)
+    for piece in plan.planned:
+        near = least_clearances(piece.shown, obstacles)
         draw_planned(ax, piece, near.times, _with_gaps(near.clearances))
     curves = list(lines)
     if ever:

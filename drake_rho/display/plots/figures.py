@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from drake_rho.display.common.drawable import Drawn, drawn, planned
+from drake_rho.display.common.drawable import Drawn, drawn
 from drake_rho.display.common.names import as_text
 from drake_rho.display.common.obstacle_snapshots import as_obstacles
 from drake_rho.display.common.requirements import kept_positions
@@ -237,7 +237,7 @@ def _components(
 
 def _planned_handles(plan: Drawn) -> list[Line2D]:
     """Return the legend entry of planned motions, if they are drawn beside the true motion."""
-    if not planned(plan):
+    if not plan.planned:
         return []
     return [Line2D([], [], label="planned", color="black", **PLANNED_STYLE)]
 

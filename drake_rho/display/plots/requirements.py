@@ -15,7 +15,7 @@ from matplotlib.lines import Line2D
 from mpl_toolkits.mplot3d.art3d import Line3D, Line3DCollection, Poly3DCollection
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 
-from drake_rho.display.common.drawable import Drawn, planned
+from drake_rho.display.common.drawable import Drawn
 from drake_rho.display.common.names import as_text
 from drake_rho.display.common.obstacle_snapshots import Snapshot, active_in_words
 from drake_rho.display.common.requirements import Kept, kept_positions
@@ -181,10 +181,10 @@ def _draw_curves(ax: Axes, plan: Drawn, kept: Kept, highest: float | None) -> li
                 spots = around(ax, *place)
                 words = as_text(kept.label)
                 Labels.of(ax).add(words, spots, rank=1, color=colours[index])
-    for piece in planned(plan):
-        times = dense_times(piece.plan)
+    for piece in plan.planned:
+        times = dense_times(piece.shown)
         left = np.full((len(plan.positions), len(times)), np.nan)
-        values = kept.left(piece.plan, times)
+        values = kept.left(piece.shown, times)
         left[kept.members] = np.where(values <= most, values, np.nan)
         draw_planned(ax, piece, times, left)
     return lines

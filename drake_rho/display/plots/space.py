@@ -16,7 +16,7 @@ from matplotlib.text import Text
 from mpl_toolkits.mplot3d.art3d import Line3D, Line3DCollection, Poly3DCollection
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 
-from drake_rho.display.common.drawable import Drawn, StraightLines, drawn, planned
+from drake_rho.display.common.drawable import Drawn
 from drake_rho.display.common.hidden_by_maps import hidden
 from drake_rho.display.common.names import as_text, brief
 from drake_rho.display.common.obstacle_snapshots import Snapshot
@@ -39,8 +39,6 @@ from drake_rho.display.plots.labels import Labels, around
 from drake_rho.display.plots.legends import width_of
 from drake_rho.display.plots.maps import draw_map
 from drake_rho.display.plots.overlapping_curves import marks_every, overlapping_pieces
-from drake_rho.motion.flown import Flown
-from drake_rho.motion.plan import Plan
 from drake_rho.planning.errors import InfeasibleError
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.records import Scenario
@@ -173,23 +171,21 @@ def draw_paths(ax: Axes3D, plan: Drawn, shown: Sequence[Snapshot] = ()) -> list[
     return lines
 
 
-def draw_straight_lines(
-    ax: Axes3D, lines: StraightLines, shown: Sequence[Snapshot] = ()
-) -> list[Line3D]:
+def draw_straight_lines(ax: Axes3D, plan: Drawn, shown: Sequence[Snapshot] = ()) -> list[Line3D]:
     """Draw straight lines of a scenario that is not planned, with starts, waypoints and goals."""
-    colours = vehicle_colours(len(lines.positions))
-    drawn = []
-    for index, vehicle in enumerate(lines.scenario.vehicles):
+    colours = vehicle_colours(len(plan.positions))
+    lines = []
+    for index, vehicle in enumerate(plan.scenario.vehicles):
         style: dict[str, Any] = {
             "color": colours[index],
             "linewidth": 0.9,
             "linestyle": (0, (5, 3)),
         }
-        pieces = draw_line(ax, lines.positions[index], shown, **style)
+        pieces = draw_line(ax, plan.positions[index], shown, **style)
         pieces[0].set_label(as_text(vehicle.name))
-        drawn += pieces
-    draw_ends(ax, lines.scenario)
-    return drawn
+        lines += pieces
+    draw_ends(ax, plan.scenario)
+    return lines
 
 
 def draw_conflicts(
@@ -219,35 +215,33 @@ def draw_planned_paths(ax: Axes3D, plan: Drawn, shown: Sequence[Snapshot] = ()) 
     """Draw planned paths as dotted lines, if they differ from those of `draw_paths`."""
     colours = vehicle_colours(len(plan.positions))
     lines = []
-    for piece in planned(plan):
-        times = dense_times(piece.plan)
-        paths = piece.plan.motion().at("position", times[piece.in_force(times)])
+    for piece in plan.planned:
+        times = dense_times(piece.shown)
+        paths = piece.shown.motion().at("position", times[piece.in_force(times)])
         for path, colour in zip(paths, colours, strict=True):
             lines += draw_line(ax, path, shown, color=colour, **PLANNED_STYLE)
     return lines
 
 
-def draw_windows(ax: Axes3D, flown: Flown, shown: Sequence[Snapshot] = ()) -> list[list[Line3D]]:
+def draw_windows(ax: Axes3D, plan: Drawn, shown: Sequence[Snapshot] = ()) -> list[list[Line3D]]:
     """Draw the flown part of each window in its grey, and its whole prediction as a thin line.
 
     Args:
         ax: where to draw.
-        flown: flight or simulation to draw.
+        plan: motion of a flight or simulation to draw.
         shown: obstacles drawn by `draw_obstacles`, which hide the parts of paths behind them.
 
     Returns:
         For each window, the pieces of its flown part.
     """
     lines: list[list[Line3D]] = []
-    whole, windows = drawn(flown), flown.windows
-    grid, times = whole.scenario.grid, dense_times(whole)
-    true = whole.motion().at("position", times)
-    ends = [*(window.first_knot for window in windows[1:]), grid.knots - 1]
-    for window, last, colour in zip(windows, ends, window_colours(len(windows)), strict=True):
-        first = window.first_knot
-        paths = window.plan.motion().at("position", dense_times(window.plan))
+    grid, times = plan.scenario.grid, dense_times(plan)
+    true = plan.motion().at("position", times)
+    for window, colour in zip(plan.windows, window_colours(len(plan.windows)), strict=True):
+        first, last = window.first, window.last
+        paths = window.shown.motion().at("position", dense_times(window.shown))
         part = grid.clock.within(times, tuple(grid.elapsed[[first, last]].tolist()))
-        if last in whole.jumps:  # the state then is the next window's
+        if last in plan.jumps:  # the state then is the next window's
             part &= grid.clock.before(times, grid.elapsed[last])
         lines.append([])
         for index in range(len(paths)):
@@ -257,13 +251,13 @@ def draw_windows(ax: Axes3D, flown: Flown, shown: Sequence[Snapshot] = ()) -> li
             draw_braking(ax, braking, shown)
     if len(true) <= MAX_NAMED:
         for index, own in enumerate(vehicle_colours(len(true))):
-            _draw_knots(ax, whole.positions[index], index, shown, color=own, markersize=2.4)
+            _draw_knots(ax, plan.positions[index], index, shown, color=own, markersize=2.4)
     named = len(true) <= MAX_LABELLED
-    draw_ends(ax, whole.scenario, ["black"] * len(true) if named else None)
+    draw_ends(ax, plan.scenario, ["black"] * len(true) if named else None)
     return lines
 
 
-def draw_braking(ax: Axes3D, braking: Plan, shown: Sequence[Snapshot] = ()) -> None:
+def draw_braking(ax: Axes3D, braking: Drawn, shown: Sequence[Snapshot] = ()) -> None:
     """Draw how a contingency brakes, as dotted lines that end in crosses at the places of rest."""
     style: dict[str, Any] = {"color": CONTINGENCY, "linewidth": 1.0}
     for path in braking.motion().at("position", dense_times(braking)):
