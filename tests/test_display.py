@@ -27,11 +27,13 @@ from rich.console import Console
 import drake_rho as rho
 from drake_rho.display.common.drawable import drawn
 from drake_rho.display.common.obstacle_snapshots import snapshots
+from drake_rho.display.common.style import view
 from drake_rho.display.plots import curves, space
 from drake_rho.display.plots.axes3d import frame_scene
 from drake_rho.display.plots.distances import draw_distances_from_centre
 from drake_rho.display.plots.figures import write_figures
 from drake_rho.display.plots.formats import SINGLE_COLUMN
+from drake_rho.display.plots.lines3d import FAINT
 from drake_rho.motion.flight import Window
 from drake_rho.paper.figures import NUMBERS, draw_figure, write_paper_figures
 from drake_rho.paper.study import Study
@@ -68,31 +70,28 @@ def test_paths_are_the_exact_motion_with_the_knots_marked(plan: rho.Plan) -> Non
         assert any(m.shape == knots.shape and np.allclose(m, knots) for m in marked)
 
 
-def test_paths_in_front_of_an_obstacle_are_drawn_over_it(plan: rho.Plan) -> None:
+def test_paths_are_faint_where_the_line_of_sight_meets_an_obstacle(plan: rho.Plan) -> None:
     ax = Figure().add_subplot(projection="3d")
-    spheres = snapshots(
-        drawn(plan),
-        (*plan.scenario.bodies, rho.Obstacle(rho.Sphere([1500.0, 500.0, 1500.0], 300.0))),
-    )
+    near = rho.Obstacle(rho.Sphere([1500.0, 500.0, 1500.0], 300.0))
+    spheres = snapshots(drawn(plan), (*plan.scenario.bodies, near))
     frame_scene(ax, plan.positions, spheres)
-    assert ax.computed_zorder is False
-    balls = space.draw_obstacles(ax, spheres)
+    bodies = space.draw_obstacles(ax, spheres)
     lines = space.draw_paths(ax, drawn(plan), spheres)
-    towards = np.array(
-        [
-            np.cos(np.radians(ax.azim)) * np.cos(np.radians(ax.elev)),
-            np.sin(np.radians(ax.azim)) * np.cos(np.radians(ax.elev)),
-            np.sin(np.radians(ax.elev)),
-        ]
-    )
-    for ball, sphere in zip(balls, spheres, strict=True):
-        sides = set()
-        for line in lines:
-            nearer = (_points([line])[:-1] - sphere.center) @ towards > 0
-            assert np.all(nearer) or not np.any(nearer)
-            assert (line.get_zorder() > ball.get_zorder()) == nearer[0]
-            sides.add(bool(nearer[0]))
-        assert sides == {True, False}
+    _, _, towards = view()
+    counts = []
+    for line in lines:
+        assert line.get_zorder() > max(body.get_zorder() for body in bodies)
+        points = _points([line])
+        points = points[np.isfinite(points[:, 0])]
+        behind = np.zeros(len(points), dtype=bool)
+        for each in spheres:  # the nearest point of the line of sight to the centre is inside
+            x = points - each.center
+            ahead = np.maximum(-(x @ towards), 0.0)
+            missed = np.linalg.norm(x + ahead[:, None] * towards, axis=1)
+            behind |= missed < each.shape.size
+        counts.append(behind.sum())
+        assert behind.mean() > 0.9 if line.get_alpha() == FAINT else behind.sum() <= 5
+    assert max(counts) > 20
 
 
 def test_axes_are_equal_and_hold_the_scene(plan: rho.Plan) -> None:

@@ -31,7 +31,7 @@ from drake_rho.display.common.style import vehicle_colours
 from drake_rho.display.plots.distances import draw_distances_from_centre
 from drake_rho.display.plots.figures import write_figures
 from drake_rho.display.plots.formats import DOUBLE_COLUMN, FORMATS, SINGLE_COLUMN
-from drake_rho.display.plots.overlapping_curves import marks_every, overlapping_pieces
+from drake_rho.display.plots.overlapping_curves import marks_every
 from drake_rho.motion.flight import Window
 from drake_rho.paper.figures import draw_figure
 from drake_rho.paper.study import Study
@@ -260,16 +260,6 @@ def test_overlapping_curves_are_all_visible() -> None:
         for colour in vehicle_colours(3)
     ]
     assert min(counts) > 0.5 * max(counts) > 20
-
-
-def test_overlapping_paths_are_found_and_crossings_are_not() -> None:
-    t = np.linspace(0.0, 1.0, 60)[:, None]
-    path, across = t * [10.0, 0.0, 0.0], [5.0, -5.0, 0.0] + t * [0.0, 10.0, 0.0]
-    (piece,) = overlapping_pieces(np.stack([path, across, path[::-1]]))
-    assert piece.owner == 0
-    assert np.ptp(piece.points[:, 0]) == pytest.approx(10.0, abs=0.1)
-    assert overlapping_pieces(np.stack([path, across])) == []
-    assert overlapping_pieces(np.stack([np.zeros((9, 3))] * 2)) == []
 
 
 def test_the_end_of_a_path_is_visible_within_its_mark(study: Study) -> None:

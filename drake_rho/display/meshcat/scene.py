@@ -17,7 +17,7 @@ from pydrake.geometry import Sphere as Ball
 from pydrake.math import RigidTransform
 
 from drake_rho.display.common.drawable import Drawn
-from drake_rho.display.common.hidden_by_maps import best_from_above
+from drake_rho.display.common.hidden import best_from_above
 from drake_rho.display.common.names import as_path
 from drake_rho.display.common.obstacle_snapshots import snapshots
 from drake_rho.display.common.set_surfaces import requirements_near

@@ -16,7 +16,7 @@ from matplotlib.lines import Line2D
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 
 from drake_rho.display.common.drawable import Drawn, drawn
-from drake_rho.display.common.hidden_by_maps import best_from_above
+from drake_rho.display.common.hidden import best_from_above
 from drake_rho.display.common.names import as_text
 from drake_rho.display.common.obstacle_snapshots import (
     Snapshot,
@@ -57,6 +57,7 @@ from drake_rho.display.plots.space import (
     draw_planned_paths,
     draw_straight_lines,
     draw_windows,
+    within,
 )
 from drake_rho.motion.flown import Flown
 from drake_rho.planning.errors import InfeasibleError
@@ -75,8 +76,6 @@ _MAX_TICKS = 12
 """Largest number of windows that are numbered."""
 _MIN_BESIDE = 5.0
 """Least width of a figure with a legend beside its scene [in]."""
-_MAX_SAMPLES = 4000
-"""Number of positions on paths of which it is determined whether maps hide them."""
 _HIGHEST = (1.1, 0.45)
 """Largest height of a scene: a constant [in] plus a fraction of the figure's width."""
 
@@ -174,7 +173,7 @@ class _Content:
         bodies = as_obstacles(plan.scenario.obstacles if obstacles is None else obstacles)
         shown, heights = snapshots(plan, bodies), None
         paths = plan.motion().at("position", dense_times(plan)).reshape(-1, 3)
-        if best_from_above(paths[:: max(1, len(paths) // _MAX_SAMPLES)], shown):
+        if best_from_above(paths, shown):
             beside = float(plan.scenario.fleet.radii.max())
             heights = (float(paths[:, 2].min()) - beside, float(paths[:, 2].max()) + beside)
             shown = [dataclasses.replace(each, between=heights) for each in shown]
@@ -213,7 +212,7 @@ class _Content:
 
     def draw(self, ax: Axes3D) -> None:
         """Draw obstacles, paths, starts and goals, and mark conflicts."""
-        plan, shown = self.plan, self.shown
+        plan, shown = self.plan, within(ax, self.shown)
         draw_sets(ax, plan)
         draw_obstacles(ax, shown)
         draw_obstacle_paths(ax, obstacle_paths(plan, self.bodies), shown)

@@ -37,9 +37,9 @@ from drake_rho.display.plots.distances import (
     finish,
     mark_minimum,
 )
-from drake_rho.display.plots.draw_order import draw_line
 from drake_rho.display.plots.labels import Labels, around
 from drake_rho.display.plots.legends import add_above
+from drake_rho.display.plots.lines3d import draw_line
 
 _MAX_LABELLED = 8
 """Largest number of sets, or of links, that are labelled in space."""
@@ -58,10 +58,10 @@ def draw_sets(ax: Axes3D, plan: Drawn) -> list[Artist]:
         skin = surface_within(kept.requirement.set, lower, upper)
         if skin.faces:
             style: dict[str, Any] = {"facecolors": ALLOWED, "alpha": 0.07, "linewidth": 0}
-            artists.append(ax.add_collection3d(Poly3DCollection(skin.faces, zorder=0, **style)))
+            artists.append(ax.add_collection3d(Poly3DCollection(skin.faces, **style)))
         if skin.edges:
             style = {"colors": ALLOWED, "alpha": 0.7, "linewidths": 0.6}
-            artists.append(ax.add_collection3d(Line3DCollection(skin.edges, zorder=0, **style)))
+            artists.append(ax.add_collection3d(Line3DCollection(skin.edges, **style)))
         if skin.faces and len(sets) <= _MAX_LABELLED:
             corners = np.concatenate(skin.faces)
             top = (corners.min(axis=0) + corners.max(axis=0)) / 2.0
