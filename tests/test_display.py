@@ -30,7 +30,7 @@ from drake_rho.display.common.obstacle_snapshots import snapshots
 from drake_rho.display.common.style import view
 from drake_rho.display.plots import curves, space
 from drake_rho.display.plots.axes3d import frame_scene
-from drake_rho.display.plots.distances import draw_distances_from_centre
+from drake_rho.display.plots.distances import draw_distances
 from drake_rho.display.plots.figures import write_figures
 from drake_rho.display.plots.formats import SINGLE_COLUMN
 from drake_rho.display.plots.lines3d import FAINT
@@ -38,6 +38,7 @@ from drake_rho.motion.flight import Window
 from drake_rho.paper.figures import NUMBERS, draw_figure, write_paper_figures
 from drake_rho.paper.study import Study
 from drake_rho.paper.tables import claims_table, study_table
+from drake_rho.scenario.parts import Quantity
 from tests.scenarios import box, slow, straight
 from tests.scenarios import fleet as fleet_of
 from tests.tolerances import ROUNDING
@@ -119,7 +120,7 @@ def test_a_sphere_has_its_centre_and_radius(plan: rho.Plan) -> None:
 def test_distances_show_the_radius_as_threshold(plan: rho.Plan) -> None:
     ax = Figure().add_subplot()
     (sphere,) = plan.scenario.spheres
-    lines = draw_distances_from_centre(ax, drawn(plan), plan.scenario.bodies[0], sphere)
+    lines = draw_distances(ax, drawn(plan), plan.scenario.bodies[0], radius=sphere.radius)
     for index, line in enumerate(lines):
         times, distances = np.array(line.get_data())
         exact = plan.motion().at("position", times)[index] - sphere.center
@@ -139,19 +140,16 @@ def _dashed(ax: Axes) -> list[Line2D]:
 
 
 @pytest.mark.parametrize(
-    ("draw", "quantity", "bound"),
-    [
-        (curves.draw_velocities, "velocities", 200.0),
-        (curves.draw_accelerations, "accelerations", 20.0),
-    ],
+    ("quantity", "name", "bound"),
+    [("velocity", "velocities", 200.0), ("acceleration", "accelerations", 20.0)],
 )
 def test_components_show_their_bounds(
-    plan: rho.Plan, draw: object, quantity: str, bound: float
+    plan: rho.Plan, quantity: Quantity, name: str, bound: float
 ) -> None:
     axes = list(Figure().subplots(3))
-    lines = draw(axes, drawn(plan))  # type: ignore[operator]  # one of the two above
+    lines = curves.draw_components(axes, drawn(plan), quantity)
     assert len(lines) == 12
-    values = getattr(plan, quantity)
+    values = getattr(plan, name)
     for axis, ax in enumerate(axes):
         assert {-bound, bound} <= _levels(ax)
         shown = np.concatenate([line.get_ydata() for line in ax.lines[:8]])
@@ -161,7 +159,7 @@ def test_components_show_their_bounds(
 
 def test_acceleration_is_constant_in_every_step(plan: rho.Plan) -> None:
     axes = list(Figure().subplots(3))
-    line = curves.draw_accelerations(axes, drawn(plan))[0]
+    line = curves.draw_components(axes, drawn(plan), "acceleration")[0]
     times, values = np.array(line.get_data())
     np.testing.assert_array_equal(values[::2], values[1::2])
     np.testing.assert_array_equal(times[1:-1:2], times[2::2])
@@ -312,9 +310,10 @@ def test_a_swarm_is_drawn_without_knots_and_names(count: int) -> None:
     ax = Figure().add_subplot(projection="3d")
     space.draw_paths(ax, drawn(plan))
     assert len(ax.lines) == 3 * count  # a path, a start and a goal each
-    for draw in (curves.draw_velocities, curves.draw_accelerations):
+    quantities: tuple[Quantity, ...] = ("velocity", "acceleration")
+    for quantity in quantities:
         axes = list(Figure().subplots(3))
-        draw(axes, drawn(plan))
+        curves.draw_components(axes, drawn(plan), quantity)
         assert [len(each.lines) for each in axes] == [count] * 3
     window = Window(0, plan, plan)
     for figure in (rho.paths_figure(plan), rho.paths_figure(rho.Flight(plan, (window,)))):

@@ -28,7 +28,7 @@ import drake_rho as rho
 from drake_rho.cli.failures import status_of
 from drake_rho.display.common.drawable import drawn
 from drake_rho.display.common.style import vehicle_colours
-from drake_rho.display.plots.distances import draw_distances_from_centre
+from drake_rho.display.plots.distances import draw_distances
 from drake_rho.display.plots.figures import write_figures
 from drake_rho.display.plots.formats import DOUBLE_COLUMN, FORMATS, SINGLE_COLUMN
 from drake_rho.display.plots.overlapping_curves import marks_every
@@ -279,7 +279,7 @@ def test_closest_approaches_are_marked(study: Study) -> None:
     plan = study.examples[1].plan
     (sphere,) = plan.scenario.spheres
     ax = Figure().add_subplot()
-    draw_distances_from_centre(ax, drawn(plan), plan.scenario.bodies[0], sphere)
+    draw_distances(ax, drawn(plan), plan.scenario.bodies[0], radius=sphere.radius)
     *marks, ring = (line for line in ax.lines if len(np.asarray(line.get_xdata())) == 1)
     fine = np.linspace(0.0, plan.scenario.grid.duration, 100_001)
     away = np.linalg.norm(plan.motion().at("position", fine) - sphere.center, axis=2)

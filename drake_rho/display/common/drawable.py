@@ -89,6 +89,11 @@ class Drawn:
         return self.scenario.grid.start + self.whole.step * steps, self.whole.accelerations
 
     @property
+    def jerks(self) -> FloatArray:
+        """Jerks of the planned motion at the knots [m/s³], shape (N, K, 3), NaN where unknown."""
+        return self.stepwise.jerks()
+
+    @property
     def planned(self) -> tuple[Prediction, ...]:
         """Predictions to draw beside the true motion of a simulation, which differs from them.
 
