@@ -142,14 +142,9 @@ def _pieces(edge: FloatArray, lower: FloatArray, upper: FloatArray) -> list[Floa
     if np.all((edge >= lower) & (edge <= upper)):
         return [edge]
     found = []
-    for ends in pairwise(edge):
-        begin, step = ends[0], ends[1] - ends[0]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            crossed = np.sort((np.array([lower, upper]) - begin) / step, axis=0)
-        inside = (begin >= lower) & (begin <= upper)
-        still = np.array([np.where(inside, -np.inf, np.inf), np.where(inside, np.inf, -np.inf)])
-        first, last = np.where(step == 0.0, still, crossed)
-        parts = max(0.0, first.max()), min(1.0, last.min())
-        if parts[0] < parts[1]:
-            found.append(begin + np.outer(parts, step))
+    for begin, end in pairwise(edge):
+        part = clipped(np.array([begin, end]), lower, upper)
+        along = part @ (end - begin)
+        if len(part) > 0 and np.ptp(along) > 0.0:
+            found.append(part[[np.argmin(along), np.argmax(along)]])
     return found

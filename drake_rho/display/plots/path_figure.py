@@ -55,7 +55,6 @@ from drake_rho.display.plots.space import (
     draw_obstacles,
     draw_paths,
     draw_planned_paths,
-    draw_straight_lines,
     draw_windows,
     within,
 )
@@ -219,9 +218,7 @@ class _Content:
         draw_approaches(ax, approaches(plan, self.bodies))
         draw_obstacle_labels(ax, shown)
         draw_links(ax, plan, shown)
-        if plan.kind == "scenario":
-            draw_straight_lines(ax, plan, shown)
-        elif self.in_windows:
+        if self.in_windows:
             draw_windows(ax, plan, shown)
         else:
             draw_paths(ax, plan, shown)

@@ -137,7 +137,8 @@ def draw_obstacle_paths(
 def draw_paths(ax: Axes3D, plan: Drawn, shown: Sequence[Snapshot] = ()) -> list[Line3D]:
     """Draw each vehicle's path, knots, start (ring) and goal (star).
 
-    For more than `MAX_NAMED` vehicles, knots are not marked, and starts and goals are smaller.
+    Straight lines of a scenario are dashed, without knots. For more than `MAX_NAMED` vehicles,
+    knots are not marked, and starts and goals are smaller.
 
     Args:
         ax: where to draw.
@@ -149,37 +150,18 @@ def draw_paths(ax: Axes3D, plan: Drawn, shown: Sequence[Snapshot] = ()) -> list[
         its name.
     """
     lines = []
-    colours = vehicle_colours(len(plan.positions))
+    flown = plan.kind != "scenario"
+    shape: dict[str, Any] = {"linewidth": 1.2}
+    if not flown:
+        shape = {"linewidth": 0.9, "linestyle": (0, (5, 3))}
     times = dense_times(plan)
-    paths, flown = plan.motion().at("position", times), in_pieces(plan, times)
-    for index, vehicle in enumerate(plan.scenario.vehicles):
-        style = {"color": colours[index]}
-        pieces = [
-            line
-            for each in flown
-            for line in draw_line(ax, paths[index, each], shown, linewidth=1.2, **style)
-        ]
-        pieces[0].set_label(as_text(vehicle.name))
-        if len(paths) <= MAX_NAMED:
-            _draw_knots(ax, plan.positions[index], index, shown, markersize=2.4, **style)
-        lines += pieces
-    draw_ends(ax, plan.scenario)
-    return lines
-
-
-def draw_straight_lines(ax: Axes3D, plan: Drawn, shown: Sequence[Snapshot] = ()) -> list[Line3D]:
-    """Draw straight lines of a scenario that is not planned, with starts, waypoints and goals."""
-    colours = vehicle_colours(len(plan.positions))
-    lines = []
-    for index, vehicle in enumerate(plan.scenario.vehicles):
-        style: dict[str, Any] = {
-            "color": colours[index],
-            "linewidth": 0.9,
-            "linestyle": (0, (5, 3)),
-        }
-        pieces = draw_line(ax, plan.positions[index], shown, **style)
-        pieces[0].set_label(as_text(vehicle.name))
-        lines += pieces
+    paths, pieces = plan.motion().at("position", times), in_pieces(plan, times)
+    for index, colour in enumerate(vehicle_colours(len(paths))):
+        parts = [draw_line(ax, paths[index, each], shown, color=colour, **shape) for each in pieces]
+        parts[0][0].set_label(as_text(plan.scenario.vehicles[index].name))
+        if flown and len(paths) <= MAX_NAMED:
+            _draw_knots(ax, plan.positions[index], index, shown, color=colour, markersize=2.4)
+        lines += [line for part in parts for line in part]
     draw_ends(ax, plan.scenario)
     return lines
 
