@@ -94,9 +94,9 @@ def paths_figure(
     A plan has no windows; each of its vehicles has a colour of its own. A scenario is drawn before
     it is planned, with straight lines from starts through waypoints to goals.
 
-    Maps are coloured by height, and paths behind them are faint. If maps would hide too much of the
-    paths, as a building does, the figure shows x and y from above, and of the maps only what is at
-    the heights of the flights.
+    Paths behind obstacles are faint. Maps are coloured by height. If maps would hide too much of
+    the paths, as a building does, the figure shows x and y from above, and of the maps only what is
+    at the heights of the flights.
 
     Args:
         flown: plan, flight, simulation or scenario to draw.
