@@ -31,7 +31,7 @@ _DIRECTIONS = ((0, 1), (0, -1), (1, 1), (-1, 1), (1, -1), (-1, -1), (1, 0), (-1,
 """Directions in which a text is placed, in order of preference."""
 _PER_ROW = 36.0
 """Cost of one more line of distance, in covered points of curves."""
-_MARK = 28.0
+_MARK = 42.0
 """Cost of covering a mark, in covered points of curves."""
 _LAYER = 1000.0
 """Layer of texts; just below it, when all curves have been drawn, they are placed."""
@@ -83,9 +83,9 @@ class Labels(Artist):
     def draw(self, renderer: RendererBase) -> None:
         """Place the texts, which draw themselves later."""
         figure = self.ax.get_figure(True)
-        area = None if figure is None else Bbox.intersection(self.ax.bbox, figure.bbox)
-        if not self._texts or figure is None or area is None:
+        if not self._texts or figure is None:
             return
+        area = figure.bbox if isinstance(self.ax, Axes3D) else self.ax.bbox
         pixel = float(np.asarray(renderer.points_to_pixels(1.0)))
         own, covered = [text for _, text, _ in self._texts], _covered(self.ax, pixel)
         occupied = [
@@ -149,7 +149,7 @@ def _boxes(
     for (worse, point), row, (rank, way) in product(points, rows, enumerate(spots.directions)):
         far = _GAP * pixel * (0.7 if all(way) else 1.0) + row * size[1]
         low = point + np.array(way) * (far + half) - half
-        cost = _PER_ROW * (row if any(way) else -1.0) + worse + rank / 4.0
+        cost = _PER_ROW * (row if any(way) else -1.0) + (worse + rank) / 4.0
         yield cost, Bbox([low, low + 2.0 * half]).padded(pixel), point
 
 
@@ -165,7 +165,7 @@ def around(ax: Axes, *place: float, middle: bool = False, rows: int = _ROWS) -> 
 
 def along(ax: Axes, height: float) -> Spots:
     """Return spots below and above a horizontal line across the axes."""
-    places = [(part, height) for part in np.linspace(0.0, 1.0, 9)]
+    places = [(part, height) for part in np.linspace(0.0, 1.0, 33)]
     return Spots(lambda: ax.get_yaxis_transform().transform(places), ((1, -1), (1, 1)))
 
 
