@@ -13,6 +13,7 @@ from PIL import Image
 
 import drake_rho as rho
 from drake_rho.display.common.clearances import least_clearances
+from drake_rho.display.common.drawable import drawn
 from drake_rho.display.common.obstacle_snapshots import obstacle_paths, snapshots
 from drake_rho.display.viewer.film import Footage, write_film
 from drake_rho.display.viewer.readings import Readings
@@ -91,8 +92,8 @@ def test_an_interval_between_samples_is_found() -> None:
     """It is shorter than what is drawn straight, and contains the least clearance of all."""
     short = dataclasses.replace(ZONE, active=(4.0011, 4.0012))
     plan = _plan(short, *[dataclasses.replace(BALL, active=(6.0, 6.5 + i)) for i in range(4)])
-    assert least_clearances(plan, plan.scenario.bodies).nearest.min() == 0
-    shown = Readings.of(plan, np.linspace(0.0, 10.0, 51)).obstacles
+    assert least_clearances(drawn(plan), plan.scenario.bodies).nearest.min() == 0
+    shown = Readings.of(drawn(plan), np.linspace(0.0, 10.0, 51)).obstacles
     assert shown is not None
     assert shown.closest == (0, 0)
     (place,) = plan.at([4.0012]).positions[0]
@@ -101,18 +102,18 @@ def test_an_interval_between_samples_is_found() -> None:
 
 def test_paths_show_when_obstacles_are_active() -> None:
     plan = _plan(*BODIES)
-    shown = snapshots(plan, plan.scenario.bodies)
+    shown = snapshots(drawn(plan), plan.scenario.bodies)
     labels = [each.label for each in shown]
     assert "1 zone, active 0 to 4.5 s" in labels
     assert any(each.startswith("3 crosser, ") and "active 2 to 5 s" in each for each in labels)
     for each in shown:
         assert each.faint == (each.number == 5 or each.label in ("2 s", "5 s"))
-    (way,) = obstacle_paths(plan, plan.scenario.bodies)
+    (way,) = obstacle_paths(drawn(plan), plan.scenario.bodies)
     np.testing.assert_allclose(way[[0, -1], 1], [-4.0 + 0.9 * 2.0, -4.0 + 0.9 * 5.0])
     notes = [text.get_text() for text in _saved(rho.paths_figure(plan)).texts]
     assert "faint: obstacles at rest that are not active in the flight" in notes
     late = _plan(ZONE, start=1.7e9)
-    (only,) = snapshots(late, late.scenario.bodies)
+    (only,) = snapshots(drawn(late), late.scenario.bodies)
     assert only.label == "1 zone, active 1700000000 to 1700000004.5 s"
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import drake_rho as rho
+from drake_rho.display.common.drawable import drawn
 from drake_rho.display.meshcat.airframes import airframes, body
 from drake_rho.display.meshcat.animation import Stage
 from drake_rho.display.meshcat.poses import headings, lifts, vehicle_poses
@@ -21,11 +22,8 @@ def _kinds(limits: rho.Limits, airframe: Airframe | None = None) -> list[Airfram
     scenario = single()
     vehicles = (dataclasses.replace(scenario.vehicles[0], airframe=airframe),)
     plan = rho.plan_convex(dataclasses.replace(scenario, vehicles=vehicles))
-    return airframes(
-        rho.Plan.from_accelerations(
-            dataclasses.replace(plan.scenario, limits=limits), plan.accelerations
-        )
-    )
+    limited = dataclasses.replace(plan.scenario, limits=limits)
+    return airframes(drawn(rho.Plan.from_accelerations(limited, plan.accelerations)))
 
 
 def test_the_airframe_is_that_of_the_scenario_or_else_follows_from_the_limits() -> None:

@@ -10,6 +10,7 @@ from playwright.sync_api import Page
 from pydrake.geometry import Meshcat
 
 import drake_rho as rho
+from drake_rho.display.common.drawable import drawn
 from drake_rho.display.common.obstacle_snapshots import truncated_centers
 from drake_rho.display.meshcat.obstacles import _turns
 from drake_rho.display.meshcat.scene import Scene
@@ -80,7 +81,7 @@ def _visible(page: Page, *path: str) -> bool:
 
 def test_every_shape_has_its_place_and_size() -> None:
     plan = _plan(SHAPES)  # type: ignore[arg-type]
-    scene = Scene.of(plan)
+    scene = Scene.of(drawn(plan))
     meshcat = rho.animate(plan)
     with open_page() as (page, errors):
         _open(page, meshcat)
@@ -110,7 +111,7 @@ def test_moving_obstacles_are_in_place_and_transparent_until_known(start: float)
         rho.Sphere([30, 0, 0], 1.0),
     )
     plan = _plan(obstacles, start)
-    scene = Scene.of(plan)
+    scene = Scene.of(drawn(plan))
     meshcat = rho.animate(plan)
     with open_page() as (page, errors):
         _open(page, meshcat)
@@ -144,7 +145,7 @@ def test_moving_obstacles_are_in_place_and_transparent_until_known(start: float)
 def test_the_scene_holds_all_obstacles_but_not_the_whole_track_of_distant_ones() -> None:
     far = rho.Obstacle(rho.Sphere([-1000, 3, 0], 1.0), velocity=[250, 0, 0])
     plan = _plan((rho.Sphere([30, 0, 0], 1.0), far))
-    scene = Scene.of(plan)
+    scene = Scene.of(drawn(plan))
     assert scene.upper[0] > 31.0
     assert scene.size < 150.0
 

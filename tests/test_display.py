@@ -25,16 +25,20 @@ from mpl_toolkits.mplot3d.axes3d import Axes3D
 from rich.console import Console
 
 import drake_rho as rho
+from drake_rho.display.common.drawable import drawn
 from drake_rho.display.common.obstacle_snapshots import snapshots
+from drake_rho.display.common.style import view
 from drake_rho.display.plots import curves, space
 from drake_rho.display.plots.axes3d import frame_scene
-from drake_rho.display.plots.distances import draw_distances_from_centre
+from drake_rho.display.plots.distances import draw_distances
 from drake_rho.display.plots.figures import write_figures
 from drake_rho.display.plots.formats import SINGLE_COLUMN
+from drake_rho.display.plots.lines3d import FAINT
 from drake_rho.motion.flight import Window
 from drake_rho.paper.figures import NUMBERS, draw_figure, write_paper_figures
 from drake_rho.paper.study import Study
 from drake_rho.paper.tables import claims_table, study_table
+from drake_rho.scenario.parts import Quantity
 from tests.scenarios import box, slow, straight
 from tests.scenarios import fleet as fleet_of
 from tests.tolerances import ROUNDING
@@ -53,7 +57,7 @@ def _points(lines: Sequence[Any]) -> np.ndarray:
 
 def test_paths_are_the_exact_motion_with_the_knots_marked(plan: rho.Plan) -> None:
     ax = Figure().add_subplot(projection="3d")
-    lines = space.draw_paths(ax, plan)
+    lines = space.draw_paths(ax, drawn(plan))
     assert [line.get_label() for line in lines] == ["UAV-1", "UAV-2", "UAV-3", "UAV-4"]
     assert len({line.get_color() for line in lines}) == 4
     for index, line in enumerate(lines):
@@ -67,35 +71,33 @@ def test_paths_are_the_exact_motion_with_the_knots_marked(plan: rho.Plan) -> Non
         assert any(m.shape == knots.shape and np.allclose(m, knots) for m in marked)
 
 
-def test_paths_in_front_of_an_obstacle_are_drawn_over_it(plan: rho.Plan) -> None:
+def test_paths_are_faint_where_the_line_of_sight_meets_an_obstacle(plan: rho.Plan) -> None:
     ax = Figure().add_subplot(projection="3d")
-    spheres = snapshots(
-        plan, (*plan.scenario.bodies, rho.Obstacle(rho.Sphere([1500.0, 500.0, 1500.0], 300.0)))
-    )
+    near = rho.Obstacle(rho.Sphere([1500.0, 500.0, 1500.0], 300.0))
+    spheres = snapshots(drawn(plan), (*plan.scenario.bodies, near))
     frame_scene(ax, plan.positions, spheres)
-    assert ax.computed_zorder is False
-    balls = space.draw_obstacles(ax, spheres)
-    lines = space.draw_paths(ax, plan, spheres)
-    towards = np.array(
-        [
-            np.cos(np.radians(ax.azim)) * np.cos(np.radians(ax.elev)),
-            np.sin(np.radians(ax.azim)) * np.cos(np.radians(ax.elev)),
-            np.sin(np.radians(ax.elev)),
-        ]
-    )
-    for ball, sphere in zip(balls, spheres, strict=True):
-        sides = set()
-        for line in lines:
-            nearer = (_points([line])[:-1] - sphere.center) @ towards > 0
-            assert np.all(nearer) or not np.any(nearer)
-            assert (line.get_zorder() > ball.get_zorder()) == nearer[0]
-            sides.add(bool(nearer[0]))
-        assert sides == {True, False}
+    bodies = space.draw_obstacles(ax, spheres)
+    lines = space.draw_paths(ax, drawn(plan), spheres)
+    _, _, towards = view()
+    counts = []
+    for line in lines:
+        assert line.get_zorder() > max(body.get_zorder() for body in bodies)
+        points = _points([line])
+        points = points[np.isfinite(points[:, 0])]
+        behind = np.zeros(len(points), dtype=bool)
+        for each in spheres:  # the nearest point of the line of sight to the centre is inside
+            x = points - each.center
+            ahead = np.maximum(-(x @ towards), 0.0)
+            missed = np.linalg.norm(x + ahead[:, None] * towards, axis=1)
+            behind |= missed < each.shape.size
+        counts.append(behind.sum())
+        assert behind.mean() > 0.9 if line.get_alpha() == FAINT else behind.sum() <= 5
+    assert max(counts) > 20
 
 
 def test_axes_are_equal_and_hold_the_scene(plan: rho.Plan) -> None:
     ax = Figure().add_subplot(projection="3d")
-    frame_scene(ax, plan.positions, snapshots(plan, plan.scenario.bodies))
+    frame_scene(ax, plan.positions, snapshots(drawn(plan), plan.scenario.bodies))
     limits = np.array([ax.get_xlim(), ax.get_ylim(), ax.get_zlim()])
     aspect = ax._box_aspect  # matplotlib has no public accessor
     ratio = np.diff(limits)[:, 0] / aspect
@@ -108,7 +110,7 @@ def test_axes_are_equal_and_hold_the_scene(plan: rho.Plan) -> None:
 def test_a_sphere_has_its_centre_and_radius(plan: rho.Plan) -> None:
     ax = Figure().add_subplot(projection="3d")
     (sphere,) = plan.scenario.spheres
-    (ball,) = space.draw_obstacles(ax, snapshots(plan, plan.scenario.bodies))
+    (ball,) = space.draw_obstacles(ax, snapshots(drawn(plan), plan.scenario.bodies))
     assert 0.0 < ball.get_alpha() < 0.6
     corners = ball._faces.reshape(-1, 3)  # matplotlib has no public accessor
     distances = np.linalg.norm(corners - sphere.center, axis=1)
@@ -118,7 +120,7 @@ def test_a_sphere_has_its_centre_and_radius(plan: rho.Plan) -> None:
 def test_distances_show_the_radius_as_threshold(plan: rho.Plan) -> None:
     ax = Figure().add_subplot()
     (sphere,) = plan.scenario.spheres
-    lines = draw_distances_from_centre(ax, plan, plan.scenario.bodies[0], sphere)
+    lines = draw_distances(ax, drawn(plan), plan.scenario.bodies[0], radius=sphere.radius)
     for index, line in enumerate(lines):
         times, distances = np.array(line.get_data())
         exact = plan.motion().at("position", times)[index] - sphere.center
@@ -138,29 +140,26 @@ def _dashed(ax: Axes) -> list[Line2D]:
 
 
 @pytest.mark.parametrize(
-    ("draw", "quantity", "bound"),
-    [
-        (curves.draw_velocities, "velocities", 200.0),
-        (curves.draw_accelerations, "accelerations", 20.0),
-    ],
+    ("quantity", "name", "bound"),
+    [("velocity", "velocities", 200.0), ("acceleration", "accelerations", 20.0)],
 )
 def test_components_show_their_bounds(
-    plan: rho.Plan, draw: object, quantity: str, bound: float
+    plan: rho.Plan, quantity: Quantity, name: str, bound: float
 ) -> None:
     axes = list(Figure().subplots(3))
-    lines = draw(axes, plan)  # type: ignore[operator]  # one of the two above
+    lines = curves.draw_components(axes, drawn(plan), quantity)
     assert len(lines) == 12
-    values = getattr(plan, quantity)
+    values = getattr(plan, name)
     for axis, ax in enumerate(axes):
         assert {-bound, bound} <= _levels(ax)
-        drawn = np.concatenate([line.get_ydata() for line in ax.lines[:8]])
-        assert np.isclose(drawn.max(), values[:, :, axis].max())
+        shown = np.concatenate([line.get_ydata() for line in ax.lines[:8]])
+        assert np.isclose(shown.max(), values[:, :, axis].max())
         assert ax.get_ylabel().endswith("[m/s]" if bound == 200.0 else "[m/s²]")
 
 
 def test_acceleration_is_constant_in_every_step(plan: rho.Plan) -> None:
     axes = list(Figure().subplots(3))
-    line = curves.draw_accelerations(axes, plan)[0]
+    line = curves.draw_components(axes, drawn(plan), "acceleration")[0]
     times, values = np.array(line.get_data())
     np.testing.assert_array_equal(values[::2], values[1::2])
     np.testing.assert_array_equal(times[1:-1:2], times[2::2])
@@ -170,7 +169,7 @@ def test_windows_have_distinct_colours_and_make_up_the_flight(study: Study) -> N
     flight = study.examples[3].flight
     assert flight is not None
     ax = Figure().add_subplot(projection="3d")
-    windows = space.draw_windows(ax, flight)
+    windows = space.draw_windows(ax, drawn(flight))
     colours = [{line.get_color() for line in lines} for lines in windows]
     assert all(len(colour) == 1 for colour in colours)
     assert len(set.union(*colours)) == 10
@@ -196,7 +195,7 @@ def fleet() -> rho.Plan:
 
 def test_separation_is_the_least_distance_of_any_pair_with_its_limit(fleet: rho.Plan) -> None:
     ax = Figure().add_subplot()
-    curve, ring = curves.draw_separation(ax, fleet)
+    curve, ring = curves.draw_separation(ax, drawn(fleet))
     times, distances = np.array(curve.get_data())
     positions = fleet.motion().at("position", times)
     one, other = np.triu_indices(20, 1)
@@ -259,7 +258,7 @@ def _apart(colours: Sequence[Any]) -> np.ndarray:
 def test_no_two_of_36_vehicles_look_alike() -> None:
     plan = straight(36)
     ax = Figure().add_subplot(projection="3d")
-    lines = space.draw_paths(ax, plan)
+    lines = space.draw_paths(ax, drawn(plan))
     colours = [line.get_color() for line in lines]
     assert colours[:6] == ["#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9"]
     knots = [line for line in ax.lines if line.get_linestyle() == "None"]
@@ -309,17 +308,18 @@ def test_no_two_vehicles_of_a_flight_look_alike() -> None:
 def test_a_swarm_is_drawn_without_knots_and_names(count: int) -> None:
     plan = straight(count)
     ax = Figure().add_subplot(projection="3d")
-    space.draw_paths(ax, plan)
+    space.draw_paths(ax, drawn(plan))
     assert len(ax.lines) == 3 * count  # a path, a start and a goal each
-    for draw in (curves.draw_velocities, curves.draw_accelerations):
+    quantities: tuple[Quantity, ...] = ("velocity", "acceleration")
+    for quantity in quantities:
         axes = list(Figure().subplots(3))
-        draw(axes, plan)
+        curves.draw_components(axes, drawn(plan), quantity)
         assert [len(each.lines) for each in axes] == [count] * 3
     window = Window(0, plan, plan)
-    for drawn in (rho.paths_figure(plan), rho.paths_figure(rho.Flight(plan, (window,)))):
-        assert drawn.legends == []
-        assert "knot" not in " ".join(text.get_text() for text in drawn.texts)
-        assert {line.get_marker() for line in drawn.axes[0].lines} == {"None", "o", "*"}
+    for figure in (rho.paths_figure(plan), rho.paths_figure(rho.Flight(plan, (window,)))):
+        assert figure.legends == []
+        assert "knot" not in " ".join(text.get_text() for text in figure.texts)
+        assert {line.get_marker() for line in figure.axes[0].lines} == {"None", "o", "*"}
 
 
 @pytest.mark.parametrize(

@@ -12,6 +12,7 @@ from matplotlib.lines import Line2D
 from pydrake.math import RigidTransform
 
 import drake_rho as rho
+from drake_rho.display.common.drawable import drawn
 from drake_rho.display.meshcat.playback import Playback
 from drake_rho.display.meshcat.scene import Scene
 from drake_rho.display.meshcat.trails import record_light_trails, record_predictions, record_trails
@@ -72,12 +73,12 @@ def _curves(lines: Sequence[Line2D]) -> list[tuple[np.ndarray, np.ndarray]]:
 
 
 def test_windows_are_flown_up_to_the_same_positions() -> None:
-    drawn = []
+    paths = []
     for start in (0.0, LATE):
         ax = Figure().add_subplot(projection="3d")
-        windows = space.draw_windows(ax, _flight(start))
-        drawn.append([np.array(line.get_data_3d()) for lines in windows for line in lines])
-    for one, other in zip(*drawn, strict=True):
+        windows = space.draw_windows(ax, drawn(_flight(start)))
+        paths.append([np.array(line.get_data_3d()) for lines in windows for line in lines])
+    for one, other in zip(*paths, strict=True):
         np.testing.assert_array_equal(one, other)
 
 
@@ -100,12 +101,12 @@ class _Recorder:
 def test_meshcat_receives_the_same_calls() -> None:
     reported = []
     for start in (0.0, LATE):
-        flight, meshcat = _flight(start), _Recorder()
-        playback, scene = Playback.of(flight.plan, None), Scene.of(flight.plan)
-        record_trails(meshcat, scene, flight.plan, playback)
-        record_light_trails(meshcat, scene, flight.plan, playback)
-        record_predictions(meshcat, flight.windows, playback)
-        record_vehicles(meshcat, flight.plan, Vehicles.of(scene, flight.plan, playback), playback)
+        shown, meshcat = drawn(_flight(start)), _Recorder()
+        playback, scene = Playback.of(shown, None), Scene.of(shown)
+        record_trails(meshcat, scene, shown, playback)
+        record_light_trails(meshcat, scene, shown, playback)
+        record_predictions(meshcat, shown.windows, playback)
+        record_vehicles(meshcat, shown, Vehicles.of(scene, shown, playback), playback)
         reported.append(meshcat.told)
     for one, other in zip(*reported, strict=True):
         assert one[:2] == other[:2]

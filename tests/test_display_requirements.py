@@ -12,7 +12,7 @@ from matplotlib.colors import to_hex, to_rgb
 from matplotlib.figure import Figure
 
 import drake_rho as rho
-from drake_rho.display.common.drawable import StraightLines
+from drake_rho.display.common.drawable import drawn
 from drake_rho.display.common.requirements import Kept, kept_positions
 from drake_rho.display.common.set_surfaces import near_bounds, surface_within
 from drake_rho.display.common.style import NOTHING_LEFT, PLENTY_LEFT, reddened
@@ -108,10 +108,10 @@ def test_what_is_left_and_its_least_are_those_of_dense_samples(plan: rho.Plan) -
     times = np.linspace(0.0, 10.0, 20_001)
     assert [kept.number for kept in _kept(plan)] == NUMBERS
     for kept in _kept(plan):
-        when, least = kept.least(plan)
+        when, least = kept.least(drawn(plan))
         for row, vehicle in enumerate(kept.members):
             brute = _brute(plan, kept.number, vehicle, times)
-            np.testing.assert_allclose(kept.left(plan, times)[row], brute, atol=1e-12)
+            np.testing.assert_allclose(kept.left(drawn(plan), times)[row], brute, atol=1e-12)
             assert least[row] == pytest.approx(brute.min(), abs=1e-5)
             assert least[row] <= brute.min() + 1e-9
             at = _brute(plan, kept.number, vehicle, when[row : row + 1])
@@ -125,7 +125,7 @@ def test_of_equal_values_the_first_is_the_least() -> None:
     ]
     scenario = rho.Scenario("pair", rho.Grid(0.5, 9), vehicles, requirements=[still])
     (kept,) = kept_positions(scenario)
-    when, least = kept.least(StraightLines(scenario))
+    when, least = kept.least(drawn(scenario))
     assert when.tolist() == [0.0]
     assert least == pytest.approx([3.0])
 
@@ -196,10 +196,10 @@ def _distance_from_face(point: np.ndarray, face: np.ndarray) -> float:
 
 
 def test_sets_far_away_neither_enlarge_the_scene_nor_are_drawn_in_it() -> None:
-    plain, lower, upper = Scene.of(_plan(())), np.zeros(3), np.full(3, 10.0)
+    plain, lower, upper = Scene.of(drawn(_plan(()))), np.zeros(3), np.full(3, 10.0)
     far = rho.KeepIn(rho.Box([-999] * 3, [999] * 3))
     for each in (far, rho.KeepIn(rho.HalfSpace([1, 1, 1], 900.0))):
-        scene = Scene.of(_plan((each,)))
+        scene = Scene.of(drawn(_plan((each,))))
         np.testing.assert_array_equal(scene.lower, plain.lower)
         np.testing.assert_array_equal(scene.upper, plain.upper)
         found = surface_within(each.set, scene.lower, scene.upper)
@@ -209,7 +209,7 @@ def test_sets_far_away_neither_enlarge_the_scene_nor_are_drawn_in_it() -> None:
     assert found_bounds is not None
     np.testing.assert_array_equal(found_bounds, [[-1, -1, -1], [11, 10, 11]])
     assert near_bounds(rho.Sphere([99, 0, 0], 1.0), lower, upper) is None
-    scene = Scene.of(_plan((rho.KeepIn(near),)))
+    scene = Scene.of(drawn(_plan((rho.KeepIn(near),))))
     assert np.all(scene.lower[:2] < -1.0)
     assert np.all(scene.upper[[0, 2]] > 11.0)
     assert scene.upper[1] < 20.0
@@ -227,7 +227,7 @@ def test_sets_of_users_without_bounds_are_not_drawn() -> None:
 def test_curves_are_what_is_left_in_the_interval_only(plan: rho.Plan) -> None:
     for kept in _kept(plan):
         ax = Figure().add_subplot()
-        *curves, ring = draw_left(ax, plan, [kept])
+        *curves, ring = draw_left(ax, drawn(plan), [kept])
         assert len(curves) == len(kept.members)
         for line, vehicle in zip(curves, kept.members, strict=True):
             assert line.get_label() == plan.scenario.names[vehicle]
@@ -261,7 +261,7 @@ def test_axes_with_several_requirements_end_above_what_is_ever_least() -> None:
     far = rho.KeepIn(rho.Sphere([0, 0, 0], 1e4), name="far")
     plan = _plan((*REQUIREMENTS[2:3], far))
     ax = Figure().add_subplot()
-    draw_left(ax, plan, _kept(plan))
+    draw_left(ax, drawn(plan), _kept(plan))
     assert ax.get_ylim()[1] < 50.0
     assert "far" not in [text.get_text() for text in ax.texts]
 
@@ -273,16 +273,18 @@ def _in_space(plan: rho.Plan) -> Any:
 
 
 def test_links_are_drawn_from_vehicle_to_vehicle_when_least_is_left(plan: rho.Plan) -> None:
-    lines = [line for line in draw_links(_in_space(plan), plan) if len(line.get_data_3d()[0]) > 1]
+    lines = [
+        line for line in draw_links(_in_space(plan), drawn(plan)) if len(line.get_data_3d()[0]) > 1
+    ]
     links = [(kept, row) for kept in _kept(plan)[:2] for row in range(len(kept.members))]
     for line, (kept, row) in zip(lines, links, strict=True):
         ends = np.array(line.get_data_3d())[:, [0, -1]].T
-        times, left = kept.least(plan)
+        times, left = kept.least(drawn(plan))
         places = plan.motion().at("position", times[row : row + 1])[:, 0]
         begin = places[0] if kept.number == 1 else TRACK.at(START + times[row])
         np.testing.assert_allclose(ends, [begin, places[kept.members[row]]])
         plenty = 6.0 if kept.number == 1 else 4.5
-        assert kept.plenty(plan) == plenty
+        assert kept.plenty(drawn(plan)) == plenty
         assert line.get_color() == reddened(left[row] / plenty)
 
 
@@ -296,7 +298,7 @@ def test_links_turn_from_grey_to_red() -> None:
 
 def test_sets_of_single_vehicles_are_drawn_where_they_are(plan: rho.Plan) -> None:
     ax = _in_space(plan)
-    artists = draw_sets(ax, plan)
+    artists = draw_sets(ax, drawn(plan))
     words = [text.get_text() for text in ax.texts]
     timed = [
         f"requirement 4, active {START + 3:g} to {START + 5:g} s",
@@ -333,7 +335,7 @@ def test_the_page_lists_what_is_left_now(plan: rho.Plan) -> None:
         np.testing.assert_allclose(left[~ends], brute[~ends], atol=1e-4)
     curve = data["curves"][-1]
     assert curve["title"] == "Least left of a requirement"
-    least = min(kept.least(plan)[1].min() for kept in _kept(plan))
+    least = min(kept.least(drawn(plan))[1].min() for kept in _kept(plan))
     assert curve["least"][1] == pytest.approx(least, abs=1e-6)
     texts = [each["text"] for each in data["legend"]]
     assert "link to another vehicle; red: nothing left" in texts
@@ -351,13 +353,13 @@ def test_of_many_requirements_the_page_lists_the_tightest() -> None:
 
 def test_instants_are_shown_for_a_second(plan: rho.Plan) -> None:
     stage = Stage.of(plan)
-    shown = {kept.number: shown_interval(kept, plan, stage.playback) for kept in _kept(plan)}
+    shown = {kept.number: shown_interval(kept, drawn(plan), stage.playback) for kept in _kept(plan)}
     assert shown[4] == pytest.approx((3.0, 5.0))
     assert shown[5] == pytest.approx((3.5, 4.5))
 
 
 def test_lines_join_vehicles_and_redden_in_the_scene(plan: rho.Plan) -> None:
-    scene, playback = Scene.of(plan), Stage.of(plan).playback
+    scene, playback = Scene.of(drawn(plan)), Stage.of(plan).playback
     meshcat = rho.animate(plan)
     with open_page() as (page, errors):
         _open(page, meshcat)
@@ -367,8 +369,8 @@ def test_lines_join_vehicles_and_redden_in_the_scene(plan: rho.Plan) -> None:
             for kept in _kept(plan)[:2]:
                 active = kept.number == 1 or 2.0 <= time < 7.5
                 begin = places[0] if kept.number == 1 else TRACK.at(np.array(START + time))
-                left = left_while_shown(kept, plan, np.array([time]), playback)
-                colours = colours_of(left, kept.plenty(plan))[:, 0]
+                left = left_while_shown(kept, drawn(plan), np.array([time]), playback)
+                colours = colours_of(left, kept.plenty(drawn(plan)))[:, 0]
                 for vehicle, colour in zip(kept.members, colours, strict=True):
                     path = ("links", str(kept.number), f"v{vehicle}")
                     children = page.evaluate(
@@ -384,7 +386,7 @@ def test_lines_join_vehicles_and_redden_in_the_scene(plan: rho.Plan) -> None:
                     if not active:
                         continue
                     brute = _brute(plan, kept.number, vehicle, np.array([time]))[0]
-                    part = np.clip(brute / kept.plenty(plan), 0.0, 1.0)
+                    part = np.clip(brute / kept.plenty(drawn(plan)), 0.0, 1.0)
                     assert abs(colour / (COLOURS - 1) - part) < 1.0 / (COLOURS - 1)
                     across = places[vehicle] - begin
                     length = float(np.linalg.norm(across))

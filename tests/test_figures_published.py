@@ -26,11 +26,12 @@ from mpl_toolkits.mplot3d.axes3d import Axes3D
 
 import drake_rho as rho
 from drake_rho.cli.failures import status_of
+from drake_rho.display.common.drawable import drawn
 from drake_rho.display.common.style import vehicle_colours
-from drake_rho.display.plots.distances import draw_distances_from_centre
+from drake_rho.display.plots.distances import draw_distances
 from drake_rho.display.plots.figures import write_figures
 from drake_rho.display.plots.formats import DOUBLE_COLUMN, FORMATS, SINGLE_COLUMN
-from drake_rho.display.plots.overlapping_curves import marks_every, overlapping_pieces
+from drake_rho.display.plots.overlapping_curves import marks_every
 from drake_rho.motion.flight import Window
 from drake_rho.paper.figures import draw_figure
 from drake_rho.paper.study import Study
@@ -261,16 +262,6 @@ def test_overlapping_curves_are_all_visible() -> None:
     assert min(counts) > 0.5 * max(counts) > 20
 
 
-def test_overlapping_paths_are_found_and_crossings_are_not() -> None:
-    t = np.linspace(0.0, 1.0, 60)[:, None]
-    path, across = t * [10.0, 0.0, 0.0], [5.0, -5.0, 0.0] + t * [0.0, 10.0, 0.0]
-    (piece,) = overlapping_pieces(np.stack([path, across, path[::-1]]))
-    assert piece.owner == 0
-    assert np.ptp(piece.points[:, 0]) == pytest.approx(10.0, abs=0.1)
-    assert overlapping_pieces(np.stack([path, across])) == []
-    assert overlapping_pieces(np.stack([np.zeros((9, 3))] * 2)) == []
-
-
 def test_the_end_of_a_path_is_visible_within_its_mark(study: Study) -> None:
     """In Fig. 15 the colour of the vehicle that was drawn last reaches the goals."""
     figure = draw_figure(15, study)
@@ -288,7 +279,7 @@ def test_closest_approaches_are_marked(study: Study) -> None:
     plan = study.examples[1].plan
     (sphere,) = plan.scenario.spheres
     ax = Figure().add_subplot()
-    draw_distances_from_centre(ax, plan, plan.scenario.bodies[0], sphere)
+    draw_distances(ax, drawn(plan), plan.scenario.bodies[0], radius=sphere.radius)
     *marks, ring = (line for line in ax.lines if len(np.asarray(line.get_xdata())) == 1)
     fine = np.linspace(0.0, plan.scenario.grid.duration, 100_001)
     away = np.linalg.norm(plan.motion().at("position", fine) - sphere.center, axis=2)

@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from playwright.sync_api import Page
 
 import drake_rho as rho
+from drake_rho.display.common.drawable import drawn
 from drake_rho.display.common.names import as_path, brief
 from drake_rho.display.plots import curves, space
 from drake_rho.display.plots.figures import write_figures
@@ -56,8 +57,8 @@ def test_names_beside_starts_and_of_the_closest_pair_are_text() -> None:
     )
     plan = rho.plan_scp(scenario)
     figure = Figure()
-    space.draw_paths(figure.add_subplot(121, projection="3d"), plan)
-    _, ring = curves.draw_separation(figure.add_subplot(122), plan)
+    space.draw_paths(figure.add_subplot(121, projection="3d"), drawn(plan))
+    _, ring = curves.draw_separation(figure.add_subplot(122), drawn(plan))
     assert str(ring.get_label()).endswith(r": \$x^\$ and wwwwwwwwwwww…wwwwwwwwwww")
     assert [text.get_text() for text in figure.axes[0].texts] == [
         r"\$x^\$",

@@ -19,7 +19,7 @@ from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from PIL import Image
 
 import drake_rho as rho
-from drake_rho.display.common.drawable import StraightLines
+from drake_rho.display.common.drawable import drawn
 from drake_rho.display.common.style import CONFLICT
 from drake_rho.display.meshcat.animation import Stage
 from drake_rho.display.viewer.payload import payload
@@ -49,7 +49,7 @@ def blocked() -> tuple[rho.Scenario, rho.InfeasibleError]:
 
 def test_straight_lines_pass_waypoints_at_their_times() -> None:
     scenario = single(waypoints=[WAYPOINT])
-    lines, (vehicle,) = StraightLines(scenario), scenario.vehicles
+    lines, (vehicle,) = drawn(scenario), scenario.vehicles
     motion, grid = lines.motion(), scenario.grid
     for time, place in (
         (grid.start, vehicle.start.position),

@@ -11,6 +11,7 @@ import pytest
 
 import drake_rho as rho
 from drake_rho.display.common.clearances import least_clearances
+from drake_rho.display.common.drawable import drawn
 from drake_rho.display.common.obstacle_snapshots import approaches, snapshots
 from drake_rho.display.common.shape_faces import around
 from drake_rho.display.meshcat.obstacles import _halos
@@ -59,7 +60,7 @@ def test_corners_of_halos_are_at_their_distance(shape: Shape, distance: float) -
 
 def test_pictures_have_halos_at_the_instants_that_they_show() -> None:
     plan = _plan(INTRUDER, TRUCK, CROWD)
-    shown = snapshots(plan, plan.scenario.bodies)
+    shown = snapshots(drawn(plan), plan.scenario.bodies)
     for each in shown:
         if each.number == 1:  # it moves along -x, so that its place tells the time
             time = (9.0 - each.center[0]) / 0.8
@@ -70,8 +71,8 @@ def test_pictures_have_halos_at_the_instants_that_they_show() -> None:
             assert 0.3 < each.halo <= 0.8
         lower, upper = each.bounds
         np.testing.assert_allclose((upper - lower)[:2], 2 * (each.shape.extent + each.halo)[:2])
-    (line,) = approaches(plan, plan.scenario.bodies)
-    found = least_clearances(plan, [INTRUDER]).clearances.min()
+    (line,) = approaches(drawn(plan), plan.scenario.bodies)
+    found = least_clearances(drawn(plan), [INTRUDER]).clearances.min()
     assert np.linalg.norm(line[1] - line[0]) == pytest.approx(found + 0.15, abs=1e-6)
     notes = " ".join(text.get_text() for text in rho.paths_figure(plan).texts)
     assert "halos: where obstacles may be" in notes
@@ -117,12 +118,12 @@ def test_halos_of_the_scene_hold_what_may_be_until_the_next(start: float) -> Non
     late = dataclasses.replace(growing, known_from=start + 4.0)
     for body, first, last in ((growing, 0.0, 10.0), (timed, 3.0, 5.0), (late, 4.0, 10.0)):
         plan = _plan(body, start=start)
-        begins, sizes = np.array(_halos(plan, body)).T
+        begins, sizes = np.array(_halos(drawn(plan), body)).T
         ends = np.append(begins[1:], last)
         assert begins[0] == pytest.approx(first, abs=1e-6)
         largest = 0.3 + 0.1 * np.maximum(ends - 2.0, 0.0)
         np.testing.assert_allclose(sizes, largest, atol=1e-6)
-    assert _halos(_plan(TRUCK), TRUCK) == [(0.0, 0.3)]
+    assert _halos(drawn(_plan(TRUCK)), TRUCK) == [(0.0, 0.3)]
 
 
 def test_maps_have_no_halo() -> None:
@@ -130,9 +131,9 @@ def test_maps_have_no_halo() -> None:
     wall = dataclasses.replace(wall, origin=wall.origin + 5.0 * np.eye(3)[0])
     body = rho.Obstacle(wall, position_error=0.1)
     plan = _plan(body)
-    assert _halos(plan, body) == []
+    assert _halos(drawn(plan), body) == []
     assert "halos" not in " ".join(text.get_text() for text in rho.paths_figure(plan).texts)
-    assert Scene.of(plan).size < 40.0
+    assert Scene.of(drawn(plan)).size < 40.0
 
 
 @pytest.mark.slow
@@ -144,7 +145,7 @@ def test_halos_grow_in_the_scene() -> None:
         for time in (0.3, 3.0, 5.2, 9.8):
             _seek(page, time)
             for number, body in enumerate((INTRUDER, TRUCK, CROWD), start=1):
-                halos = _halos(plan, body)
+                halos = _halos(drawn(plan), body)
                 begins = [begin for begin, _ in halos]
                 for k, begin in enumerate(begins, start=1):
                     end = begins[k] if k < len(begins) else 99.0

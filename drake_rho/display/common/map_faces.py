@@ -7,7 +7,6 @@ from functools import cached_property, singledispatch
 
 import numpy as np
 
-from drake_rho.display.common.occlusion import Occlusion
 from drake_rho.display.common.shape_faces import clipped
 from drake_rho.display.common.style import height_colours
 from drake_rho.scenario.fields import FloatArray, IntArray
@@ -48,11 +47,6 @@ class MapFaces:
         across = np.cross(corners[:, 2] - corners[:, 0], corners[:, -1] - corners[:, 1])
         normals: FloatArray = across / 2.0
         return normals
-
-    @cached_property
-    def occlusion(self) -> Occlusion:
-        """Positions relative to the centre that the faces hide in the pictures."""
-        return Occlusion(self.corners)
 
     def colours(self, corners: FloatArray) -> FloatArray:
         """Return the colours of positions relative to the centre (..., 3), by height, (..., 3)."""

@@ -15,7 +15,7 @@ import numpy as np
 from drake_rho.display.common.drawable import Drawn
 from drake_rho.display.common.obstacle_snapshots import AROUND, Snapshot
 from drake_rho.display.common.requirements import kept_positions
-from drake_rho.display.common.shape_faces import Surface, clipped, surface, unit_sphere
+from drake_rho.display.common.shape_faces import Surface, clipped, from_inside, surface, unit_sphere
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.sets import ConvexSet
 from drake_rho.scenario.shapes.base import Shape
@@ -23,8 +23,6 @@ from drake_rho.scenario.shapes.unbounded import Cone, HalfSpace
 
 _CIRCLE = 64
 """Number of points around a circle."""
-_BISECTIONS = 40
-"""Number of bisections along a ray."""
 
 
 def near_bounds(
@@ -88,8 +86,7 @@ def requirements_near(
 def _whole(convex_set: ConvexSet, lower: FloatArray, upper: FloatArray) -> Surface:
     """Return a set's surface, of an unbounded set at least the part inside a box [m].
 
-    Of any bounded set, the corners are on rays from a point inside, at distances found by
-    bisection.
+    Of any bounded set, it is seen from a point inside.
     """
     ends = [-convex_set.support(-np.eye(3)), convex_set.support(np.eye(3))]
     if not np.all(np.isfinite(ends)):
@@ -98,13 +95,7 @@ def _whole(convex_set: ConvexSet, lower: FloatArray, upper: FloatArray) -> Surfa
     around = (ends[0] + ends[1]) / 2.0 + far * unit_sphere().reshape(-1, 3)
     distances = np.asarray(convex_set.signed_distance(around))
     inside = (around - distances[:, None] * convex_set.outward(around)).mean(axis=0)
-    rays = far * unit_sphere()
-    near, beyond = np.zeros(rays.shape[:-1]), np.ones(rays.shape[:-1])
-    for _ in range(_BISECTIONS):
-        middle = 0.5 * (near + beyond)
-        within = convex_set.signed_distance(inside + middle[..., None] * rays) < 0.0
-        near, beyond = np.where(within, middle, near), np.where(within, beyond, middle)
-    return Surface(list(inside + near[..., None] * rays), [])
+    return from_inside(convex_set.signed_distance, inside, np.full(3, far))
 
 
 @_whole.register
@@ -151,14 +142,9 @@ def _pieces(edge: FloatArray, lower: FloatArray, upper: FloatArray) -> list[Floa
     if np.all((edge >= lower) & (edge <= upper)):
         return [edge]
     found = []
-    for ends in pairwise(edge):
-        begin, step = ends[0], ends[1] - ends[0]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            crossed = np.sort((np.array([lower, upper]) - begin) / step, axis=0)
-        inside = (begin >= lower) & (begin <= upper)
-        still = np.array([np.where(inside, -np.inf, np.inf), np.where(inside, np.inf, -np.inf)])
-        first, last = np.where(step == 0.0, still, crossed)
-        parts = max(0.0, first.max()), min(1.0, last.min())
-        if parts[0] < parts[1]:
-            found.append(begin + np.outer(parts, step))
+    for begin, end in pairwise(edge):
+        part = clipped(np.array([begin, end]), lower, upper)
+        along = part @ (end - begin)
+        if len(part) > 0 and np.ptp(along) > 0.0:
+            found.append(part[[np.argmin(along), np.argmax(along)]])
     return found

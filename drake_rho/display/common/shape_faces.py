@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from functools import singledispatch
 
 import numpy as np
@@ -13,12 +14,11 @@ from drake_rho.scenario.shapes.capsules import Capsule
 from drake_rho.scenario.shapes.cylinders import Cylinder
 from drake_rho.scenario.shapes.polyhedra import Box, Polytope
 from drake_rho.scenario.shapes.posed import Posed
-from drake_rho.scenario.shapes.quadrics import Ellipsoid, Sphere
 
 _AROUND = 40
 """Number of points around a circle; the first and last coincide."""
-_BISECTIONS = 30
-"""Number of bisections, after which corners are exact to 1e-9 of the shape's size."""
+_BISECTIONS = 40
+"""Number of bisections along a ray."""
 _FLAT = 1e-6
 """Tolerance for triangles of one facet: of the normals' angle, and of the offset over the size."""
 
@@ -43,27 +43,30 @@ def surface(shape: Solid) -> Surface:
 
 
 def around(shape: Solid, distance: float) -> Surface:
-    """Approximate the surface at a distance [m] from a bounded shape that contains its centre.
+    """Approximate the surface at a distance [m] from a bounded shape that contains its centre."""
+    reach = shape.extent + distance
+    return from_inside(lambda x: shape.local_distance(x) - distance, np.zeros(3), 2.0 * reach)
 
-    Corners are on rays from the centre, where bisection of `Solid.local_distance` finds them.
+
+def from_inside(
+    distances: Callable[[FloatArray], FloatArray], inside: FloatArray, reach: FloatArray
+) -> Surface:
+    """Approximate the surface where a function of positions (..., 3) becomes positive.
+
+    Corners are on rays from a point inside, where bisection finds them.
+
+    Args:
+        distances: negative inside, positive outside.
+        inside: a point inside of the surface [m], shape (3,).
+        reach: how far rays reach along each axis [m], shape (3,), beyond the surface.
     """
-    rays = (shape.extent + distance) * unit_sphere()
-    inside, outside = np.zeros(rays.shape[:-1]), np.full(rays.shape[:-1], 2.0)
+    rays = reach * unit_sphere()
+    near, beyond = np.zeros(rays.shape[:-1]), np.ones(rays.shape[:-1])
     for _ in range(_BISECTIONS):
-        middle = 0.5 * (inside + outside)
-        within = shape.local_distance(middle[..., None] * rays) < distance
-        inside, outside = np.where(within, middle, inside), np.where(within, outside, middle)
-    return Surface(list(inside[..., None] * rays), [])
-
-
-@surface.register
-def _(shape: Sphere) -> Surface:
-    return Surface(list(shape.radius * unit_sphere()), [])
-
-
-@surface.register
-def _(shape: Ellipsoid) -> Surface:
-    return Surface(list(unit_sphere() * shape.semi_axes), [])
+        middle = 0.5 * (near + beyond)
+        within = distances(inside + middle[..., None] * rays) < 0.0
+        near, beyond = np.where(within, middle, near), np.where(within, beyond, middle)
+    return Surface(list(inside + near[..., None] * rays), [])
 
 
 @surface.register

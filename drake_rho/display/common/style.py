@@ -134,8 +134,7 @@ def dense_times(plan: Drawn) -> FloatArray:
 def before_jumps(plan: Drawn) -> FloatArray:
     """Return times just before the jumps of a motion under way, since its first knot [s], (S,)."""
     grid = plan.scenario.grid
-    knots = [each for each in plan.jumps if each > 0]
-    return np.asarray(grid.elapsed[knots] - _JUST * grid.step)
+    return np.asarray(grid.elapsed[[*plan.jumps]] - _JUST * grid.step)
 
 
 def in_pieces(plan: Drawn, times: FloatArray) -> list[slice]:

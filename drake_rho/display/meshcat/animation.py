@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 from pydrake.geometry import Meshcat, MeshcatParams
 
-from drake_rho.display.common.drawable import Drawn, StraightLines, drawn
+from drake_rho.display.common.drawable import Drawn, drawn
 from drake_rho.display.meshcat.obstacles import add_obstacles, record_obstacles
 from drake_rho.display.meshcat.playback import Playback
 from drake_rho.display.meshcat.ports import address_of, on_free_port
@@ -41,10 +41,8 @@ _MAX_TRAILS = 100
 class Stage:
     """Everything from which a scene is drawn: motions, geometry, playback, vehicles."""
 
-    flown: Flown | StraightLines
-    """plan, flight or simulation, or straight lines of a scenario"""
     shown: Drawn
-    """motions to draw"""
+    """motion to draw"""
     scene: Scene
     """extent of the scene and sizes of marks"""
     playback: Playback
@@ -68,18 +66,17 @@ class Stage:
         """
         if rate is not None and not (np.isfinite(rate) and rate > 0.0):
             raise ValueError(f"rate: got {rate}, expected a positive number")
-        given = StraightLines(flown) if isinstance(flown, Scenario) else flown
-        shown = drawn(given)
+        shown = drawn(flown)
         scene = Scene.of(shown)
-        disturbed = given.simulation is not None and not scene.light
+        disturbed = shown.simulation is not None and not scene.light
         playback = Playback.of(shown, rate, _OBJECTS_PER_VEHICLE if disturbed else 1)
         vehicles = Vehicles.of(scene, shown, playback)
-        return cls(given, shown, scene, playback, vehicles, conflicts)
+        return cls(shown, scene, playback, vehicles, conflicts)
 
     @property
     def few_enough_for_trails(self) -> bool:
         """Whether trails are drawn by default."""
-        return len(self.shown.positions) <= _MAX_TRAILS and self.flown.kind != "scenario"
+        return len(self.shown.positions) <= _MAX_TRAILS and self.shown.kind != "scenario"
 
 
 @checked
@@ -159,8 +156,8 @@ def draw(meshcat: Meshcat, stage: Stage, *, trails: bool) -> None:
         add_light_goals(meshcat, scene, plan.scenario)
     else:
         add_ends(meshcat, scene, plan.scenario)
-    if isinstance(stage.flown, StraightLines):
-        add_straight_lines(meshcat, stage.flown)
+    if plan.kind == "scenario":
+        add_straight_lines(meshcat, plan)
     if stage.conflicts is not None:
         add_conflicts(meshcat, scene, plan.scenario, stage.conflicts)
     add_vehicles(meshcat, scene, plan, vehicles)
@@ -173,10 +170,10 @@ def draw(meshcat: Meshcat, stage: Stage, *, trails: bool) -> None:
     if trails:
         (record_light_trails if scene.light else record_trails)(meshcat, scene, plan, playback)
     if not scene.light:
-        record_predictions(meshcat, stage.flown.windows, playback)
-        if (simulation := stage.flown.simulation) is not None:
-            add_disturbed(meshcat, scene, simulation, vehicles)
-            record_disturbed(meshcat, simulation, vehicles, playback)
+        record_predictions(meshcat, plan.windows, playback)
+        if plan.simulation is not None:
+            add_disturbed(meshcat, scene, plan, plan.simulation, vehicles)
+            record_disturbed(meshcat, plan, plan.simulation, vehicles, playback)
     meshcat.StopRecording()
     meshcat.PublishRecording()
 

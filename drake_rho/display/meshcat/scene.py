@@ -16,8 +16,8 @@ from pydrake.geometry import Meshcat, Rgba
 from pydrake.geometry import Sphere as Ball
 from pydrake.math import RigidTransform
 
-from drake_rho.display.common.drawable import Drawn, StraightLines
-from drake_rho.display.common.hidden_by_maps import best_from_above
+from drake_rho.display.common.drawable import Drawn
+from drake_rho.display.common.hidden import best_from_above
 from drake_rho.display.common.names import as_path
 from drake_rho.display.common.obstacle_snapshots import snapshots
 from drake_rho.display.common.set_surfaces import requirements_near
@@ -181,9 +181,9 @@ def add_ends(meshcat: Meshcat, scene: Scene, scenario: Scenario) -> None:
             meshcat.SetTriangleMesh(path, *marks, rgba=colour)
 
 
-def add_straight_lines(meshcat: Meshcat, lines: StraightLines) -> None:
+def add_straight_lines(meshcat: Meshcat, plan: Drawn) -> None:
     """Add the straight lines of a scenario, from starts through waypoints to goals."""
-    for (vehicle, colour), positions in zip(coloured(lines.scenario), lines.positions, strict=True):
+    for (vehicle, colour), positions in zip(coloured(plan.scenario), plan.positions, strict=True):
         path = f"{ROOT}/lines/{as_path(vehicle.name)}"
         meshcat.SetLine(path, np.asfortranarray(positions.T), 2.0, colour)
 

@@ -13,7 +13,7 @@ import numpy as np
 from matplotlib.colors import to_rgb
 from pydrake.geometry import Meshcat, Rgba
 
-from drake_rho.display.common.drawable import Drawn
+from drake_rho.display.common.drawable import Drawn, Prediction
 from drake_rho.display.common.map_faces import has_map
 from drake_rho.display.common.names import as_path
 from drake_rho.display.common.style import (
@@ -25,7 +25,6 @@ from drake_rho.display.common.style import (
 from drake_rho.display.meshcat.meshes import tube
 from drake_rho.display.meshcat.playback import Playback
 from drake_rho.display.meshcat.scene import ROOT, Scene, coloured
-from drake_rho.motion.flight import Window
 from drake_rho.scenario.fields import FloatArray, IntArray
 
 _MAX_PIECES, _MAX_PIECES_IN_MAPS = 1200, 600
@@ -62,12 +61,12 @@ def record_light_trails(meshcat: Meshcat, scene: Scene, plan: Drawn, playback: P
             show_between(meshcat, name, _middle(plan, playback, first, last), None)
 
 
-def record_predictions(meshcat: Meshcat, windows: Sequence[Window], playback: Playback) -> None:
+def record_predictions(meshcat: Meshcat, windows: Sequence[Prediction], playback: Playback) -> None:
     """Add each window's prediction and contingency as lines, visible while it is in force."""
     for number, (window, colour) in enumerate(
         zip(windows, window_colours(len(windows)), strict=True), start=1
     ):
-        paths = _paths(window.plan, 0, window.plan.scenario.grid.knots - 1, _PER_STEP)
+        paths = _paths(window.shown, 0, window.shown.scenario.grid.knots - 1, _PER_STEP)
         name = f"{ROOT}/predictions/{number}"
         meshcat.SetLineSegments(name, *segments(paths), rgba=Rgba(*to_rgb(colour)))
         if (braking := window.braking) is not None:
@@ -80,18 +79,12 @@ def record_predictions(meshcat: Meshcat, windows: Sequence[Window], playback: Pl
 
 
 def record_windows(
-    meshcat: Meshcat, path: str, windows: Sequence[Window], playback: Playback
+    meshcat: Meshcat, path: str, windows: Sequence[Prediction], playback: Playback
 ) -> None:
     """Show the object at `path`/<number> only while that window, counted from 1, is in force."""
-    starts = first_times(windows)
-    for number in range(1, len(windows) + 1):
-        until = playback.time_at(starts[number]) if number < len(windows) else None
-        show_between(meshcat, f"{path}/{number}", playback.time_at(starts[number - 1]), until)
-
-
-def first_times(windows: Sequence[Window]) -> list[float]:
-    """Return the times from which windows are in force, since the flight's first knot [s]."""
-    return [window.plan.scenario.grid.step * window.first_knot for window in windows]
+    ends = [*(playback.time_at(window.begin) for window in windows[1:]), None]
+    for number, (window, end) in enumerate(zip(windows, ends, strict=False), start=1):
+        show_between(meshcat, f"{path}/{number}", playback.time_at(window.begin), end)
 
 
 def _pieces(plan: Drawn, trails: int) -> list[tuple[int, int]]:
@@ -113,7 +106,7 @@ def _paths(plan: Drawn, first: int, last: int, per_step: int) -> FloatArray:
     elapsed = plan.scenario.grid.elapsed
     times = np.linspace(elapsed[first], elapsed[last], per_step * (last - first) + 1)
     if last in plan.jumps:
-        times[-1] = before_jumps(plan)[[each for each in plan.jumps if each > 0].index(last)]
+        times[-1] = before_jumps(plan)[plan.jumps.index(last)]
     return plan.motion().at("position", times)
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from pydrake.geometry import Meshcat, Rgba
 from pydrake.geometry import Sphere as Ball
 
-from drake_rho.display.common.drawable import drawn
+from drake_rho.display.common.drawable import Drawn
 from drake_rho.display.common.names import as_path
 from drake_rho.display.meshcat.airframes import body
 from drake_rho.display.meshcat.meshes import arrow, tube
@@ -21,7 +21,6 @@ from drake_rho.display.meshcat.poses import headings, poses, record_poses, vehic
 from drake_rho.display.meshcat.scene import ROOT, Scene, coloured
 from drake_rho.display.meshcat.trails import record_windows
 from drake_rho.display.meshcat.vehicles import Vehicles, record_scale
-from drake_rho.motion.plan import Plan
 from drake_rho.motion.simulation import Simulation
 from drake_rho.motion.tube import ErrorTube
 from drake_rho.scenario.fields import FloatArray
@@ -42,7 +41,7 @@ _MIN_SECTIONS = 8
 
 
 def add_disturbed(
-    meshcat: Meshcat, scene: Scene, simulation: Simulation, vehicles: Vehicles
+    meshcat: Meshcat, scene: Scene, plan: Drawn, simulation: Simulation, vehicles: Vehicles
 ) -> None:
     """Add ghosts of the plans, error tubes and wind arrows to the scene."""
     along = arrow(_arrow_length(vehicles, scene))
@@ -57,11 +56,11 @@ def add_disturbed(
         if strongest_wind(simulation) > 0.0:
             meshcat.SetTriangleMesh(f"{ROOT}/wind/{name}", *along, rgba=_DARK)
     if has_tube(simulation):
-        _add_tubes(meshcat, simulation)
+        _add_tubes(meshcat, plan, simulation)
 
 
 def record_disturbed(
-    meshcat: Meshcat, simulation: Simulation, vehicles: Vehicles, playback: Playback
+    meshcat: Meshcat, plan: Drawn, simulation: Simulation, vehicles: Vehicles, playback: Playback
 ) -> None:
     """Record the planned positions, the radii of their tubes, and the wind."""
     times = np.minimum(simulation.scenario.grid.start + playback.times, simulation.times[-1])
@@ -73,7 +72,7 @@ def record_disturbed(
         _radii(simulation, times),
         strongest_wind(simulation),
     )
-    blown = poses(drawn(simulation).motion().at("position", playback.times), headings(wind))
+    blown = poses(plan.motion().at("position", playback.times), headings(wind))
     for i, vehicle in enumerate(simulation.scenario.vehicles):
         name = as_path(vehicle.name)
         record_poses(meshcat, f"{ROOT}/planned/{name}", planned[i], playback)
@@ -87,7 +86,7 @@ def record_disturbed(
             parts = np.linalg.norm(wind[i], axis=1) / most
             record_scale(meshcat, f"{ROOT}/wind/{name}", np.maximum(parts, _MIN_SCALE), playback)
     if has_tube(simulation):
-        record_windows(meshcat, f"{ROOT}/tubes", simulation.flight.windows, playback)
+        record_windows(meshcat, f"{ROOT}/tubes", plan.windows, playback)
 
 
 def has_tube(simulation: Simulation) -> bool:
@@ -106,13 +105,13 @@ def strongest_wind(simulation: Simulation) -> float:
     return blew if around is None or blew == 0.0 else max(blew, around.acceleration)
 
 
-def _add_tubes(meshcat: Meshcat, simulation: Simulation) -> None:
+def _add_tubes(meshcat: Meshcat, plan: Drawn, simulation: Simulation) -> None:
     """Add the tube of every window, with fewer cross-sections if windows and vehicles are many."""
-    windows, vehicles = simulation.flight.windows, len(simulation.scenario.vehicles)
-    steps = sum(window.plan.scenario.grid.knots - 1 for window in windows)
+    windows, vehicles = plan.windows, len(plan.positions)
+    steps = sum(window.shown.scenario.grid.knots - 1 for window in windows)
     per_step = min(_PER_STEP, _MAX_SECTIONS / (steps * vehicles))
     for number, (window, around) in enumerate(zip(windows, simulation.tubes, strict=True), start=1):
-        paths, radii = _sections(window.plan, around, per_step)
+        paths, radii = _sections(window.shown, around, per_step)
         for (vehicle, colour), path in zip(coloured(simulation.scenario), paths, strict=True):
             name = f"{ROOT}/tubes/{number}/{as_path(vehicle.name)}"
             mesh = tube(path, radii, _SIDES)
@@ -120,7 +119,7 @@ def _add_tubes(meshcat: Meshcat, simulation: Simulation) -> None:
             _disable_depth_write(meshcat, name)
 
 
-def _sections(plan: Plan, around: ErrorTube, per_step: float) -> tuple[FloatArray, FloatArray]:
+def _sections(plan: Drawn, around: ErrorTube, per_step: float) -> tuple[FloatArray, FloatArray]:
     """Return the centres [m], shape (N, S, 3), and radii [m], shape (S,), of a tube's sections."""
     grid = plan.scenario.grid
     count = max(_MIN_SECTIONS, round(per_step * (grid.knots - 1)) + 1)

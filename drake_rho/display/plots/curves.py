@@ -14,14 +14,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
-from drake_rho.display.common.drawable import (
-    Drawn,
-    Planned,
-    closest_two,
-    commands,
-    planned,
-    planned_jerks,
-)
+from drake_rho.display.common.drawable import Drawn, Prediction
 from drake_rho.display.common.names import as_text, brief
 from drake_rho.display.common.style import (
     COLOURS,
@@ -77,12 +70,12 @@ def draw_separation(ax: Axes, plan: Drawn) -> list[Line2D]:
     if separation is None or len(vehicles) < 2:
         got = "none" if separation is None else "one for a single vehicle"
         raise ValueError(f"separation: got {got}, expected one and at least two vehicles")
-    found = closest_two(plan, separation)
+    found = plan.closest_two(separation)
     times = plan.scenario.grid.start + found.times
     shown = with_gaps(plan, found.times, found.distances)
     (curve,) = ax.plot(plan.scenario.grid.start + shown[0], shown[1], color=COLOURS[0])
-    for piece in planned(plan):
-        near = closest_two(piece.plan, separation)
+    for piece in plan.planned:
+        near = piece.shown.closest_two(separation)
         draw_planned(ax, piece, near.times, near.distances[None])
     m = int(np.argmin(found.distances))
     closest = (vehicles[index].name for index in (found.one[m], found.other[m]))
@@ -102,33 +95,17 @@ def draw_separation(ax: Axes, plan: Drawn) -> list[Line2D]:
     return [curve, ring]
 
 
-def draw_velocities(axes: Sequence[Axes], plan: Drawn) -> list[Line2D]:
-    """Draw velocity components over time with their bounds, one axes for each of x, y and z."""
-    times = dense_times(plan)
-    exact = _rounded(plan.motion().at("velocity", times))
-    times, shown = with_gaps(plan, times, np.moveaxis(exact, 1, 2))
-    knots, drawn = _rounded(plan.velocities), plan.scenario.grid.start + times
+def draw_components(axes: Sequence[Axes], plan: Drawn, quantity: Quantity) -> list[Line2D]:
+    """Draw the components of velocities or accelerations over time with their bounds, one each."""
+    times, values, knots, marked = _values_of(plan, quantity)
+    values, marked = _rounded(values), _rounded(marked)
     lines = []
     for axis, ax in enumerate(axes):
         lines += [
-            draw_curve(ax, plan, i, (drawn, shown[i, axis]), (plan.times, knots[i, :, axis]))
-            for i in range(len(exact))
+            draw_curve(ax, plan, i, (times, values[i, :, axis]), (knots, marked[i, :, axis]))
+            for i in range(len(values))
         ]
-        _finish_component(ax, plan, "velocity", "v", axis)
-        _widen_flat_range(ax, exact)
-        _show_overlapping(ax, plan, lines[-len(exact) :])
-    axes[-1].set_xlabel("time [s]")
-    return lines
-
-
-def draw_accelerations(axes: Sequence[Axes], plan: Drawn) -> list[Line2D]:
-    """Draw the piecewise constant acceleration components with their bounds, one axes for each."""
-    lines = []
-    times, values = commands(plan)
-    values = _rounded(values)
-    for axis, ax in enumerate(axes):
-        lines += [_draw_steps(ax, plan, i, times, values[i, :, axis]) for i in range(len(values))]
-        _finish_component(ax, plan, "acceleration", "a", axis)
+        _finish_component(ax, plan, quantity, axis)
         _widen_flat_range(ax, values)
         _show_overlapping(ax, plan, lines[-len(values) :])
     axes[-1].set_xlabel("time [s]")
@@ -146,26 +123,37 @@ def draw_norm(ax: Axes, plan: Drawn, norm: Norm) -> list[Line2D]:
     limit = plan.scenario.fleet.norms[norm]
     for most in np.unique(limit.limits[np.isfinite(limit.limits)]):
         ax.axhline(most, **LIMIT_STYLE)
-    if limit.kind.quantity == "velocity":
-        times, start = dense_times(plan), plan.scenario.grid.start
-        exact = _rounded(limit.kind.measured(plan.motion().at("velocity", times)))
-        times, exact = with_gaps(plan, times, exact)
-        knots = _rounded(limit.kind.measured(plan.velocities))
-        lines = [
-            draw_curve(ax, plan, index, (start + times, exact[index]), (plan.times, knots[index]))
-            for index in range(len(exact))
-        ]
-    else:
-        grid, values = plan.scenario.grid, planned_jerks(plan)
-        ends = np.asarray(grid.start + grid.step * (np.arange(grid.knots + 1.0) - 0.5))
-        if limit.kind.quantity == "acceleration":
-            ends, values = commands(plan)
-        steps = _rounded(limit.kind.measured(values))
-        lines = [_draw_steps(ax, plan, index, ends, steps[index]) for index in range(len(steps))]
+    times, values, knots, marked = _values_of(plan, limit.kind.quantity)
+    norms, at_knots = (_rounded(limit.kind.measured(each)) for each in (values, marked))
+    lines = [
+        draw_curve(ax, plan, index, (times, norms[index]), (knots, at_knots[index]))
+        for index in range(len(norms))
+    ]
     ax.set(xlabel="time [s]", ylabel=_NORM_LABELS[norm], ylim=(0, None))
     ax.set_xlim(plan.scenario.grid.start, plan.scenario.grid.end)
     _show_overlapping(ax, plan, lines)
     return lines
+
+
+def _values_of(
+    plan: Drawn, quantity: Quantity
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Return a quantity over time, shape (N, M, 3), and at the knots, each after its times [s].
+
+    Accelerations, and jerks at the knots, are constant in steps.
+    """
+    grid, begins = plan.scenario.grid, plan.times[:-1]
+    if quantity == "velocity":
+        times = dense_times(plan)
+        exact = np.moveaxis(plan.motion().at("velocity", times), 1, 2)
+        times, exact = with_gaps(plan, times, exact)
+        return grid.start + times, np.moveaxis(exact, 2, 1), plan.times, plan.velocities
+    if quantity == "acceleration":
+        ends, steps = plan.commands
+    else:
+        ends, steps = grid.start + grid.step * (np.arange(grid.knots + 1.0) - 0.5), plan.jerks
+    marked = steps[:, grid.clock.last_begun(ends[1:-1], begins) + 1]
+    return np.repeat(ends, 2)[1:-1], np.repeat(steps, 2, axis=1), begins, marked
 
 
 def _rounded(values: FloatArray) -> FloatArray:
@@ -176,14 +164,6 @@ def _rounded(values: FloatArray) -> FloatArray:
     """
     largest = float(np.nanmax(np.abs(values), initial=0.0))
     return np.round(values, _DIGITS - math.ceil(math.log10(largest))) if largest else values
-
-
-def _draw_steps(ax: Axes, plan: Drawn, index: int, times: FloatArray, values: FloatArray) -> Line2D:
-    """Draw piecewise constant values of a vehicle, shape (S,), between times, shape (S + 1,)."""
-    steps = (np.repeat(times, 2)[1:-1], np.repeat(values, 2))
-    begins = plan.times[:-1]
-    at_knots = values[plan.scenario.grid.clock.last_begun(times[1:-1], begins) + 1]
-    return draw_curve(ax, plan, index, steps, (begins, at_knots))
 
 
 def draw_limit(ax: Axes, least: float, name: str, bottom: float = 0.0) -> None:
@@ -217,16 +197,18 @@ def draw_curve(
     return line
 
 
-def draw_planned(ax: Axes, piece: Planned, times: FloatArray, values: FloatArray) -> list[Line2D]:
+def draw_planned(
+    ax: Axes, piece: Prediction, times: FloatArray, values: FloatArray
+) -> list[Line2D]:
     """Draw the values that a window planned for each vehicle as dotted lines.
 
     Args:
         ax: where to draw.
-        piece: the plan, and the time for which it was in force.
+        piece: the prediction, of which the part in force is drawn.
         times: since its first knot [s], shape (M,) or (N, M).
         values: of all vehicles at these times, shape (N, M).
     """
-    start, colours = piece.plan.scenario.grid.start, vehicle_colours(len(values))
+    start, colours = piece.shown.scenario.grid.start, vehicle_colours(len(values))
     lines = []
     for each, at, colour in zip(values, np.broadcast_to(times, values.shape), colours, strict=True):
         shown = piece.in_force(at)
@@ -254,11 +236,11 @@ def _widen_flat_range(ax: Axes, values: FloatArray) -> None:
         ax.set_ylim(middle - _FLAT_RANGE * largest, middle + _FLAT_RANGE * largest)
 
 
-def _finish_component(ax: Axes, plan: Drawn, quantity: Quantity, letter: str, axis: int) -> None:
+def _finish_component(ax: Axes, plan: Drawn, quantity: Quantity, axis: int) -> None:
     for vehicle in plan.scenario.vehicles:
         box = getattr(plan.scenario.limits_of(vehicle), quantity)
         if box is not None:
             ax.axhline(box.lower[axis], **LIMIT_STYLE)
             ax.axhline(box.upper[axis], **LIMIT_STYLE)
-    ax.set_ylabel(f"${letter}_{'xyz'[axis]}$ [{UNITS[quantity]}]")
+    ax.set_ylabel(f"${quantity[0]}_{'xyz'[axis]}$ [{UNITS[quantity]}]")
     ax.set_xlim(plan.scenario.grid.start, plan.scenario.grid.end)

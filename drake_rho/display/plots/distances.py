@@ -8,14 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
 from drake_rho.display.common.clearances import Clearances, least_clearances
-from drake_rho.display.common.drawable import Drawn, planned
+from drake_rho.display.common.drawable import Drawn
 from drake_rho.display.common.names import as_text, brief
 from drake_rho.display.common.obstacle_snapshots import short_label
 from drake_rho.display.common.style import (
@@ -55,96 +54,60 @@ def obstacle_panels(plan: Drawn, bodies: Sequence[Obstacle]) -> list[Callable[[A
     """Return what draws each panel of distances from obstacles."""
     if len(bodies) > MAX_PANELS:
         return [partial(draw_least_clearances, plan=plan, obstacles=bodies)]
-    certain = [each.shape for each in bodies if not each.is_uncertain]
-    spheres = [shape for shape in certain if isinstance(shape, Sphere)]
+    round_ones = all(isinstance(each.shape, Sphere) and not each.is_uncertain for each in bodies)
     panels: list[Callable[[Axes], object]] = []
-    for index, body in enumerate(bodies):
+    for number, body in enumerate(bodies, start=1):
         name = None if body.name is None else as_text(brief(body.name))
-        title = f"obstacle {short_label(index + 1, body) if len(bodies) > 1 else name}"
-        title_of = title if len(bodies) > 1 or name is not None else None
-        each: dict[str, Any] = {"plan": plan, "obstacle": body, "title": title_of}
-        if len(spheres) == len(bodies):
-            panels.append(partial(draw_distances_from_centre, sphere=spheres[index], **each))
-        else:
-            panels.append(partial(draw_distances, **each))
+        name = short_label(number, body) if len(bodies) > 1 else name
+        title = None if name is None else f"obstacle {name}"
+        radius = body.shape.size if round_ones else 0.0
+        panels.append(partial(draw_distances, plan=plan, obstacle=body, radius=radius, title=title))
     return panels
 
 
 def draw_distances(
-    ax: Axes, plan: Drawn, obstacle: Obstacle, *, title: str | None = None
+    ax: Axes, plan: Drawn, obstacle: Obstacle, *, radius: float = 0.0, title: str | None = None
 ) -> list[Line2D]:
-    """Draw each vehicle's distance from where an obstacle may be, with the required distances."""
-    lines = _draw_distances(ax, plan, obstacle, lambda each, at: distances(each, obstacle, at))
-    least = sorted(set(required_distances(plan.scenario, obstacle).tolist()))
-    values = np.concatenate([np.asarray(line.get_ydata()) for line in lines])
-    values = values[np.isfinite(values)]  # while it is active
-    bottom, top = float(values.min(initial=0.0)), float(values.max(initial=0.0))
-    bottom -= BELOW * max(top - bottom, 1e-9)
-    for most in least:
-        words = "surface" if most == 0.0 else f"required distance: {most:g} m"
-        draw_limit(ax, most, words, bottom)
-    where = "where it may be" if obstacle.is_uncertain else "the obstacle"
-    ax.set(ylabel=f"distance from {where} [m]", ylim=(bottom, None))
-    finish(ax, plan, lines)
-    _mark_least(ax, plan, obstacle, closest(plan, obstacle), title)
-    return lines
-
-
-def draw_distances_from_centre(
-    ax: Axes, plan: Drawn, obstacle: Obstacle, sphere: Sphere, *, title: str | None = None
-) -> list[Line2D]:
-    """Draw each vehicle's distance from the centre of a sphere over time, with the radius.
+    """Draw each vehicle's distance from where an obstacle may be, with the required distances.
 
     Args:
         ax: where to draw.
         plan: motion to draw.
-        obstacle: obstacle whose shape is the sphere.
-        sphere: shape of the obstacle.
+        obstacle: obstacle to measure from.
+        radius: of a sphere, from whose centre distances are; they are from the surface if it is 0.
         title: title of the axes.
     """
 
-    def from_centre(each: Drawn, times: FloatArray) -> FloatArray:
-        centers = obstacle.centers(each.scenario.grid.start + times)
-        offsets: FloatArray = np.linalg.norm(each.motion().at("position", times) - centers, axis=2)
-        return offsets
-
-    for least in sorted(set(required_distances(plan.scenario, obstacle).tolist())):
-        more = f" + {least:g} m" if least > 0.0 else ""
-        draw_limit(ax, sphere.radius + least, f"R{more} = {sphere.radius + least:g} m")
-    lines = _draw_distances(ax, plan, obstacle, from_centre)
-    ax.set(ylabel="distance from the centre [m]", ylim=(0, None))
-    finish(ax, plan, lines)
-    near = closest(plan, obstacle)
-    _mark_least(
-        ax, plan, obstacle, ClosestApproaches(near.times, near.distances + sphere.radius), title
-    )
-    return lines
-
-
-def _draw_distances(
-    ax: Axes,
-    plan: Drawn,
-    obstacle: Obstacle,
-    measured: Callable[[Drawn, FloatArray], FloatArray],
-) -> list[Line2D]:
-    """Draw what is measured from an obstacle at times since the first knot, while it is active."""
-
-    def shown(each: Drawn, times: FloatArray) -> FloatArray:
+    def measured(each: Drawn, times: FloatArray) -> FloatArray:
         active = obstacle.since(each.scenario.grid).is_active(times)
-        return np.where(active, measured(each, times), np.nan)
+        return np.where(active, distances(each, obstacle, times) + radius, np.nan)
 
     grid, times = plan.scenario.grid, dense_times(plan)
-    exact, knots = shown(plan, times), shown(plan, grid.elapsed)
+    exact, knots = measured(plan, times), measured(plan, grid.elapsed)
+    low, high = np.nanmin(exact, initial=0.0), np.nanmax(exact, initial=0.0)
+    bottom = 0.0 if radius > 0.0 else float(low - BELOW * max(high - low, 1e-9))
+    for least in sorted(set(required_distances(plan.scenario, obstacle).tolist())):
+        words = "surface" if least == 0.0 else f"required distance: {least:g} m"
+        if radius > 0.0:
+            more = f" + {least:g} m" if least > 0.0 else ""
+            words = f"R{more} = {radius + least:g} m"
+        draw_limit(ax, radius + least, words, bottom)
     times, exact = with_gaps(plan, times, exact)
     lines = [
         draw_curve(ax, plan, index, (grid.start + times, exact[index]), (plan.times, knots[index]))
         for index in range(len(exact))
     ]
-    for piece in planned(plan):
-        times = dense_times(piece.plan)
-        draw_planned(ax, piece, times, shown(piece.plan, times))
+    for piece in plan.planned:
+        times = dense_times(piece.shown)
+        draw_planned(ax, piece, times, measured(piece.shown, times))
     _draw_discoveries(ax, plan, {obstacle.known_from: "known"})
     draw_inactive(ax, plan, obstacle.active)
+    where = "where it may be" if obstacle.is_uncertain else "the obstacle"
+    where = "the centre" if radius > 0.0 else where
+    ax.set(ylabel=f"distance from {where} [m]", ylim=(bottom, None))
+    finish(ax, plan, lines)
+    found = closest(plan, obstacle)
+    _mark_least(ax, plan, obstacle, ClosestApproaches(found.times, found.distances + radius), title)
     return lines
 
 
@@ -219,8 +182,8 @@ def draw_least_clearances(ax: Axes, plan: Drawn, obstacles: Sequence[Obstacle]) 
             mark_minimum(ax, plan, i, place, colours[i])
             words = short_label(number, obstacles[number - 1])
             Labels.of(ax).add(words, around(ax, *place), rank=1, color=colours[i])
-    for piece in planned(plan):
-        near = least_clearances(piece.plan, obstacles)
+    for piece in plan.planned:
+        near = least_clearances(piece.shown, obstacles)
         draw_planned(ax, piece, near.times, _with_gaps(near.clearances))
     curves = list(lines)
     if ever:

@@ -11,16 +11,15 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from drake_rho.display.common.drawable import Drawn, drawn, planned
+from drake_rho.display.common.drawable import Drawn, drawn
 from drake_rho.display.common.names import as_text
 from drake_rho.display.common.obstacle_snapshots import as_obstacles
 from drake_rho.display.common.requirements import kept_positions
 from drake_rho.display.common.style import LIMIT_STYLE, PLANNED_STYLE
 from drake_rho.display.plots.curves import (
-    draw_accelerations,
+    draw_components,
     draw_norm,
     draw_separation,
-    draw_velocities,
 )
 from drake_rho.display.plots.distances import MAX_PANELS, obstacle_panels
 from drake_rho.display.plots.formats import DOUBLE_COLUMN, check_format, check_width
@@ -156,7 +155,7 @@ def velocities_figure(
     Raises:
         ValueError: the number of axes is another.
     """
-    return _components(drawn(flown), draw_velocities, "velocity", ax, width)
+    return _components(drawn(flown), "velocity", ax, width)
 
 
 @checked
@@ -176,7 +175,7 @@ def accelerations_figure(
     Raises:
         ValueError: the number of axes is another.
     """
-    return _components(drawn(flown), draw_accelerations, "acceleration", ax, width)
+    return _components(drawn(flown), "acceleration", ax, width)
 
 
 def write_figures(
@@ -214,7 +213,6 @@ def write_figures(
 
 def _components(
     plan: Drawn,
-    draw: Callable[[Sequence[Axes], Drawn], list[Line2D]],
     quantity: Quantity,
     ax: Sequence[Axes] | None,
     width: float,
@@ -224,7 +222,7 @@ def _components(
     shown = (quantity, "jerk") if quantity == "acceleration" else (quantity,)
     norms = [norm for norm in limited if limited[norm].kind.quantity in shown]
     axes = _panels(ax, width, 3 + len(norms), 0.6, sharex=True)
-    draw(axes[:3], plan)
+    draw_components(axes[:3], plan, quantity)
     for norm, panel in zip(norms, axes[3:], strict=True):
         draw_norm(panel, plan, norm)
     for panel in axes[:-1]:
@@ -237,7 +235,7 @@ def _components(
 
 def _planned_handles(plan: Drawn) -> list[Line2D]:
     """Return the legend entry of planned motions, if they are drawn beside the true motion."""
-    if not planned(plan):
+    if not plan.planned:
         return []
     return [Line2D([], [], label="planned", color="black", **PLANNED_STYLE)]
 

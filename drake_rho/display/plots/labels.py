@@ -14,45 +14,39 @@ import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.backend_bases import RendererBase
+from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.text import Text
 from matplotlib.transforms import Bbox, IdentityTransform
 from mpl_toolkits.mplot3d import proj3d
-from mpl_toolkits.mplot3d.art3d import Line3D
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 
-from drake_rho.display.plots.overlapping_curves import evenly, runs
-from drake_rho.scenario.fields import BoolArray, FloatArray
+from drake_rho.scenario.fields import FloatArray
 
 _GAP = 3.0
-"""Distance between a text and the point or line that it labels [points]."""
+"""Distance between a text and the point that it labels [points]."""
 _ROWS = 6
 """Largest distance from there, in lines of text."""
 _DIRECTIONS = ((0, 1), (0, -1), (1, 1), (-1, 1), (1, -1), (-1, -1), (1, 0), (-1, 0))
 """Directions in which a text is placed, in order of preference."""
-_PER_ROW = 12.0
+_PER_ROW = 36.0
 """Cost of one more line of distance, in covered points of curves."""
-_SPACING = 2.0
-"""Spacing of the points of a curve that count as covered [points]."""
-_MARK = 14.0
+_MARK = 42.0
 """Cost of covering a mark, in covered points of curves."""
+_LAYER = 1000.0
+"""Layer of texts; just below it, when all curves have been drawn, they are placed."""
 
-Spots = Callable[[float, float, float], Iterator["Spot"]]
-"""Generator of possible places of a text from its width, its height and one point, in pixels."""
 
+@dataclasses.dataclass(frozen=True, eq=False)
+class Spots:
+    """Possible places of a text: in some directions from any of some points."""
 
-@dataclasses.dataclass(frozen=True)
-class Spot:
-    """Possible place of a text."""
-
-    x: float
-    """abscissa of the text's lower left corner [pixels]"""
-    y: float
-    """ordinate of that corner [pixels]"""
-    cost: float = 0.0
-    """cost in comparison with other places, in covered points of curves"""
-    leader: tuple[float, float] | None = None
-    """start of a leader line, if the text is far from the point that it labels [pixels]"""
+    points: Callable[[], FloatArray]
+    """returns the points, the best first [pixels], shape (P, 2)"""
+    directions: tuple[tuple[int, int], ...]
+    """directions to the right and up, the best first"""
+    rows: int = 1
+    """largest distance, in lines of text"""
 
 
 class Labels(Artist):
@@ -63,7 +57,7 @@ class Labels(Artist):
 
     def __init__(self, ax: Axes) -> None:
         super().__init__()
-        self.set_zorder(-1.0)
+        self.set_zorder(_LAYER - 1.0)
         self.set_in_layout(False)
         self._texts: list[tuple[int, Text, Spots]] = []
         self.ax = ax
@@ -78,7 +72,7 @@ class Labels(Artist):
     def add(self, words: str, spots: Spots, *, rank: int = 0, **style: Any) -> Text:
         """Add a text; those of lower rank are placed first."""
         background = {"facecolor": "white", "edgecolor": "none", "alpha": 0.7, "pad": 0.4}
-        style = {"fontsize": 7, "bbox": background, "zorder": 2000, **style}
+        style = {"fontsize": 7, "bbox": background, "zorder": _LAYER, **style}
         text = Text(0.0, 0.0, words, ha="left", va="bottom", clip_on=False, **style)
         text.set_transform(IdentityTransform())
         text.set_in_layout(False)
@@ -88,139 +82,94 @@ class Labels(Artist):
 
     def draw(self, renderer: RendererBase) -> None:
         """Place the texts, which draw themselves later."""
-        if not self._texts:
+        figure = self.ax.get_figure(True)
+        if not self._texts or figure is None:
             return
-        point = float(np.asarray(renderer.points_to_pixels(1.0)))
-        area = self.ax.bbox if not isinstance(self.ax, Axes3D) else self.ax.get_figure(True).bbox
-        curves, occupied = _curves(self.ax, point), _occupied(self.ax, renderer)
+        area = figure.bbox if isinstance(self.ax, Axes3D) else self.ax.bbox
+        pixel = float(np.asarray(renderer.points_to_pixels(1.0)))
+        own, covered = [text for _, text, _ in self._texts], _covered(self.ax, pixel)
+        occupied = [
+            each.get_window_extent(renderer)
+            for each in [*figure.legends, *_texts_of(figure)]
+            if each not in own
+        ]
         for _, text, spots in sorted(self._texts, key=lambda each: each[0]):
             text.set_visible(True)
-            width, height = text.get_window_extent(renderer).size
             best, least = None, np.inf
-            for spot in spots(width, height, point):
-                around = Bbox.from_bounds(spot.x, spot.y, width, height).padded(point)
-                if spot.cost >= least or not _inside(around, area):
-                    continue
-                if any(around.overlaps(other) for other in occupied):
-                    continue
-                cost = spot.cost + _covered(curves, around)
-                if cost < least:
-                    best, least = (spot, around), cost
+            for cost, box, point in _boxes(text.get_window_extent(renderer).size, spots, pixel):
+                inside = np.all(box.min >= area.min) and np.all(box.max <= area.max)
+                if cost < least and inside and box.count_overlaps(occupied) == 0:
+                    here = np.all((covered[:, :2] > box.min) & (covered[:, :2] < box.max), axis=1)
+                    cost += float(np.nansum(covered[here, 2]))
+                    if cost < least:
+                        best, least = (box, point), cost
             text.set_visible(best is not None)
             if best is not None:
-                spot, around = best
-                text.set_position((spot.x, spot.y))
-                occupied.append(around)
-                if spot.leader is not None:
-                    self._draw_leader(spot.leader, around, renderer)
+                box, point = best
+                occupied.append(box)
+                text.set_position((box.x0 + pixel, box.y0 + pixel))
+                ends = np.array([point, np.clip(point, box.min, box.max)])
+                if np.linalg.norm(ends[1] - ends[0]) > box.height / 2.0:
+                    leader = Line2D(*ends.T, color="black", linewidth=0.4)
+                    leader.set_transform(IdentityTransform())
+                    leader.set_figure(figure)
+                    leader.draw(renderer)
 
-    def _draw_leader(
-        self, begin: tuple[float, float], around: Bbox, renderer: RendererBase
-    ) -> None:
-        """Draw a thin line from a point to the nearest point of a text's outline."""
-        x, y = np.clip(begin, around.min, around.max)
-        line = Line2D([begin[0], x], [begin[1], y], color="black", linewidth=0.4)
-        line.set_transform(IdentityTransform())
-        figure = self.ax.get_figure(True)
-        if figure is not None:
-            line.set_figure(figure)
-        line.draw(renderer)
+
+def _covered(ax: Axes, pixel: float) -> FloatArray:
+    """Return points of curves and marks [pixels] with the cost of covering them, shape (P, 3)."""
+    found = [np.zeros((0, 3))]
+    for line in ax.lines:
+        points = line.get_transform().transform(line.get_xydata())
+        costs = np.linalg.norm(np.diff(points, axis=0, append=points[-1:]), axis=1) / pixel
+        if line.get_linestyle() == "None":
+            costs[:] = _MARK
+        found.append(np.column_stack([points, costs]))
+    return np.concatenate(found)
+
+
+def _texts_of(figure: Figure) -> list[Text]:
+    """Return all visible texts of a figure."""
+    found: list[Text] = figure.findobj(Text)
+    return [text for text in found if text.get_visible() and text.get_text()]
+
+
+def _boxes(
+    size: tuple[float, float], spots: Spots, pixel: float
+) -> Iterator[tuple[float, Bbox, FloatArray]]:
+    """Yield the costs of possible places, the boxes there with a margin, and the labelled points.
+
+    Args:
+        size: width and height of the text [pixels].
+        spots: places that are possible.
+        pixel: length of a point [pixels].
+    """
+    half = np.array(size) / 2.0
+    points, rows = enumerate(spots.points()), range(spots.rows)
+    for (worse, point), row, (rank, way) in product(points, rows, enumerate(spots.directions)):
+        far = _GAP * pixel * (0.7 if all(way) else 1.0) + row * size[1]
+        low = point + np.array(way) * (far + half) - half
+        cost = _PER_ROW * (row if any(way) else -1.0) + (worse + rank) / 4.0
+        yield cost, Bbox([low, low + 2.0 * half]).padded(pixel), point
 
 
 def around(ax: Axes, *place: float, middle: bool = False, rows: int = _ROWS) -> Spots:
     """Return spots around a point in data coordinates, first centred on it if `middle` is set."""
 
-    def spots(width: float, height: float, point: float) -> Iterator[Spot]:
-        ((x, y),) = _in_pixels(ax, np.array([place], dtype=np.float64))
-        if middle:
-            yield Spot(x - width / 2, y - height / 2, -_PER_ROW)
-        for row, (rank, (right, up)) in product(range(rows), enumerate(_DIRECTIONS)):
-            far = _GAP * point * (0.7 if right and up else 1.0) + row * height
-            corner = (
-                x + right * (far + width / 2) - width / 2,
-                y + up * (far + height / 2) - height / 2,
-            )
-            yield Spot(*corner, _PER_ROW * row + rank / 4, (x, y) if row else None)
+    def points() -> FloatArray:
+        x, y, *_ = proj3d.proj_transform(*place, ax.get_proj()) if isinstance(ax, Axes3D) else place
+        return np.asarray(ax.transData.transform([(x, y)]))
 
-    return spots
+    return Spots(points, ((0, 0),) * middle + _DIRECTIONS, rows)
 
 
-def along(ax: Axes, height: float, *, above: bool = False) -> Spots:
-    """Return spots below and above a horizontal line across the axes, above first if `above`."""
-
-    def spots(width: float, tall: float, point: float) -> Iterator[Spot]:
-        _, y = ax.transData.transform((0.0, height))
-        left = ax.bbox.x0 + _GAP * point
-        free = ax.bbox.width - width - 2 * _GAP * point
-        for rank, (over, part) in enumerate(product((above, not above), np.linspace(0, 1, 9))):
-            gap = _GAP * point / 2
-            yield Spot(left + part * free, y + gap if over else y - gap - tall, rank / 2)
-
-    return spots
+def along(ax: Axes, height: float) -> Spots:
+    """Return spots below and above a horizontal line across the axes."""
+    places = [(part, height) for part in np.linspace(0.0, 1.0, 33)]
+    return Spots(lambda: ax.get_yaxis_transform().transform(places), ((1, -1), (1, 1)))
 
 
 def beside(ax: Axes, time: float) -> Spots:
     """Return spots beside a vertical line in the axes, from the top down."""
-
-    def spots(width: float, height: float, point: float) -> Iterator[Spot]:
-        x, _ = ax.transData.transform((time, 0.0))
-        for row, right in product(range(_ROWS), (True, False)):
-            top = ax.bbox.y1 - _GAP * point - row * 1.3 * height
-            left = x + _GAP * point if right else x - _GAP * point - width
-            yield Spot(left, top - height, _PER_ROW * row + (0.0 if right else 1.0))
-
-    return spots
-
-
-def _in_pixels(ax: Axes, points: FloatArray) -> FloatArray:
-    """Transform points in data coordinates, shape (M, 2) or (M, 3), to pixels, shape (M, 2)."""
-    if isinstance(ax, Axes3D):
-        x, y, _ = proj3d.proj_transform(*points.T, ax.get_proj())
-        points = np.stack([x, y], axis=1)
-    pixels: FloatArray = ax.transData.transform(points)
-    return pixels
-
-
-def _curves(ax: Axes, point: float) -> FloatArray:
-    """Return points of curves and marks [pixels] with the cost of covering them, shape (P, 3)."""
-    found = [np.zeros((0, 3))]
-    for line in ax.lines:
-        if isinstance(line, Line3D):
-            drawn = _in_pixels(ax, np.stack(line.get_data_3d(), axis=1).astype(np.float64))
-        else:
-            drawn = line.get_transform().transform(line.get_xydata())
-        drawn = drawn[np.all(np.isfinite(drawn), axis=1)]  # curves have gaps
-        if len(drawn) == 0:
-            continue
-        marks = line.get_linestyle() == "None"
-        shown: BoolArray = np.all(np.isfinite(drawn), axis=1)  # a curve may have gaps
-        pieces = [drawn[shown]]
-        if not marks:
-            pieces = [evenly(drawn[i : j + 1], _SPACING * point) for i, j in runs(shown)]
-        cost = _MARK if marks else 1.0
-        found += [np.column_stack([each, np.full(len(each), cost)]) for each in pieces]
-    return np.concatenate(found)
-
-
-def _covered(curves: FloatArray, around: Bbox) -> float:
-    inside = np.all((curves[:, :2] > around.min) & (curves[:, :2] < around.max), axis=1)
-    return float(curves[inside, 2].sum())
-
-
-def _inside(around: Bbox, area: Bbox) -> bool:
-    return bool(np.all(around.min >= area.min) and np.all(around.max <= area.max))
-
-
-def _occupied(ax: Axes, renderer: RendererBase) -> list[Bbox]:
-    """Return the boxes of other elements of a figure with 3D axes, and of their tick labels."""
-    figure = ax.get_figure(True)
-    if figure is None or not isinstance(ax, Axes3D):
-        return []
-    artists: list[Artist] = [*figure.texts, *figure.legends]
-    for axis in (ax.xaxis, ax.yaxis, ax.zaxis):
-        low, high = sorted(axis.get_view_interval())
-        artists.append(axis.label)
-        artists += [t.label1 for t in axis.get_major_ticks() if low <= t.get_loc() <= high]
-    boxes = [each.get_window_extent(renderer) for each in artists if each.get_visible()]
-    others = [each.get_tightbbox(renderer) for each in figure.axes if each is not ax]
-    return [*boxes, *(each for each in others if each is not None)]
+    places = [(time, part) for part in np.linspace(1.0, 0.0, 12)]
+    return Spots(lambda: ax.get_xaxis_transform().transform(places), ((1, -1), (-1, -1)))

@@ -80,7 +80,7 @@ def map_figure(solid: Map, *, width: float = DOUBLE_COLUMN) -> Figure:
     return figure
 
 
-def draw_map(ax: Axes3D, shown: Snapshot, *, zorder: float = 0.0) -> Poly3DCollection:
+def draw_map(ax: Axes3D, shown: Snapshot) -> Poly3DCollection:
     """Draw a map, coloured by height, opaque unless it is faint.
 
     In files of vector graphics a map of many faces is a picture.
@@ -97,7 +97,6 @@ def draw_map(ax: Axes3D, shown: Snapshot, *, zorder: float = 0.0) -> Poly3DColle
         shade=shown.between is None,
         linewidth=0.0 if shown.faint else 0.3,  # which hides seams between faces
         alpha=_FAINT_MAP if shown.faint else None,
-        zorder=zorder,
         rasterized=len(polygons) > _MOST_VECTORS,
     )
     ax.add_collection3d(body)

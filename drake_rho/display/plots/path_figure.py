@@ -15,8 +15,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 
-from drake_rho.display.common.drawable import StraightLines, drawn, planned
-from drake_rho.display.common.hidden_by_maps import best_from_above
+from drake_rho.display.common.drawable import Drawn, drawn
+from drake_rho.display.common.hidden import best_from_above
 from drake_rho.display.common.names import as_text
 from drake_rho.display.common.obstacle_snapshots import (
     Snapshot,
@@ -55,8 +55,8 @@ from drake_rho.display.plots.space import (
     draw_obstacles,
     draw_paths,
     draw_planned_paths,
-    draw_straight_lines,
     draw_windows,
+    within,
 )
 from drake_rho.motion.flown import Flown
 from drake_rho.planning.errors import InfeasibleError
@@ -75,8 +75,6 @@ _MAX_TICKS = 12
 """Largest number of windows that are numbered."""
 _MIN_BESIDE = 5.0
 """Least width of a figure with a legend beside its scene [in]."""
-_MAX_SAMPLES = 4000
-"""Number of positions on paths of which it is determined whether maps hide them."""
 _HIGHEST = (1.1, 0.45)
 """Largest height of a scene: a constant [in] plus a fraction of the figure's width."""
 
@@ -96,9 +94,9 @@ def paths_figure(
     A plan has no windows; each of its vehicles has a colour of its own. A scenario is drawn before
     it is planned, with straight lines from starts through waypoints to goals.
 
-    Maps are coloured by height, and paths behind them are faint. If maps would hide too much of the
-    paths, as a building does, the figure shows x and y from above, and of the maps only what is at
-    the heights of the flights.
+    Paths behind obstacles are faint. Maps are coloured by height. If maps would hide too much of
+    the paths, as a building does, the figure shows x and y from above, and of the maps only what is
+    at the heights of the flights.
 
     Args:
         flown: plan, flight, simulation or scenario to draw.
@@ -140,7 +138,7 @@ def paths_figure(
     content.draw(scene)
     if content.in_windows:
         place = (beside_at + EDGE, box.y0 + 0.2 * box.height, _BAR_WIDTH, 0.6 * box.height)
-        _add_window_bar(figure, len(content.flown.windows), place)
+        _add_window_bar(figure, len(content.plan.windows), place)
     for line, words in enumerate(notes):
         at = (EDGE + _LINE * line) / figure.get_figheight()
         figure.text(EDGE / width, at, words, fontsize=7, va="bottom")
@@ -155,7 +153,7 @@ def paths_figure(
 class _Content:
     """Everything that a figure of paths shows."""
 
-    flown: Flown | StraightLines
+    plan: Drawn
     bodies: tuple[Obstacle, ...]
     shown: list[Snapshot]
     conflicts: InfeasibleError | None
@@ -170,60 +168,58 @@ class _Content:
         conflicts: InfeasibleError | None,
     ) -> Self:
         """Return the content of a figure, with the scenario's obstacles if none are given."""
-        given = StraightLines(flown) if isinstance(flown, Scenario) else flown
-        bodies = as_obstacles(given.scenario.obstacles if obstacles is None else obstacles)
-        plan = drawn(given)
+        plan = drawn(flown)
+        bodies = as_obstacles(plan.scenario.obstacles if obstacles is None else obstacles)
         shown, heights = snapshots(plan, bodies), None
         paths = plan.motion().at("position", dense_times(plan)).reshape(-1, 3)
-        if best_from_above(paths[:: max(1, len(paths) // _MAX_SAMPLES)], shown):
+        if best_from_above(paths, shown):
             beside = float(plan.scenario.fleet.radii.max())
             heights = (float(paths[:, 2].min()) - beside, float(paths[:, 2].max()) + beside)
             shown = [dataclasses.replace(each, between=heights) for each in shown]
-        return cls(given, bodies, shown, conflicts, heights)
+        return cls(plan, bodies, shown, conflicts, heights)
 
     @property
     def in_windows(self) -> bool:
         """Whether windows are drawn, each in its colour."""
-        return len(self.flown.windows) > 1 or self.flown.kind == "flight"
+        return len(self.plan.windows) > 1 or self.plan.kind == "flight"
 
     @property
     def handles(self) -> list[Line2D]:
         """Entries of the legend: vehicles that are not named beside their starts."""
-        scenario = self.flown.scenario
+        scenario = self.plan.scenario
         if self.in_windows:
             return start_handles(scenario) if len(scenario.vehicles) > MAX_LABELLED else []
         handles = vehicle_handles(scenario)
-        for handle in handles if isinstance(self.flown, StraightLines) else []:
+        for handle in handles if self.plan.kind == "scenario" else []:
             handle.set(marker="none", linestyle="--")
         return handles
 
     def frame(self, ax: Axes3D) -> None:
         """Set the limits of the axes around everything shown."""
-        passed = [each.position for one in self.flown.scenario.vehicles for each in one.waypoints]
-        flights = [drawn(self.flown), *(window.plan for window in self.flown.windows)]
-        flights += [each.braking for each in self.flown.windows if each.braking is not None]
+        plan = self.plan
+        passed = [each.position for one in plan.scenario.vehicles for each in one.waypoints]
+        flights = [plan, *(window.shown for window in plan.windows)]
+        flights += [each.braking for each in plan.windows if each.braking is not None]
         places = [each.positions.reshape(-1, 3) for each in flights]
         places.append(np.reshape(passed, (-1, 3)))
         drawn_here = np.concatenate(places)
         bounds = [(drawn_here.min(axis=0), drawn_here.max(axis=0))]
         bounds += [each.bounds for each in self.shown]
-        near = np.reshape(requirements_near(drawn(self.flown), bounds), (-1, 3))
+        near = np.reshape(requirements_near(plan, bounds), (-1, 3))
         from_above = self.heights is not None
         frame_scene(ax, np.concatenate([drawn_here, near]), self.shown, from_above=from_above)
 
     def draw(self, ax: Axes3D) -> None:
         """Draw obstacles, paths, starts and goals, and mark conflicts."""
-        plan, shown = drawn(self.flown), self.shown
+        plan, shown = self.plan, within(ax, self.shown)
         draw_sets(ax, plan)
         draw_obstacles(ax, shown)
         draw_obstacle_paths(ax, obstacle_paths(plan, self.bodies), shown)
         draw_approaches(ax, approaches(plan, self.bodies))
         draw_obstacle_labels(ax, shown)
         draw_links(ax, plan, shown)
-        if isinstance(self.flown, StraightLines):
-            draw_straight_lines(ax, self.flown, shown)
-        elif self.in_windows:
-            draw_windows(ax, self.flown, shown)
+        if self.in_windows:
+            draw_windows(ax, plan, shown)
         else:
             draw_paths(ax, plan, shown)
             draw_planned_paths(ax, plan, shown)
@@ -232,12 +228,12 @@ class _Content:
 
     def notes(self, figure: Figure) -> list[str]:
         """Explain marks and lines, in lines of text as wide as the figure, the lowest first."""
-        plan, words = drawn(self.flown), ["ring: start", "star: goal"]
-        if isinstance(self.flown, StraightLines):
+        plan, words = self.plan, ["ring: start", "star: goal"]
+        if plan.kind == "scenario":
             words.append("dashed: straight lines, not planned")
         elif self.in_windows:
             words = ["thick: flown", "thin: the rest of each window's prediction", *words]
-            if any(window.braking is not None for window in self.flown.windows):
+            if any(window.braking is not None for window in plan.windows):
                 words.insert(2, "dotted, to a cross: contingencies, which brake to rest")
         else:
             if len(plan.positions) <= MAX_NAMED:
@@ -245,7 +241,7 @@ class _Content:
                 words.append(
                     "a mark at every knot" if every == 1 else f"a mark every {every} knots"
                 )
-            words += ["dotted: planned"] if planned(plan) else []
+            words += ["dotted: planned"] if plan.planned else []
         if any(vehicle.waypoints for vehicle in plan.scenario.vehicles):
             words.append("diamond: waypoint")
         words += ["red: in conflict"] if self.conflicts is not None else []

@@ -15,7 +15,7 @@ from matplotlib.lines import Line2D
 from mpl_toolkits.mplot3d.art3d import Line3D, Line3DCollection, Poly3DCollection
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 
-from drake_rho.display.common.drawable import Drawn, planned
+from drake_rho.display.common.drawable import Drawn
 from drake_rho.display.common.names import as_text
 from drake_rho.display.common.obstacle_snapshots import Snapshot, active_in_words
 from drake_rho.display.common.requirements import Kept, kept_positions
@@ -37,9 +37,9 @@ from drake_rho.display.plots.distances import (
     finish,
     mark_minimum,
 )
-from drake_rho.display.plots.draw_order import draw_line
 from drake_rho.display.plots.labels import Labels, around
 from drake_rho.display.plots.legends import add_above
+from drake_rho.display.plots.lines3d import draw_line
 
 _MAX_LABELLED = 8
 """Largest number of sets, or of links, that are labelled in space."""
@@ -58,10 +58,10 @@ def draw_sets(ax: Axes3D, plan: Drawn) -> list[Artist]:
         skin = surface_within(kept.requirement.set, lower, upper)
         if skin.faces:
             style: dict[str, Any] = {"facecolors": ALLOWED, "alpha": 0.07, "linewidth": 0}
-            artists.append(ax.add_collection3d(Poly3DCollection(skin.faces, zorder=0, **style)))
+            artists.append(ax.add_collection3d(Poly3DCollection(skin.faces, **style)))
         if skin.edges:
             style = {"colors": ALLOWED, "alpha": 0.7, "linewidths": 0.6}
-            artists.append(ax.add_collection3d(Line3DCollection(skin.edges, zorder=0, **style)))
+            artists.append(ax.add_collection3d(Line3DCollection(skin.edges, **style)))
         if skin.faces and len(sets) <= _MAX_LABELLED:
             corners = np.concatenate(skin.faces)
             top = (corners.min(axis=0) + corners.max(axis=0)) / 2.0
@@ -181,10 +181,10 @@ def _draw_curves(ax: Axes, plan: Drawn, kept: Kept, highest: float | None) -> li
                 spots = around(ax, *place)
                 words = as_text(kept.label)
                 Labels.of(ax).add(words, spots, rank=1, color=colours[index])
-    for piece in planned(plan):
-        times = dense_times(piece.plan)
+    for piece in plan.planned:
+        times = dense_times(piece.shown)
         left = np.full((len(plan.positions), len(times)), np.nan)
-        values = kept.left(piece.plan, times)
+        values = kept.left(piece.shown, times)
         left[kept.members] = np.where(values <= most, values, np.nan)
         draw_planned(ax, piece, times, left)
     return lines

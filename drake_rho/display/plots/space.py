@@ -16,8 +16,7 @@ from matplotlib.text import Text
 from mpl_toolkits.mplot3d.art3d import Line3D, Line3DCollection, Poly3DCollection
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 
-from drake_rho.display.common.drawable import Drawn, StraightLines, drawn, planned
-from drake_rho.display.common.hidden_by_maps import hidden
+from drake_rho.display.common.drawable import Drawn
 from drake_rho.display.common.names import as_text, brief
 from drake_rho.display.common.obstacle_snapshots import Snapshot
 from drake_rho.display.common.shape_faces import around as surface_around
@@ -32,15 +31,14 @@ from drake_rho.display.common.style import (
     in_pieces,
     vehicle_colours,
     vehicle_marker,
+    view,
     window_colours,
 )
-from drake_rho.display.plots.draw_order import FAINT, draw_line, layers, ranks
 from drake_rho.display.plots.labels import Labels, around
 from drake_rho.display.plots.legends import width_of
+from drake_rho.display.plots.lines3d import draw_line
 from drake_rho.display.plots.maps import draw_map
-from drake_rho.display.plots.overlapping_curves import marks_every, overlapping_pieces
-from drake_rho.motion.flown import Flown
-from drake_rho.motion.plan import Plan
+from drake_rho.display.plots.overlapping_curves import marks_every
 from drake_rho.planning.errors import InfeasibleError
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.records import Scenario
@@ -51,46 +49,46 @@ _MAX_LARGE = 14
 """Largest number of vehicles with large starts and goals, and of obstacles with large labels."""
 _MIN_NUMBERED = 0.02
 """Least size of a numbered obstacle over that of the axes, if there are many obstacles."""
-_TOP = 1000
-"""Layer above all obstacles."""
+_TOP = 3
+"""Layer above all lines."""
+
+
+def within(ax: Axes3D, shown: Sequence[Snapshot]) -> list[Snapshot]:
+    """Return obstacles with infinite shapes cut off at the limits of the axes."""
+    lower, upper = np.array([ax.get_xlim(), ax.get_ylim(), ax.get_zlim()]).T
+    return [each.truncated(lower, upper) for each in shown]
 
 
 def draw_obstacles(ax: Axes3D, shown: Sequence[Snapshot]) -> list[Poly3DCollection]:
-    """Draw obstacles as translucent bodies, in layers between which paths can be drawn.
+    """Draw maps, and other bounded obstacles as translucent bodies, those in front over the others.
 
     Where one may be is a fainter body around it, except around maps.
-
-    Infinite shapes are cut off at the limits of the axes.
     """
-    lower, upper = np.array([ax.get_xlim(), ax.get_ylim(), ax.get_zlim()]).T
     bodies = []
-    for each, rank in zip(shown, ranks(shown), strict=True):
+    to_viewer = view()[2]
+    for each in sorted(shown, key=lambda one: (one.faces is None, one.center @ to_viewer)):
         if each.faces is not None:
-            bodies.append(draw_map(ax, each, zorder=2 * rank + 2))
+            bodies.append(draw_map(ax, each))
             continue
-        cut = each.truncated(lower, upper)
-        skin, layer = surface(cut.shape), 2 * rank + 2
+        skin = surface(each.shape)
         body = Poly3DCollection(
-            [cut.center + face for face in skin.faces],
+            [each.center + face for face in skin.faces],
             facecolors=to_rgba(FORBIDDEN),
             shade=True,
             alpha=0.1 if each.faint else 0.25,
             linewidth=0,
             antialiased=True,
-            zorder=layer,
         )
         ax.add_collection3d(body)
         bodies.append(body)
         if each.halo > 0.0:
-            halo = [cut.center + face for face in surface_around(cut.shape, each.halo).faces]
-            style = {"alpha": 0.04 if each.faint else 0.1, "linewidth": 0, "zorder": layer}
+            halo = [each.center + face for face in surface_around(each.shape, each.halo).faces]
+            style = {"alpha": 0.04 if each.faint else 0.1, "linewidth": 0}
             ax.add_collection3d(Poly3DCollection(halo, facecolors=FORBIDDEN, **style))
         if skin.edges:
-            edges = [cut.center + edge for edge in skin.edges]
+            edges = [each.center + edge for edge in skin.edges]
             alpha = 0.3 if each.faint else 0.7
-            lines = Line3DCollection(
-                edges, colors=FORBIDDEN, linewidths=0.6, alpha=alpha, zorder=layer
-            )
+            lines = Line3DCollection(edges, colors=FORBIDDEN, linewidths=0.6, alpha=alpha)
             ax.add_collection3d(lines)
     return bodies
 
@@ -104,13 +102,13 @@ def draw_obstacle_labels(ax: Axes3D, shown: Sequence[Snapshot]) -> list[Text]:
     artists: list[Text] = []
     many = len(shown) > _MAX_LARGE
     for each in shown:
-        cut, number = each.truncated(lower, upper), each.label.isdecimal()
+        number = each.label.isdecimal()
         middle = number and each.faces is None
-        narrow = cut.shape.extent.max() < _MIN_NUMBERED * np.max(upper - lower)
+        narrow = each.shape.extent.max() < _MIN_NUMBERED * np.max(upper - lower)
         if not each.label or (many and number and narrow):
             continue
-        above = 0.0 if middle else cut.shape.extent[2]
-        top = cut.center + above * np.eye(3)[2]
+        above = 0.0 if middle else each.shape.extent[2]
+        top = each.center + above * np.eye(3)[2]
         style: dict[str, Any] = {
             "fontsize": 6 if many else 7,
             "color": "#555555" if each.faint else "#222222",
@@ -139,57 +137,33 @@ def draw_obstacle_paths(
 def draw_paths(ax: Axes3D, plan: Drawn, shown: Sequence[Snapshot] = ()) -> list[Line3D]:
     """Draw each vehicle's path, knots, start (ring) and goal (star).
 
-    For more than `MAX_NAMED` vehicles, knots are not marked, and starts and goals are smaller.
+    Straight lines of a scenario are dashed, without knots. For more than `MAX_NAMED` vehicles,
+    knots are not marked, and starts and goals are smaller.
 
     Args:
         ax: where to draw.
         plan: motion to draw.
-        shown: obstacles drawn by `draw_obstacles`, which hide the parts of paths behind them.
+        shown: obstacles drawn by `draw_obstacles`, behind which paths are faint.
 
     Returns:
-        The paths, in pieces in front of or behind an obstacle; the first piece of each vehicle is
-        labelled with its name.
+        The paths, and what of them obstacles hide; the first line of each vehicle is labelled with
+        its name.
     """
     lines = []
-    colours = vehicle_colours(len(plan.positions))
+    flown = plan.kind != "scenario"
+    shape: dict[str, Any] = {"linewidth": 1.2}
+    if not flown:
+        shape = {"linewidth": 0.9, "linestyle": (0, (5, 3))}
     times = dense_times(plan)
-    paths, flown = plan.motion().at("position", times), in_pieces(plan, times)
-    for index, vehicle in enumerate(plan.scenario.vehicles):
-        style = {"color": colours[index]}
-        pieces = [
-            line
-            for each in flown
-            for line in draw_line(ax, paths[index, each], shown, linewidth=1.2, **style)
-        ]
-        pieces[0].set_label(as_text(vehicle.name))
-        if len(paths) <= MAX_NAMED:
-            _draw_knots(ax, plan.positions[index], index, shown, markersize=2.4, **style)
-        lines += pieces
-    if len(paths) <= MAX_NAMED:
-        for piece in overlapping_pieces(paths):
-            dashes = {"color": colours[piece.owner], "linestyle": piece.dashes, "linewidth": 1.2}
-            draw_line(ax, piece.points, shown, **dashes)
+    paths, pieces = plan.motion().at("position", times), in_pieces(plan, times)
+    for index, colour in enumerate(vehicle_colours(len(paths))):
+        parts = [draw_line(ax, paths[index, each], shown, color=colour, **shape) for each in pieces]
+        parts[0][0].set_label(as_text(plan.scenario.vehicles[index].name))
+        if flown and len(paths) <= MAX_NAMED:
+            _draw_knots(ax, plan.positions[index], index, shown, color=colour, markersize=2.4)
+        lines += [line for part in parts for line in part]
     draw_ends(ax, plan.scenario)
     return lines
-
-
-def draw_straight_lines(
-    ax: Axes3D, lines: StraightLines, shown: Sequence[Snapshot] = ()
-) -> list[Line3D]:
-    """Draw straight lines of a scenario that is not planned, with starts, waypoints and goals."""
-    colours = vehicle_colours(len(lines.positions))
-    drawn = []
-    for index, vehicle in enumerate(lines.scenario.vehicles):
-        style: dict[str, Any] = {
-            "color": colours[index],
-            "linewidth": 0.9,
-            "linestyle": (0, (5, 3)),
-        }
-        pieces = draw_line(ax, lines.positions[index], shown, **style)
-        pieces[0].set_label(as_text(vehicle.name))
-        drawn += pieces
-    draw_ends(ax, lines.scenario)
-    return drawn
 
 
 def draw_conflicts(
@@ -203,12 +177,10 @@ def draw_conflicts(
             ends = np.array([vehicle.start.position, vehicle.goal.position])
             artists += ax.plot(*ends.T, marker="o", markersize=11, fillstyle="none", **style)
     numbers = frozenset[int]().union(*error.obstacles.values())
-    lower, upper = np.array([ax.get_xlim(), ax.get_ylim(), ax.get_zlim()]).T
     for each in shown:
         if each.number in numbers:
-            cut = each.truncated(lower, upper)
-            skin = surface(cut.shape).faces if cut.faces is None else cut.faces.corners
-            faces = [cut.center + face for face in skin]
+            skin = surface(each.shape).faces if each.faces is None else each.faces.corners
+            faces = [each.center + face for face in skin]
             body = Poly3DCollection(faces, facecolors=CONFLICT, alpha=0.25, linewidth=0)
             ax.add_collection3d(body)
             artists.append(body)
@@ -219,35 +191,33 @@ def draw_planned_paths(ax: Axes3D, plan: Drawn, shown: Sequence[Snapshot] = ()) 
     """Draw planned paths as dotted lines, if they differ from those of `draw_paths`."""
     colours = vehicle_colours(len(plan.positions))
     lines = []
-    for piece in planned(plan):
-        times = dense_times(piece.plan)
-        paths = piece.plan.motion().at("position", times[piece.in_force(times)])
+    for piece in plan.planned:
+        times = dense_times(piece.shown)
+        paths = piece.shown.motion().at("position", times[piece.in_force(times)])
         for path, colour in zip(paths, colours, strict=True):
             lines += draw_line(ax, path, shown, color=colour, **PLANNED_STYLE)
     return lines
 
 
-def draw_windows(ax: Axes3D, flown: Flown, shown: Sequence[Snapshot] = ()) -> list[list[Line3D]]:
+def draw_windows(ax: Axes3D, plan: Drawn, shown: Sequence[Snapshot] = ()) -> list[list[Line3D]]:
     """Draw the flown part of each window in its grey, and its whole prediction as a thin line.
 
     Args:
         ax: where to draw.
-        flown: flight or simulation to draw.
-        shown: obstacles drawn by `draw_obstacles`, which hide the parts of paths behind them.
+        plan: motion of a flight or simulation to draw.
+        shown: obstacles drawn by `draw_obstacles`, behind which paths are faint.
 
     Returns:
         For each window, the pieces of its flown part.
     """
     lines: list[list[Line3D]] = []
-    whole, windows = drawn(flown), flown.windows
-    grid, times = whole.scenario.grid, dense_times(whole)
-    true = whole.motion().at("position", times)
-    ends = [*(window.first_knot for window in windows[1:]), grid.knots - 1]
-    for window, last, colour in zip(windows, ends, window_colours(len(windows)), strict=True):
-        first = window.first_knot
-        paths = window.plan.motion().at("position", dense_times(window.plan))
+    grid, times = plan.scenario.grid, dense_times(plan)
+    true = plan.motion().at("position", times)
+    for window, colour in zip(plan.windows, window_colours(len(plan.windows)), strict=True):
+        first, last = window.first, window.last
+        paths = window.shown.motion().at("position", dense_times(window.shown))
         part = grid.clock.within(times, tuple(grid.elapsed[[first, last]].tolist()))
-        if last in whole.jumps:  # the state then is the next window's
+        if last in plan.jumps:  # the state then is the next window's
             part &= grid.clock.before(times, grid.elapsed[last])
         lines.append([])
         for index in range(len(paths)):
@@ -257,13 +227,13 @@ def draw_windows(ax: Axes3D, flown: Flown, shown: Sequence[Snapshot] = ()) -> li
             draw_braking(ax, braking, shown)
     if len(true) <= MAX_NAMED:
         for index, own in enumerate(vehicle_colours(len(true))):
-            _draw_knots(ax, whole.positions[index], index, shown, color=own, markersize=2.4)
+            _draw_knots(ax, plan.positions[index], index, shown, color=own, markersize=2.4)
     named = len(true) <= MAX_LABELLED
-    draw_ends(ax, whole.scenario, ["black"] * len(true) if named else None)
+    draw_ends(ax, plan.scenario, ["black"] * len(true) if named else None)
     return lines
 
 
-def draw_braking(ax: Axes3D, braking: Plan, shown: Sequence[Snapshot] = ()) -> None:
+def draw_braking(ax: Axes3D, braking: Drawn, shown: Sequence[Snapshot] = ()) -> None:
     """Draw how a contingency brakes, as dotted lines that end in crosses at the places of rest."""
     style: dict[str, Any] = {"color": CONTINGENCY, "linewidth": 1.0}
     for path in braking.motion().at("position", dense_times(braking)):
@@ -316,16 +286,4 @@ def _draw_knots(
     ax: Axes3D, knots: FloatArray, index: int, shown: Sequence[Snapshot], **style: Any
 ) -> None:
     knots = knots[:: marks_every(len(knots), width_of(ax))]
-    over, behind = layers(knots, shown), hidden(knots, shown)
-    for layer in np.unique(over):
-        for which, alpha in ((~behind, None), (behind, FAINT)):
-            if not np.any(here := which & (over == layer)):
-                continue
-            ax.plot(
-                *knots[here].T,
-                linestyle="none",
-                marker=vehicle_marker(index),
-                zorder=2 * layer + 1,
-                alpha=alpha,
-                **style,
-            )
+    draw_line(ax, knots, shown, linestyle="none", marker=vehicle_marker(index), **style)

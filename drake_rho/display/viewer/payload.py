@@ -21,7 +21,6 @@ from drake_rho.display.common.style import (
 from drake_rho.display.meshcat.animation import Stage
 from drake_rho.display.meshcat.requirements import left_while_shown
 from drake_rho.display.meshcat.scene import MAX_DETAILED
-from drake_rho.display.meshcat.trails import first_times
 from drake_rho.display.meshcat.tubes_and_wind import has_tube, strongest_wind
 from drake_rho.display.viewer.readings import Curve, Readings
 from drake_rho.motion.simulation import Simulation
@@ -56,8 +55,8 @@ def payload(stage: Stage) -> dict[str, object]:
         "nearest": found.nearest.tolist() if np.any(np.isfinite(found.clearances)) else [],
         "requirements": _requirements(stage, found, decimals),
         "curves": _curves(stage, found, decimals),
-        "notice": "straight lines, not planned" if stage.flown.kind == "scenario" else "",
-        "windows": first_times(stage.flown.windows),
+        "notice": "straight lines, not planned" if stage.shown.kind == "scenario" else "",
+        "windows": [window.begin for window in stage.shown.windows],
         "knotsOnly": not scenario.between_knots,
         "tolerance": TOLERANCE * scene.size,
         "outline": np.round(scene.outline, decimals).tolist(),
@@ -184,14 +183,14 @@ def _ranges(found: Readings) -> dict[str, list[float]]:
 def _layers(stage: Stage) -> list[dict[str, object]]:
     """Return the layers that can be shown or hidden: titles, and paths in the scene tree."""
     scenario, detailed = stage.shown.scenario, not stage.scene.light
-    simulation = stage.flown.simulation if detailed else None
+    simulation = stage.shown.simulation if detailed else None
     entries = [
         ("Trails", ["trails"], True),
-        ("Predictions", ["predictions"], detailed and len(stage.flown.windows) > 0),
+        ("Predictions", ["predictions"], detailed and len(stage.shown.windows) > 0),
         (
             "Contingencies",
             ["contingencies"],
-            detailed and any(each.braking is not None for each in stage.flown.windows),
+            detailed and any(each.braking is not None for each in stage.shown.windows),
         ),
         ("Tubes", ["tube", "tubes"], simulation is not None and has_tube(simulation)),
         ("Plans", ["planned"], simulation is not None),
@@ -212,7 +211,7 @@ def _legend(stage: Stage) -> list[dict[str, str]]:
     entries: list[tuple[str, str]] = []
     if (note := stage.vehicles.note) is not None:
         entries.append((stage.vehicles.kinds[0], note))
-    if stage.flown.kind == "scenario":
+    if stage.shown.kind == "scenario":
         entries.append(("prediction", "straight lines, not planned"))
     if stage.conflicts is not None:
         entries.append(("conflict", "red: vehicles and obstacles in conflict"))
@@ -222,9 +221,9 @@ def _legend(stage: Stage) -> list[dict[str, str]]:
             entries.append(("goal", "waypoint"))
     else:
         entries.append(("goal", "goal"))
-    if detailed and len(stage.flown.windows) > 0:
+    if detailed and len(stage.shown.windows) > 0:
         entries.append(("prediction", "prediction of the current window"))
-    if detailed and any(each.braking is not None for each in stage.flown.windows):
+    if detailed and any(each.braking is not None for each in stage.shown.windows):
         entries.append(("contingency", "how it would brake to rest, its contingency"))
     if any(not isinstance(each.shape, Map) for each in scenario.bodies):
         entries.append(("obstacle", "obstacle"))
@@ -242,8 +241,8 @@ def _legend(stage: Stage) -> list[dict[str, str]]:
     if scenario.separation is not None:
         shells = f"half the required separation of {scenario.separation.distance:g} m"
         entries.append(("shell", f"{shells}: shells must not overlap"))
-    if stage.flown.simulation is not None and detailed:
-        entries += _disturbed(stage, stage.flown.simulation)
+    if stage.shown.simulation is not None and detailed:
+        entries += _disturbed(stage, stage.shown.simulation)
     return [{"sign": sign, "text": text} for sign, text in entries]
 
 

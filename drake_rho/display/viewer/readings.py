@@ -14,7 +14,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from drake_rho.display.common.clearances import least_clearances
-from drake_rho.display.common.drawable import Drawn, closest_two
+from drake_rho.display.common.drawable import Drawn
 from drake_rho.display.common.requirements import Kept, kept_positions
 from drake_rho.motion.nearest_vehicles import nearest_vehicles
 from drake_rho.motion.obstacle_clearances import nearest_obstacles
@@ -108,7 +108,7 @@ def _of_requirements(shown: Drawn, times: FloatArray, kept: Sequence[Kept]) -> C
 
 def _between_two(shown: Drawn, times: FloatArray, away: FloatArray) -> Curve:
     apart = shown.scenario.separation
-    found = closest_two(shown, apart or Separation(1.0))
+    found = shown.closest_two(apart or Separation(1.0))
     m = np.argmin(found.distances)
     return Curve(
         *_with(shown, times, away.min(axis=0), found.times[m], found.distances[m]),
