@@ -70,7 +70,7 @@ def test_a_corner_that_rounds_into_the_piece_before_it_is_not_missed(
 
 
 @given(start=starts.filter(lambda t: t >= 0.0), step=st.sampled_from([0.1, 1.0 / 3.0, 0.5]))
-@settings(max_examples=8)
+@settings(max_examples=3)
 def test_a_flight_in_wind_does_not_depend_on_when_it_begins(start: float, step: float) -> None:
     def at(begin: float) -> rho.Simulation:
         scenario = rho.Scenario(

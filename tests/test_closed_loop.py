@@ -121,6 +121,7 @@ def test_the_loop_equals_an_independent_simulation(kind: str, delay: int) -> Non
     assert len(simulation.flight.windows) == -(-(scenario.grid.knots - 1) // 4)
 
 
+@pytest.mark.slow
 def test_the_feedback_continues_where_windows_keep_the_previous_plan() -> None:
     """With a delay the feedback answers to errors from before the window."""
     kept = 0

@@ -98,6 +98,7 @@ def _nearly_impossible(duration: float) -> rho.Scenario:
     )
 
 
+@pytest.mark.slow
 def test_near_the_boundary_of_feasibility_few_programs_give_an_answer() -> None:
     """With tangent planes alone, programs had thousands of rows and gave no answer in minutes."""
     found = plan_along_paths(Problem.of(_nearly_impossible(6.40625)))

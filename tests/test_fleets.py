@@ -471,6 +471,7 @@ def test_two_vehicles_that_cannot_pass_in_a_corridor_are_named_with_the_time(nam
     assert "separation from v1" in str(caught.value)
 
 
+@pytest.mark.slow
 def test_solver_failures_at_large_penalties_end_in_the_names_of_the_pairs(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -211,6 +211,7 @@ def test_times_of_free_waypoints_are_those_of_the_least_time() -> None:
     assert rho.verify(horizon.flight).ok
 
 
+@pytest.mark.slow
 def test_free_waypoints_ahead_are_passed_earlier_with_the_arrival() -> None:
     horizon = rho.RecedingHorizon(
         through_a_gate(), replan_every=3, free_final_time=True, fallback=None

@@ -168,7 +168,7 @@ def test_no_named_constraint_can_be_omitted() -> None:
 
 
 @given(scenario=scenarios(tight=True))
-@settings(max_examples=10)
+@settings(max_examples=5)
 def test_without_any_one_of_the_named_boxes_there_is_a_plan_for_their_axes(
     scenario: rho.Scenario,
 ) -> None:

@@ -316,6 +316,7 @@ def test_windows_use_the_position_of_an_obstacle_at_their_times() -> None:
     assert rho.plan(shifted).cost == pytest.approx(rho.plan(scenario).cost, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_the_bound_includes_balls_and_ellipsoids_and_lists_the_rest() -> None:
     for kind in ("sphere", "ellipsoid"):
         for obstacle in moving(SHAPES[kind]):

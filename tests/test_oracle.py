@@ -46,6 +46,7 @@ def test_a_free_flight_takes_the_time_of_full_acceleration_and_speed() -> None:
     assert answer.seconds == pytest.approx(10.0 / 3.0 + 1.0, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_a_wall_has_a_path_through_its_gap_or_none() -> None:
     assert oracle.ask(field(*wall(0.0))).verdict == "none"
     assert oracle.ask(field(*wall(0.1))).verdict == "none"  # a gap less than the radius

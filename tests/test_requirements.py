@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydrake.solvers import ClarabelSolver, MathematicalProgram
 
@@ -186,6 +186,7 @@ BALLS = (
 
 
 @given(seed=st.integers(0, 10**6), turns=st.integers(0, 3))
+@settings(max_examples=6)
 def test_plans_move_and_turn_with_their_requirements(seed: int, turns: int) -> None:
     scenario, shift = two(*BALLS), np.random.default_rng(seed).uniform(-50.0, 50.0, 3)
     one, other = rho.plan(scenario), rho.plan(_moved(scenario, shift, turns))

@@ -134,6 +134,7 @@ def test_linked_fleets_keep_apart_in_every_coupling(coupling: Any) -> None:
     assert max(outside(plan, number) for number in range(4)) <= 12.0 * NEAR
 
 
+@pytest.mark.slow
 def test_links_hold_among_obstacles_that_the_first_linearisation_meets() -> None:
     """A wall with a door forces a chain through one opening."""
     lanes = [[0, 2.0 * i, 2] for i in range(3)]

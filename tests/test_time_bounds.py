@@ -211,6 +211,7 @@ def test_an_obstacle_bounds_times_at_which_it_is_there() -> None:
     assert early.bound > 1.01 * free
 
 
+@pytest.mark.slow
 def test_an_uncertain_obstacle_is_as_large_as_what_it_may_be_off() -> None:
     large, small = rho.Sphere([2.5, 0.1, 1.0], 0.8), rho.Sphere([2.5, 0.1, 1.0], 0.6)
     growing = rho.Obstacle(small, position_error=0.2, velocity_error=0.05, seen_at=0.0)

@@ -213,7 +213,7 @@ def test_huge_numbers_are_verified_without_warnings(plan: rho.Plan, huge: float)
 
 
 @given(scenario=scenarios())
-@settings(max_examples=33)
+@settings(max_examples=15)
 def test_random_plans_hold_in_an_independent_check(scenario: rho.Scenario) -> None:
     """Random scenarios are solved and verified, here by plain loops, or raise."""
     try:

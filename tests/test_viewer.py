@@ -197,6 +197,7 @@ def test_a_phone_shows_the_page_at_its_size(tmp_path: Path, lying: bool) -> None
         _keep(page, f"yard_{'lying' if lying else 'upright'}")
 
 
+@pytest.mark.slow
 def test_cards_overlap_neither_each_other_nor_a_vehicle_at_three_sizes(tmp_path: Path) -> None:
     plan = _yard()
     with _opened(rho.viewer_page(plan), tmp_path) as page:

@@ -121,6 +121,7 @@ def test_the_cost_is_that_of_a_program_written_out() -> None:
     assert rho.certify(best).lower_bound == pytest.approx(best.cost, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_fleets_of_every_size_have_weights() -> None:
     """Twenty vehicles are planned in groups by default; weights keep the cost of each."""
     fleet = rho.random_transitions(20, np.random.default_rng(0))
