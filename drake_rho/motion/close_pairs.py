@@ -156,7 +156,7 @@ def _relative(vectors: FloatArray, one: IntArray, other: IntArray, k: IntArray) 
 
 
 def _reach(step: float, v: FloatArray, a: FloatArray) -> FloatArray:
-    """Return bounds on the distance of motions in a step from their positions in its middle."""
+    """Return bounds on how far motions get from their positions in the middle of a step."""
     reach = lengths_of(v + step / 2 * a)
     reach += step / 4 * lengths_of(a)
     reach *= step / 2
@@ -183,7 +183,7 @@ def _closest_below(
 def _pairs_at(
     points: FloatArray, within: float, reach: FloatArray, of: IntArray | None
 ) -> tuple[IntArray, IntArray, IntArray]:
-    """Return pairs of points closer than a distance plus the reach of both, at T instants.
+    """Return pairs of points that may come within a distance, at T instants.
 
     Args:
         points: positions of all vehicles, shape (N, T, 3).

@@ -52,7 +52,7 @@ _DOCUMENT = TypeAdapter(_Document)
 def write_document(file: IO[bytes], flown: Flown, rate: float | None = None) -> None:
     """Write the states at every knot and, if a rate is given [1/s], at that rate as well.
 
-    With a smoothing they are those of the plan that is averaged.
+    With a smoothing, these are the states of the plan before averaging.
     """
     times, knots = with_knots(flown.scenario.grid, rate)
     samples = sample(flown.plan.stepwise() if flown.scenario.smoothing else flown, times)
@@ -82,7 +82,7 @@ def write_document(file: IO[bytes], flown: Flown, rate: float | None = None) -> 
 
 
 def is_document(text: str) -> bool:
-    """Return whether text begins like a JSON object, which may be such a document."""
+    """Return whether text begins like a JSON object, and so may be a document."""
     return text.lstrip().startswith("{")
 
 

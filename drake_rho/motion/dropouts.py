@@ -1,4 +1,4 @@
-"""Largest errors over all patterns of lost measurements, of which at most m in a row are lost.
+"""Largest errors over all patterns of measurement loss, with at most m lost in a row.
 
 Let q(k) be the number of measurements lost directly after sample k. Then q(k - 1) is 0 if the
 measurement of sample k arrives, and q(k) + 1 if it is lost. The effect of wind in sample k, and
@@ -19,7 +19,7 @@ from drake_rho.scenario.fields import FloatArray, IntArray
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Effects:
-    """Largest effects on a quantity of single causes, some samples ago, if q measurements are lost.
+    """Largest effects of single past causes on a quantity, if q measurements are lost.
 
     The arrays have the shape (1 + m, M, L), for q, M parts of a sample, and the number n of samples
     since the cause. A cause in the present sample has n = 0.

@@ -56,8 +56,8 @@ class Motion:
         before: acceleration just before the first knot [m/s²], shape (..., 3); NaN where it is
             unknown, and with it the jerk there.
         after: the same just after the last knot [m/s²], shape (..., 3).
-        flown: accelerations of the steps before the first knot that averages reach [m/s²], shape
-            (..., REACHED, 3); None for motions that begin at rest.
+        flown: accelerations of the steps before the first knot that enter the averages [m/s²],
+            shape (..., REACHED, 3); None for motions that begin at rest.
     """
 
     step: float
@@ -72,7 +72,7 @@ class Motion:
     def from_start(cls, start: State, accelerations: FloatArray, step: float) -> Self:
         """Return the motion of one vehicle from `start` with `accelerations`, shape (K-1, 3).
 
-        What it does after the last knot is unknown.
+        Its acceleration after the last knot is unknown.
         """
         p, v = roll_out(start.position, start.velocity, accelerations, step)
         return cls(step, p, v, accelerations, start.acceleration_outside, np.full(3, np.nan))
@@ -92,7 +92,7 @@ class Motion:
         step: float,
         begins: Mapping[int, FloatArray],
     ) -> Self:
-        """Return the motions of a fleet that begin anew, from given states, at some knots.
+        """Return motions of a fleet that restart from given states at some knots.
 
         The arrays have the states after each such knot; those before follow from the step before.
 
@@ -182,8 +182,8 @@ class Motion:
 
         The first or last step is extrapolated to times outside the flight. Accelerations are those
         of the step that contains a time; at a knot, of the step that begins there. Jerks are those
-        of the last knot before a time or at it, no number where the acceleration outside of the
-        flight is unknown.
+        of the last knot at or before a time, NaN where the acceleration outside the flight is
+        unknown.
 
         Args:
             quantity: one of the four.
@@ -199,7 +199,7 @@ class Motion:
         return self._at(quantity, times, lambda array, k: array[..., k, :])
 
     def each_at(self, quantity: Quantity, vehicles: IntArray, times: FloatArray) -> FloatArray:
-        """Return `at` of one vehicle at each time: indices and times (M,) give values (M, 3)."""
+        """Return `at` for one vehicle per time: indices and times (M,) give values (M, 3)."""
         return self._at(quantity, times, lambda array, k: vectors_of(array, vehicles, k))
 
     def _at(
@@ -240,8 +240,8 @@ class Motion:
     def jerks(self) -> FloatArray:
         """Return j[k] (7) at the knots [m/s³], shape (..., K, 3).
 
-        The first is that of the change from the acceleration before the first step, the last that
-        of the change to the one after the last step. Where this is unknown it is no number.
+        The first is the jerk from the acceleration before the first step, the last that to the
+        acceleration after the last step; NaN where this acceleration is unknown.
         """
         ends = self.before[..., None, :], self.after[..., None, :]
         return np.diff(self.accelerations, axis=-2, prepend=ends[0], append=ends[1]) / self.step

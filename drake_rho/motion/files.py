@@ -43,27 +43,27 @@ _LARGEST_ARRAY = 1 << 30
 _PLAN, _FLIGHT, _SIMULATION = (f"drake_rho {kind} 1" for kind in ("plan", "flight", "simulation"))
 _ARRAYS = ("positions", "velocities", "accelerations")
 _PLANS = ("plan", "reference", "contingency")
-"""Plans of a window, of which only a contingency may be missing."""
+"""Plans stored for a window; only the contingency may be missing."""
 
 _WINDOW_FIELDS: dict[str, TypeAdapter[Any]] = {
     name: TypeAdapter(list[kind])  # type: ignore[valid-type]  # types of fields are values here
     for name, kind in get_type_hints(Window, include_extras=True).items()
     if name not in {"first_knot", "infeasible", *_PLANS}
 }
-"""Fields of windows that are newer than the format of flights: older files do not have them."""
+"""Window fields newer than the format of flights: older files do not have them."""
 
 _ALWAYS = ("learned", "not_avoided", "kept", "off_tube")
-"""Fields of windows that every file has; it has the others only if any window does."""
+"""Required window fields; the others are optional, stored only if a window has them."""
 
 _MAP = "map"
-"""Beginning of the names of maps, which end in their numbers. Older files have none: their
-scenarios hold their maps themselves."""
+"""Prefix of the names of maps, followed by their numbers. Older files have none: their scenarios
+contain the maps."""
 
 _SIMULATED = ("times", "positions", "velocities", "wind", "commands")
 _ELAPSED, _LOST = "simulation.elapsed", "simulation.lost"
 _STATISTICS = TypeAdapter(Statistics)
 _JUMPS = "plan.jumps"
-"""Name of the knots at which a flight jumps, in files of flights that do."""
+"""Name of the knots at which a flight jumps; missing if it has no jumps."""
 _PARTS = ("scenario", "statistics", *_ARRAYS)
 
 
@@ -80,7 +80,7 @@ def save(planned: Flown, path: str | Path) -> None:
         path: of the file, used unchanged; its ending is `.npz`, or it has none.
 
     Raises:
-        ValueError: the ending is that of another format, or a number is too large to be read again.
+        ValueError: the ending belongs to another format, or a number is too large to be read again.
         OSError: the file cannot be written.
 
     Examples:
@@ -111,8 +111,8 @@ def save(planned: Flown, path: str | Path) -> None:
 def load(path: str | Path, scenario: Scenario | None = None) -> Flown:
     """Read a file written by `save`, or a plan that `export` has written as JSON or CSV.
 
-    A file holds the maps of its scenario as they were. Where a map was read from a file that is
-    there with other content now, a `MapChangedWarning` says so.
+    A file contains the maps of its scenario as they were. A `MapChangedWarning` is given if the
+    file of a map has other content now.
 
     Args:
         path: of the file, with any name.
@@ -238,7 +238,7 @@ def _unpack_flight(content: Archive, first_knots: list[int], maps: Sequence[Map]
 
 
 def _with_jumps(flight: Flight) -> Flight:
-    """Return a flight from measured states as flown, which older files forget.
+    """Return a flight from measured states with its jumps, which older files do not store.
 
     Their plans integrate the accelerations of all windows from the starts.
     """
@@ -253,7 +253,7 @@ def _with_jumps(flight: Flight) -> Flight:
 
 
 def _prefixes(windows: int, content: Mapping[str, np.ndarray]) -> list[dict[str, str]]:
-    """Return the beginnings of the names of every window's plans, by kind."""
+    """Return the name prefixes of every window's plans, by kind."""
     every = [{kind: f"window{number}.{kind}" for kind in _PLANS} for number in range(windows)]
     for each in every:
         if f"{each['contingency']}.scenario" not in content:
@@ -325,7 +325,7 @@ def _unpack(prefix: str, content: Archive, maps: Sequence[Map]) -> Plan:
 
 
 def _check_shape(content: Archive, name: str, expected: tuple[int, ...]) -> None:
-    """Check the shape that an array claims, before it is read."""
+    """Check the declared shape of an array before it is read."""
     if (found := content.shape(name)) != expected:
         raise ValueError(f"{name} has the shape {found}, expected {expected}")
 

@@ -21,7 +21,7 @@ from drake_rho.scenario.rest_of_flight import going_on
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Window(metaclass=Described):
-    """One prediction of a receding horizon: the whole rest of the flight, planned at one knot."""
+    """Window of a receding horizon: a prediction of the whole remaining flight from one knot."""
 
     first_knot: int
     """first knot of the window, counted from 0"""
@@ -30,30 +30,32 @@ class Window(metaclass=Described):
     reference: Plan
     """motion around which obstacles were linearised"""
     infeasible: str = ""
-    """empty, or the reason why no new plan was found; `plan` is then the tail of the previous plan
-    or, if that violates constraints known by now, a contingency or a plan of minimum violation"""
+    """empty, or the reason why no new plan was found; `plan` is then the remainder of the previous
+    plan or, if that violates constraints known by now, a contingency or a plan of minimum
+    violation"""
     learned: tuple[Ordinal, ...] = ()
     """numbers of the obstacles, from 1, that became known with this window"""
     not_avoided: tuple[Ordinal, ...] = ()
     """numbers of the obstacles, from 1, that its plan does not avoid"""
     kept: bool = False
-    """true if its plan is the rest of the previous one, which still satisfies all constraints in
-    its old tube"""
+    """true if its plan is the remainder of the previous one, which still satisfies all constraints
+    in its old tube"""
     off_tube: tuple[str, ...] = ()
     """names of the vehicles that deviated from the previous plan by more than its tube and the
     estimation errors allow, and so were disturbed more than the scenario states"""
     unseen: tuple[str, ...] = ()
     """names of the vehicles whose states were not measured but predicted"""
     contingency: Plan | None = None
-    """motion that follows `plan` up to the next window and then brakes to rest, clear of all that
-    is known; its goals are the places of rest. None if none was asked for or found"""
+    """motion that follows `plan` up to the next window and then brakes to rest, clear of everything
+    known; its goals are the stopping positions. None if not requested or not found"""
     no_contingency: str = ""
-    """empty, or the reason why a contingency that was asked for was not found"""
+    """empty, or the reason why a requested contingency was not found"""
     stopping: bool = False
-    """true if `plan` brakes to rest: a contingency, flown because nothing else keeps clear"""
+    """true if `plan` is a contingency that brakes to rest, flown because nothing else keeps
+    clear"""
     cost_bound: NotNegative | None = None
-    """largest cost of the flight from this window on [m²/s⁴], whatever the disturbance, as long as
-    nothing new becomes known; None if it was not asked for"""
+    """upper bound on the cost of the flight from this window on [m²/s⁴], for any allowed
+    disturbance, as long as nothing new becomes known; None if not requested"""
 
     def __repr__(self) -> str:
         """Return a short text, such as '<Window from knot 6: a new plan, cost 12.5 m²/s⁴>'."""
@@ -64,7 +66,7 @@ class Window(metaclass=Described):
 
     @property
     def braking(self) -> Plan | None:
-        """Part of the contingency that differs from the plan; None if there is none or no other."""
+        """Contingency from the step where it departs from the plan; None if there is none."""
         if self.contingency is None:
             return None
         steps = self.plan.accelerations.shape[1]
@@ -83,11 +85,11 @@ class Window(metaclass=Described):
         return dataclasses.replace(self.reference.statistics + own, seconds=own.seconds)
 
     def after(self, spent: Statistics) -> Window:
-        """Return the window with the statistics of what was done before its plan, too."""
+        """Return the window with the statistics of earlier attempts added to its plan's."""
         return self._with(self.plan.with_statistics(spent + self.plan.statistics))
 
     def going_on(self, flown: FloatArray) -> Window:
-        """Return the window after what was flown, which averages of a smoothing reach."""
+        """Return the window with the accelerations flown before it, for a smoothing's averages."""
 
         def after(plan: Plan) -> Plan:
             return unchecked(plan, scenario=going_on(plan.scenario, flown))
@@ -101,7 +103,7 @@ class Window(metaclass=Described):
         return self._with(self.plan.lasting(seconds))
 
     def _with(self, plan: Plan) -> Window:
-        """Return the window with a plan of the same motion, as its own reference if it is one."""
+        """Return the window with a copy of its plan, also as reference if the plan is its own."""
         reference = plan if self.reference is self.plan else self.reference
         return unchecked(self, plan=plan, reference=reference)
 
@@ -126,22 +128,22 @@ class Sighting:
 class Flight(ShownInNotebooks, metaclass=Described):
     """Flight of a scenario with a receding horizon, as it was flown.
 
-    It is a sequence of pieces. A window that began at measured states begins one, so that the
-    motion jumps to these; other windows go on with the piece before.
+    It is a sequence of pieces. A window that begins at measured states starts a new piece, to which
+    the motion jumps; other windows continue the piece before.
     """
 
     plan: Plan
-    """the flown trajectories: of every window the part until the next, from the states with which
-    it began. Where these were measured, the motion jumps (`Plan.jumps`)"""
+    """the flown trajectories: each window from its initial states until the next window. Where
+    these states were measured, the motion jumps (`Plan.jumps`)"""
     windows: tuple[Window, ...]
-    """predictions of which the flight consists, in the order of time"""
+    """windows of the flight, in the order of time"""
 
     @classmethod
     def composed(cls, scenario: Scenario, windows: Sequence[Window]) -> Self:
         """Return the flight of a scenario by windows, each flown until the next.
 
-        A window that began at measured states begins a new piece of the motion there. The others
-        go on with the one before.
+        A window that begins at measured states starts a new piece of the motion there. Other
+        windows continue the piece before.
         """
         begins = beginnings(scenario, windows)
         ends = [*(window.first_knot for window in windows[1:]), scenario.grid.knots - 1]
@@ -174,7 +176,7 @@ class Flight(ShownInNotebooks, metaclass=Described):
 
     @property
     def scenario(self) -> Scenario:
-        """The flown scenario, with the starts that were given, not the states measured there."""
+        """The flown scenario, with the given starts, not the states measured there."""
         return self.plan.scenario
 
     @property

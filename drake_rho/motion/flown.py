@@ -1,4 +1,4 @@
-"""`Flown`: plans, flights and simulations by what they have in common."""
+"""`Flown`: a plan, a flight or a simulation, with their common interface."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ at times on the scenario's clock, `sampled` at times since the first knot.
 def sample(flown: Flown, elapsed: FloatArray) -> Samples:
     """Return the states to export at some times since the first knot [s], shape (M,).
 
-    From the end on, which is the last knot but for a smoothing, positions and velocities remain
+    From the end on (the last knot, or later with a smoothing) positions and velocities remain
     constant and accelerations are zero.
 
     Raises:

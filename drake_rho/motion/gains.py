@@ -29,7 +29,7 @@ _EXACT = 1e-5
 """Relative accuracy of the largest tolerable wind for given gains, if measurements may be lost."""
 
 _WIND_PARTS = (1.0, *np.arange(1.0 - _COARSE, 0.0, -_COARSE).tolist())
-"""Parts of a wind that are tried in this order until one is tolerable with its best gains."""
+"""Parts of a wind, tried in this order until one is tolerable with its best gains."""
 
 _BANDWIDTHS = 12
 _FASTEST = 1.5
@@ -72,7 +72,7 @@ class Loop(NamedTuple):
 @lru_cache(maxsize=256)
 @single_threaded_blas()
 def best_gains(loop: Loop) -> tuple[float, float]:
-    """Return the gains that minimise the largest radius of the position with feedback in its limit.
+    """Return the gains that minimise the largest position radius, with feedback within its limit.
 
     If many gains have the same largest radius, for example where the initial error is the largest,
     those with a smaller final radius and weaker feedback are preferred.
@@ -176,7 +176,7 @@ def _tolerable_quotients(loop: Loop, responses: Responses, radius: float) -> tup
 
 
 def _excess(loop: Loop, responses: Responses, radius: float, wind: float) -> float:
-    """Return by how much radii in a wind exceed their limits, at most; negative if none does."""
+    """Return the largest excess of radii over their limits in a wind; negative if within all."""
     found = _bounded(loop, responses, (wind, *loop.sizes[1:]))
     limits = zip(found, (radius, loop.limit), strict=False)
     return max(float(each.max()) - most for each, most in limits)

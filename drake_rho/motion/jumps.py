@@ -1,4 +1,4 @@
-"""Jumps of flights, whose windows begin at measured states: `Jump`."""
+"""Jumps of flights where windows begin at measured states: `Jump`."""
 
 from __future__ import annotations
 
@@ -69,11 +69,11 @@ def largest_jump(plan: Plan) -> Jump | None:
 
 
 def check_continuous(plan: Plan, expected: str) -> None:
-    """Check that a motion which is to be flown does not jump.
+    """Check that a motion to be flown does not jump.
 
     Args:
         plan: the motion, such as the record of a flight.
-        expected: what is expected instead, in words.
+        expected: text of what is expected instead.
 
     Raises:
         ValueError: it jumps to measured states.

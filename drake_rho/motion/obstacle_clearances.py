@@ -1,4 +1,4 @@
-"""Distances and clearances of vehicles from obstacles, at some times and least of all."""
+"""Distances and clearances of vehicles from obstacles, at given times and at their least."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class ClosestApproaches:
 
 
 def distances(plan: Moving, obstacle: Obstacle, times: FloatArray) -> FloatArray:
-    """Return the distances of all vehicles from where an obstacle may be, negative inside.
+    """Return the distances of all vehicles from the space an obstacle may occupy, negative inside.
 
     Args:
         plan: the vehicles' motion.

@@ -10,9 +10,8 @@ the distance alone, conservative advancement, stalls where a motion touches a sh
 The result is not sampled, but exact to a precision. A ball has a closed form
 (`drake_rho.motion.extremes`).
 
-A shape whose place is uncertain may be anywhere within a distance that grows linearly in a piece.
-The signed distance from where it may be is d less an affine function of s, so that all of this
-holds for it too.
+The position error of an uncertain shape grows linearly in a piece. The signed distance from the
+space that it may occupy is d less an affine function of s, so that all of this holds for it too.
 """
 
 from __future__ import annotations
@@ -59,11 +58,11 @@ class Pieces:
     a: FloatArray
     """relative accelerations [m/s²], shape (M, 3)"""
     parts: IntArray
-    """number of the part of a map that each is near, in whose frame it is; 0 for a shape, (M,)"""
+    """number of the nearby part of a map, in whose frame the piece is; 0 for a shape, (M,)"""
     errors: FloatArray
-    """how far the shape may be from its place when the piece begins [m], shape (M,)"""
+    """position error of the shape when the piece begins [m], shape (M,)"""
     growths: FloatArray
-    """speeds at which that distance grows [m/s], shape (M,)"""
+    """growth rates of the position error [m/s], shape (M,)"""
 
     def at(self, s: FloatArray) -> FloatArray:
         """Return positions [m], shape (M, 3), at times s [s] since each piece's beginning, (M,)."""
@@ -121,7 +120,7 @@ def _near_box(
     durations: FloatArray,
     within: FloatArray,
 ) -> BoolArray:
-    """Return which pieces (N, K) may come within distances (N, K) of a box around the origin."""
+    """Return a mask of the pieces (N, K) that may come within distances (N, K) of a centred box."""
     w = durations[:, None]  # a coordinate that turns round moves at most as far as v/2 does in w
     moved = w * np.maximum(np.abs(v + w / 2 * a), np.abs(v) / 2)
     reach = extent + within[..., None] + moved
@@ -162,7 +161,7 @@ def deepest(
 ) -> tuple[IntArray, FloatArray]:
     """Return the pieces that come below a signed distance from a shape, with their lowest instants.
 
-    Distances are those from where the shape may be.
+    Distances are those from the space that the shape may occupy.
 
     Args:
         shape: the shape; of a map, each piece is seen from its own part alone.

@@ -66,9 +66,9 @@ class Plan(ShownInNotebooks, metaclass=Described):
     reference: Plan | None = None
     """motion around which obstacles were linearised; None if there was none"""
     jumps: tuple[int, ...] = ()
-    """knots, from 0, at which a flight's motion begins anew: its windows from there began at
-    measured states. Arrays have the states after a jump; those before it follow from the step that
-    ends there. None in what a planner returns"""
+    """knots, from 0, at which a flight's motion jumps to the measured states of a new window.
+    Arrays have the states after a jump; those before it follow from the step that ends there. Empty
+    for a planner's result"""
 
     def __post_init__(self) -> None:
         vehicles, knots = len(self.scenario.vehicles), self.scenario.grid.knots
@@ -111,7 +111,7 @@ class Plan(ShownInNotebooks, metaclass=Described):
         begins: Mapping[int, FloatArray],
         statistics: Statistics | None = None,
     ) -> Self:
-        """Return motions that begin anew at some knots, as flights from measured states do.
+        """Return motions that restart at some knots, as flights from measured states do.
 
         Args:
             scenario: the flown scenario.
@@ -144,7 +144,7 @@ class Plan(ShownInNotebooks, metaclass=Described):
         return self.with_statistics(unchecked(self.statistics, seconds=seconds))
 
     def found_around(self, reference: Plan) -> Plan:
-        """Return the plan with its reference, of which only the motion is stored."""
+        """Return the plan with a reference, stored as its motion alone."""
         motion = unchecked(reference, reference=None, statistics=Statistics())
         return unchecked(self, reference=motion)
 
@@ -269,11 +269,11 @@ class Plan(ShownInNotebooks, metaclass=Described):
         return None if smoothing is None else SmoothMotion(self.motion(), smoothing)
 
     def stepwise(self) -> Plan:
-        """Return the plan as if it were flown as planned, without its smoothing."""
+        """Return the plan without its smoothing."""
         return unchecked(self, scenario=self.scenario.derived(smoothing=None))
 
     def polynomials(self) -> Polynomials:
-        """Return the motion as piecewise polynomials, with a smoothing that of the averages."""
+        """Return the motion as piecewise polynomials; with a smoothing, the smooth motion."""
         if (smooth := self.smooth()) is not None:
             return smooth.polynomials()
         p, v, a = self.positions[:, :-1], self.velocities[:, :-1], self.accelerations
@@ -310,11 +310,11 @@ class Plan(ShownInNotebooks, metaclass=Described):
     def holding(self, seconds: float) -> Plan:
         """Return the plan continued at rest: vehicles hold at their goals for a time after the end.
 
-        Its grid has as many more steps as the time needs. The feedback, if any, is that of this
-        plan, so that the error tube goes on as it was.
+        Its grid is longer by the time, rounded up to whole steps. The feedback, if any, is that of
+        this plan, so that the error tube goes on as it was.
 
         Args:
-            seconds: time to hold [s]; of a part of a step, the whole step is added.
+            seconds: time to hold [s], rounded up to whole steps.
 
         Raises:
             ValueError: the time is negative, infinite or NaN, or there would be too many knots.
@@ -350,7 +350,7 @@ class Plan(ShownInNotebooks, metaclass=Described):
         )
 
     def tail(self, knot: int) -> Plan:
-        """Return the rest of the plan from `knot`, counted from 0, as a separate plan.
+        """Return the remaining plan from `knot`, counted from 0, as a separate plan.
 
         Raises:
             ValueError: no step begins at `knot`.

@@ -1,4 +1,4 @@
-"""Scenarios of the rest of a planned flight."""
+"""Scenarios of the remainder of a planned flight."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from drake_rho.scenario.rest_of_flight import from_states
 
 
 def remainder(scenario: Scenario, motion: Motion, knot: int) -> Scenario:
-    """Return the scenario of the rest of a planned flight.
+    """Return the scenario of the remainder of a planned flight.
 
     Goals and arrival time remain. The start is the planned state at the knot, with the acceleration
-    of the step before it. With a smoothing, its averages go on from those before.
+    of the step before it. With a smoothing, its averages continue those before.
 
     Args:
-        scenario: of a flight, or of its rest.
+        scenario: of a flight, or of its remainder.
         motion: planned for it, arrays of shape (N, ..., 3).
         knot: first knot, counted from 0.
 
@@ -45,7 +45,7 @@ def remainder(scenario: Scenario, motion: Motion, knot: int) -> Scenario:
 
 
 def goes_on(fleet: Fleet, planned: FloatArray, states: FloatArray) -> bool:
-    """Return whether states are those with which the rest of a plan begins, to the last digit.
+    """Return whether states equal those of a plan at a knot, to the last digit.
 
     Args:
         fleet: of the plan.

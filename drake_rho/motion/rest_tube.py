@@ -40,7 +40,7 @@ _PARTS, _ROUNDS = 8, 6
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class RestTube:
-    """Error tube of vehicles that stay where their plan ends, from its end on."""
+    """Error tube of vehicles that hold at the end of their plan."""
 
     tube: ErrorTube
     """tube on a grid so long that its radii are constant at the end, if they ever are"""

@@ -31,7 +31,7 @@ _CAUSES: Final = ([WIND_AT_END, WIND_AT_BEGIN], [2], [3], [4], [5])
 """Causes whose sizes are given: wind, estimation errors, and initial errors."""
 
 _NEGLIGIBLE = 1e-18
-"""Part of its initial size at which a decayed error is below the rounding of any sum."""
+"""Part of its initial size at which a decayed error vanishes in the rounding of any sum."""
 
 _PER_CHUNK = 20_000
 """Number of values computed at a time: a few arrays of this size fit into the cache."""

@@ -29,9 +29,9 @@ COLUMNS = (
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Samples(metaclass=Described):
-    """States of vehicles at times: what `at` of a plan, a flight or a simulation returns.
+    """States of vehicles at times, as returned by `at` of a plan, a flight or a simulation.
 
-    Arrays are of shape (N, T, 3), or (T, 3) for one vehicle that was named.
+    Arrays are of shape (N, T, 3), or (T, 3) for a single vehicle.
 
     Examples:
         >>> plan = rho.plan(rho.load_scenario("paper"))

@@ -38,8 +38,8 @@ def error_tube(
     With a smoothing the tube is around the smooth motion and begins with it, before the first knot.
 
     With a delay, `Disturbance.prediction` determines the feedback. If it is not given, the feedback
-    predicts the state where the largest radius is then the smaller one, with the best gains of each
-    and no initial error. It is given in the tube's own `disturbance`.
+    predicts the state if that reduces the largest radius, with the best gains of each and no
+    initial error. The tube's own `disturbance` states the choice.
 
     Args:
         scenario: the scenario.
@@ -80,7 +80,7 @@ def tube_of(scenario: Scenario) -> ErrorTube:
 
 
 def _flown(scenario: Scenario) -> Grid:
-    """Return the grid of a flight: longer than the plan's by what a smoothing adds, or more."""
+    """Return the grid of a flight: the plan's, extended in whole steps for a smoothing."""
     grid, lead = scenario.grid, scenario.lead
     if lead == 0.0:
         return grid
@@ -97,7 +97,7 @@ def _tracked(disturbance: Disturbance, tracked: Tracking, grid: Grid) -> ErrorTu
 
 
 def _decided(scenario: Scenario, disturbance: Disturbance) -> Disturbance:
-    """Return a scenario's disturbance in which it is decided whether the feedback predicts."""
+    """Return a scenario's disturbance with the choice of `prediction` made."""
     if (tracked := disturbance.tracking) is not None:
         return unchecked(disturbance, prediction=tracked.prediction)
     if disturbance.prediction is not None or disturbance.delay == 0:
@@ -118,9 +118,9 @@ def largest_disturbance(
 ) -> float:
     """Return the largest W [m/s²] with which the tube's position radius is at most `position` [m].
 
-    Everything else is that of the scenario: estimation errors, delay, share, and the gains of its
-    `tracking`, if given. The result is infinite only for an infinite radius, and 0 where the
-    estimation errors alone exceed it.
+    Estimation errors, delay, share, and the gains of its `tracking`, if given, are the scenario's.
+    The result is infinite only for an infinite radius, and 0 where the estimation errors alone
+    exceed it.
 
     Raises:
         ValueError: the scenario has no disturbance, or the radius is negative or NaN.

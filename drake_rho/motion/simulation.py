@@ -35,8 +35,8 @@ class Simulation(ShownInNotebooks, metaclass=Described):
     """
 
     flight: Flight
-    """planned windows; `flight.plan` is what they planned until the next one began, and so is the
-    flown motion only where there was no wind"""
+    """planned windows; `flight.plan` joins the plan of each until the next one, and equals the
+    flown motion only without wind"""
     times: FloatArray
     """times on the scenario's clock, from its first knot to its last [s], shape (M,)"""
     positions: FloatArray
@@ -106,12 +106,12 @@ class Simulation(ShownInNotebooks, metaclass=Described):
 
     @property
     def plan(self) -> Plan:
-        """Motion planned by the windows, each until the next, which jumps where they began."""
+        """Motion planned by the windows, each until the next, with jumps where they begin."""
         return self.flight.plan
 
     @property
     def windows(self) -> tuple[Window, ...]:
-        """Predictions of which the flight consists, in the order of time."""
+        """Windows of the flight, in the order of time."""
         return self.flight.windows
 
     @property

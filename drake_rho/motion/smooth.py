@@ -1,10 +1,10 @@
 """Smooth motions of plans: moving averages of positions, in closed form (`rho.Smoothing`).
 
-A plan is at rest before its first knot and after its last; that of a window goes on from what was
-flown before. Its acceleration is then a sum of steps,
-one at each knot, and all that averaging does to a step is within n w/2 of it. So the smooth motion
-is the plan's own, with the accelerations of the step at a time t displaced by n w²/24 a, plus one
-term for each knot that is nearer than n w/2. With the truncated powers
+A plan is at rest before its first knot and after its last; that of a window continues the flown
+motion. Its acceleration is then a sum of steps, one at each knot, and averaging changes a step only
+within n w/2 of it. So the smooth motion is the plan's own, displaced by n w²/24 a with the
+acceleration a of the step at a time t, plus one term for each knot nearer than n w/2. With the
+truncated powers
 
     F_m(s) = w^(m - n) / m! Σ_j (-1)^j binom(n, j) (s/w + n/2 - j)+^m,    s <= 0,
 
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from pydrake.trajectories import PiecewisePolynomial
 
 _KNOTS = -1, 0, 1, 2
-"""Knots that averages at a time may reach, relative to the one at which its step begins."""
+"""Knots that may affect averages at a time, relative to the one at which its step begins."""
 
 _AROUND = np.arange(-2, 3)
 """Steps beside these knots, relative to the step that contains the time."""
@@ -119,7 +119,7 @@ class SmoothMotion:
 
     @cached_property
     def _extended(self) -> Motion:
-        """The motions with what was flown, or rest, before, and with rest after."""
+        """The motions, with the flown motion or rest before and with rest after."""
         own = self.motion
         if own.flown is not None:
             return self._flown_on
@@ -130,7 +130,7 @@ class SmoothMotion:
 
     @property
     def _flown_on(self) -> Motion:
-        """The motions with what was flown before and with rest after."""
+        """The motions, with the flown motion before and with rest after."""
         own, after = self.motion, ((0, 0), (0, REACHED), (0, 0))
         assert own.flown is not None  # noqa: S101  # the caller checks this
         h, a = own.step, own.flown
@@ -147,7 +147,7 @@ class SmoothMotion:
         )
 
     def flown_until(self, knot: int) -> FloatArray:
-        """Return the accelerations before a knot that averages reach [m/s²], (N, REACHED, 3)."""
+        """Return accelerations before a knot that enter the averages [m/s²], (N, REACHED, 3)."""
         return np.asarray(self._extended.accelerations[:, knot : knot + REACHED])
 
     def _steps_of(self, elapsed: FloatArray) -> IntArray:
@@ -155,7 +155,7 @@ class SmoothMotion:
         return step_at(elapsed, self.motion.step)
 
     def _beside(self, order: int, elapsed: FloatArray, k: IntArray) -> FloatArray:
-        """Return what knots nearby add to a derivative of the accelerations, shape (N, M, 3).
+        """Return contributions of nearby knots to a derivative of the accelerations, (N, M, 3).
 
         Args:
             order: of the derivative; negative for integrals, of which -2 are the positions.
@@ -173,9 +173,9 @@ class SmoothMotion:
 
 
 def corrections(smoothing: Smoothing, step: float, times: FloatArray) -> FloatArray:
-    """Return what averages add to positions, as weights of accelerations [s²], shape (M, 5).
+    """Return the change of positions by averaging, as weights of accelerations [s²], shape (M, 5).
 
-    They are those of the step that contains a time, of the two before and of the two after.
+    The weights are those of the step that contains a time, of the two before and of the two after.
 
     Args:
         smoothing: the averages.
@@ -216,7 +216,7 @@ def steps_around(
 ) -> tuple[IntArray, FloatArray]:
     """Return steps near times, -1 for none, and weights of their accelerations, (M, 5) each.
 
-    The weights are what averages add to positions (`corrections`).
+    The weights are those of `corrections`.
     """
     steps = step_at(times, grid.step)[:, None] + _AROUND
     within = (steps >= 0) & (steps < grid.knots - 1)  # accelerations are zero elsewhere
@@ -224,7 +224,7 @@ def steps_around(
 
 
 def _of_knot(smoothing: Smoothing, order: int, s: FloatArray, passed: bool) -> FloatArray:
-    """Return what the jump of the acceleration at a knot adds to a derivative of these, (M,).
+    """Return the contribution of a knot's jump to a derivative of the accelerations, (M,).
 
     Args:
         smoothing: the averages.

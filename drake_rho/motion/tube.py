@@ -23,7 +23,7 @@ from drake_rho.scenario.parts import Grid, Quantity
 from drake_rho.scenario.times import Clock
 
 _ROUND = 32
-"""Number of steps to a multiple of which cached radii are computed."""
+"""Cached radii are computed for a multiple of this number of steps."""
 
 
 class Maximum(NamedTuple):
@@ -71,7 +71,7 @@ class ErrorTube(metaclass=Described):
             )
 
     def __eq__(self, other: object) -> bool:
-        """Return whether all numbers are equal; they serve as a key, as records cannot."""
+        """Return whether all numbers are equal, so that tubes, unlike records, are keys."""
         return isinstance(other, ErrorTube) and self._numbers == other._numbers
 
     def __hash__(self) -> int:
@@ -212,7 +212,7 @@ class ErrorTube(metaclass=Described):
         return np.asarray(passed)
 
     def _pieces(self, begins: npt.ArrayLike, ends: npt.ArrayLike) -> Pieces:
-        """Return pieces of time in samples. An end where a sample begins is in the one before."""
+        """Return pieces of time in samples. An end between two samples is in the first."""
         begins, ends = np.broadcast_arrays(np.atleast_1d(begins), np.atleast_1d(ends))
         first, a = self.sample_at(begins)
         passed = self._passed(ends)
