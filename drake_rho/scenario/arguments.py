@@ -91,8 +91,8 @@ def passes_to(
 ) -> Callable[[Callable[_Arguments, _Result]], Callable[_Arguments, _Result]]:
     """Return a decorator for functions whose `**` takes the keyword arguments of another one.
 
-    Their signatures and annotations list these arguments one by one, before the function's own
-    keyword arguments, for help, completion and `checked`.
+    Their signatures and annotations list each of these arguments, before the function's own keyword
+    arguments, for help, completion and `checked`.
     """
 
     def listed(function: Callable[_Arguments, _Result]) -> Callable[_Arguments, _Result]:
@@ -130,7 +130,7 @@ def _refusal(name: str, value: object, kinds: tuple[_Kind, ...]) -> TypeError | 
 
 @functools.cache
 def kinds_of(function: Callable[..., object]) -> dict[str, tuple[_Kind, ...]]:
-    """Return the accepted kinds of every argument that does not accept everything, by name."""
+    """Return the accepted kinds of each restricted argument, by name."""
     hints = get_type_hints(function)
     hints.pop("return", None)
     kinds = {name: [_kind_of(part) for part in _parts_of(hint)] for name, hint in hints.items()}
@@ -151,7 +151,7 @@ def _types_of(function: Callable[..., object]) -> dict[str, tuple[type, ...]]:
 
 
 def _parts_of(hint: Any) -> list[Any]:
-    """Return the members of a union and the values of a literal type, one by one."""
+    """Return the members of a union, or the single values of a literal type."""
     if hint == npt.ArrayLike:  # a union with many members that are not numbers
         return [FloatArray]
     if get_origin(hint) in (Union, types.UnionType):
@@ -203,7 +203,7 @@ def _sequence_of(kinds: list[_Kind | None]) -> _Kind:
 
 
 def _is_number(value: object) -> bool:
-    """Return whether a value is a number; True and False are none."""
+    """Return whether a value is a number; True and False are not."""
     return isinstance(value, Real) and not isinstance(value, bool)
 
 

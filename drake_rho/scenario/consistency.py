@@ -43,7 +43,7 @@ def check_obstacles(obstacles: Sequence[AnyObstacle], grid: Grid) -> None:
     """Check that obstacles are solid and become known before the end of the flight.
 
     Raises:
-        ScenarioError: an obstacle is not, or does not.
+        ScenarioError: an obstacle is not solid, or becomes known later.
     """
     for index, each in enumerate(obstacles):
         try:
@@ -60,11 +60,11 @@ def check_obstacles(obstacles: Sequence[AnyObstacle], grid: Grid) -> None:
 def check_maps(obstacles: Sequence[Obstacle], fleet: Fleet) -> None:
     """Check that vehicles have a radius where there are maps.
 
-    A map is a surface, or cells side by side. A point may come as near to it as it likes, and so
-    pass a wall between two cells, or through a sheet.
+    A map is a surface, or cells side by side. A vehicle without a radius could pass a wall between
+    two cells, or through a sheet.
 
     Raises:
-        ScenarioError: a vehicle has none, or one within the map's tolerance.
+        ScenarioError: a vehicle has no radius, or one too small for the map's tolerance.
     """
     for number, obstacle in enumerate(obstacles, start=1):
         if isinstance(obstacle.shape, Map):
@@ -95,8 +95,8 @@ def check_ends(
         obstacles: all obstacles.
         separation: required of every pair, if any.
         under_way: whether starts are states that a flight has reached, which are not checked.
-        smoothing: margin of positions [m], and time before the start and after the end [s] at which
-            vehicles are still there, or within this margin.
+        smoothing: margin of positions [m], and time before the start and after the end [s] during
+            which vehicles stay within this margin of them.
 
     Raises:
         ScenarioError: a start or a goal violates one of these constraints.
@@ -120,11 +120,11 @@ def check_goals_at_rest(
     vehicles: Sequence[Vehicle],
     expected: str = "none with hold_at_goal: vehicles hold at goals at rest only",
 ) -> None:
-    """Check that goals are at rest, where vehicles are to hold at them.
+    """Check that the goals at which vehicles have to hold are at rest.
 
     Args:
         vehicles: the vehicles.
-        expected: what the error says was expected.
+        expected: text of what was expected, for the error.
 
     Raises:
         ScenarioError: a goal has a velocity, or an acceleration after it.
@@ -168,7 +168,7 @@ def check_limits(fleet: Fleet, vehicles: Sequence[Vehicle], *, under_way: bool =
 
 
 def _given_accelerations(states: Sequence[State]) -> FloatArray:
-    """Return the accelerations that are given [m/s²], shape (N, 3); NaN for others."""
+    """Return the given accelerations [m/s²], shape (N, 3); NaN where none is given."""
     given = [each.acceleration for each in states]
     return np.array([np.full(3, np.nan) if each is None else each for each in given])
 
@@ -185,7 +185,7 @@ def check_waypoints(
         earlier: time by which the motion of a window begins before the first knot [s].
 
     Raises:
-        ScenarioError: a waypoint is not.
+        ScenarioError: a waypoint violates one of these constraints.
     """
     for index, waypoints in enumerate(fleet.waypoints):
         where = f"waypoints[{index}]"
@@ -222,9 +222,9 @@ def check_outside(
         obstacles: all obstacles, numbered from 1 in this order.
         where: field of a vehicle that holds the positions, such as `"start.position"`.
         positions: of the vehicles [m], shape (N, 3).
-        times: on the scenario's clock [s], shape (N,). Where they are NaN, only those obstacles
-            count that are always at one place.
-        margin: further distance from obstacles that are not always there [m].
+        times: on the scenario's clock [s], shape (N,). Where they are NaN, only steady obstacles
+            count (`Obstacle.is_steady`).
+        margin: further distance from obstacles that are not steady [m].
 
     Raises:
         ScenarioError: a vehicle is too close to an obstacle.
@@ -263,7 +263,7 @@ def check_requirements(
     grid: Grid,
     under_way: bool,
 ) -> None:
-    """Check that requirements name vehicles, are in the flight, and hold where states are given.
+    """Check that requirements name vehicles, are in the flight, and hold at given states.
 
     Args:
         requirements: all requirements, numbered from 1 in this order.

@@ -1,4 +1,4 @@
-"""What the validation of a scenario from a file has to know beside its content."""
+"""Context of a scenario's validation: folder, stored maps, and whether it is under way."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from pydantic import ValidationInfo
 
 @dataclasses.dataclass(frozen=True)
 class Context:
-    """Circumstances in which a scenario is validated."""
+    """Context in which a scenario is validated."""
 
     under_way: bool = False
     """true for the remainder of a flight, whose starts are given, not chosen"""
     folder: Path = Path()
-    """folder to which the paths of maps are relative"""
+    """base folder of the relative paths of maps"""
     maps: Sequence[Any] = ()
-    """maps that a file stores once, to which scenarios refer by their number"""
+    """maps stored once in a file, to which scenarios refer by number"""
 
 
 def context_of(info: ValidationInfo[Context | None]) -> Context:
-    """Return the circumstances of a validation; those of a record made in Python if none."""
+    """Return the context of a validation; the default one for a record made in Python."""
     return info.context or Context()

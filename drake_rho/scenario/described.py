@@ -73,7 +73,7 @@ class ShownInNotebooks:
 
     @staticmethod
     def shown_by(html_of: Callable[[object], str]) -> None:
-        """Show all records by the HTML that a function returns: they know nothing of displays."""
+        """Set the function that returns the HTML of all records, which know nothing of displays."""
         ShownInNotebooks._html_of = html_of
 
     def _repr_html_(self) -> str | None:

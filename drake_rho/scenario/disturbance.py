@@ -51,9 +51,9 @@ class Disturbance:
 
     The motion of a vehicle is p'' = a + u + w with the planned acceleration a, the unknown one w,
     and the feedback u. The feedback is constant from one sample to the next and linear in the
-    error, predicted from the newest measurement that has arrived or measured some time ago. At the
-    first knot, vehicles are exactly at their starts; a receding horizon that is given other states
-    there treats them as estimates.
+    error, either predicted from the newest measurement that has arrived or as measured some time
+    ago. At the first knot, vehicles are exactly at their starts; a receding horizon with other
+    given states there treats them as estimates.
 
     Examples:
         >>> wind = rho.Disturbance(acceleration=0.5, feedback_every=0.05)
@@ -153,10 +153,10 @@ class Disturbance:
         return self.position_error + age * (self.velocity_error + velocity) / 2.0, velocity
 
     def for_grid(self, grid: Grid) -> Self:
-        """Return the disturbance for another grid, as planners that try other steps need it.
+        """Return the disturbance for another grid, for planners that try other steps.
 
         Samples keep their length or, if that does not divide the step, are shortened as little as
-        possible. They are longer where there would be too many.
+        possible. They are longer if there would be too many.
         """
         if self.feedback_every is None:
             return self

@@ -12,7 +12,7 @@ _NAMES_LISTED = 12
 
 
 _LONGEST = 600
-"""Longest field, and longest text of what was expected, in an error: both may be foreign."""
+"""Longest field and longest expected text in an error: both may come from outside."""
 
 
 class DrakeRhoError(Exception):
@@ -74,7 +74,7 @@ class ScenarioError(DrakeRhoError, ValueError):
 
 
 def one_of(names: Sequence[str], name: str) -> str:
-    """Return what an error expects in place of an unknown name: others, and the nearest one."""
+    """Return the text of the known names for an error about an unknown one, with the nearest."""
     if not names:
         return "none, since nothing has a name"
     few = ", ".join(names) if len(names) <= _NAMES_LISTED else f"{len(names)} names"

@@ -43,7 +43,7 @@ def library() -> tuple[str, ...]:
 
 @checked
 def load_scenario(source: str | Path) -> Scenario:
-    """Read a scenario, and the maps in files of their own to which it refers.
+    """Read a scenario and the map files to which it refers.
 
     Args:
         source: the name of a library scenario, as `"paper"`, or the path of a YAML file.
@@ -79,8 +79,8 @@ def load_scenario(source: str | Path) -> Scenario:
 def save_scenario(scenario: Scenario, path: str | Path) -> None:
     """Write a scenario as YAML. The file is written completely or not at all.
 
-    A map that was read from a file is written as the path of that file, relative to the scenario's,
-    with its hash; one that was not, or whose file is gone, with all of its cells or triangles.
+    A map read from a file is written as the path of that file, relative to the scenario's, with its
+    hash; any other map, or one whose file is gone, with all of its cells or triangles.
 
     Raises:
         OSError: the file cannot be written.
@@ -170,8 +170,8 @@ def scenario_to_json(scenario: Scenario, maps: list[Map] | None = None) -> str:
 
     Args:
         scenario: to be stored.
-        maps: that are stored elsewhere. The scenario refers to them by their numbers, and its
-            other maps are appended. If not given, the text has all of their cells or triangles.
+        maps: maps stored elsewhere. The scenario refers to them by their numbers, and its other
+            maps are appended. If not given, the text has all of their cells or triangles.
     """
     _check_storable(scenario)
     if maps is not None:
@@ -221,7 +221,7 @@ def _adapter() -> TypeAdapter[Scenario]:
 
 
 class _Loader(yaml.SafeLoader):
-    """YAML's safe loader, which also rejects repeated keys and aliases that stand for too much."""
+    """YAML's safe loader, which also rejects repeated keys and excessive expansion of aliases."""
 
     def __init__(self, text: str) -> None:
         super().__init__(text)
@@ -229,7 +229,7 @@ class _Loader(yaml.SafeLoader):
         self._sizes = dict[str, int]()
 
     def compose_node(self, parent: Any, index: Any) -> Any:
-        """Compose a node, and count the values in it as if no alias stood for any of them."""
+        """Compose a node, and count its values with all aliases expanded."""
         event: Any = self.peek_event()  # type: ignore[no-untyped-call]
         if isinstance(event, yaml.AliasEvent):
             self._repeat(event)

@@ -81,7 +81,7 @@ class Fleet:
 
     @cached_property
     def flown(self) -> FloatArray | None:
-        """Accelerations before the first knot that averages reach [m/s²], (N, REACHED, 3).
+        """Accelerations before the first knot that enter the averages [m/s²], (N, REACHED, 3).
 
         None for motions that begin at rest (`State.flown`).
         """
@@ -112,7 +112,7 @@ class Fleet:
 
     @cached_property
     def waypoints(self) -> list[Waypoints]:
-        """Waypoints of all vehicles, number by number; empty if no vehicle has any."""
+        """Waypoints of all vehicles, grouped by number; empty if no vehicle has any."""
         return waypoints_of(self._vehicles)
 
     @cached_property
@@ -120,7 +120,7 @@ class Fleet:
         """Length scale of each motion [m], for tolerances, shape (N,).
 
         It equals `solver_lengths`, but for the remainder of a flight it is at most that of the
-        whole flight: what holds for all windows of a flight then holds for the flight.
+        whole flight: constraints met in all windows of a flight are then met in the flight.
         """
         lengths = self.solver_lengths
         whole = self._whole_flight
@@ -166,7 +166,7 @@ class Fleet:
         return self._grid.knots * self.coordinate_errors
 
     def _evasion_lengths(self) -> FloatArray:
-        """Return how far vehicles may have to evade moving obstacles [m], shape (N,).
+        """Return the evasive distances that moving obstacles may require [m], shape (N,).
 
         An obstacle counts if it comes close enough to a vehicle that moves straight to its goal.
         The length is then the obstacle's least extent plus the required distance from it, but at
@@ -217,7 +217,7 @@ class Fleet:
         return TOLERANCE * np.minimum(shape.size, self.lengths)
 
     def extent_to_evade(self, shape: Solid) -> float:
-        """Return the least extent of what vehicles evade of an obstacle [m].
+        """Return the thickness of an obstacle that vehicles have to evade [m].
 
         Parts of a map may be as thin as a sheet, from whose middle a vehicle still moves by its
         radius.
@@ -280,7 +280,7 @@ class Fleet:
 
     @cached_property
     def norms(self) -> dict[Norm, NormLimit]:
-        """Limits on norms, with tolerances, by field of `Limits`: those that any vehicle has."""
+        """Limits on norms that any vehicle has, with tolerances, by field of `Limits`."""
         if self._largest is None:
             self._largest = self._make_largest()
         limits = {}
@@ -290,7 +290,7 @@ class Fleet:
         return limits
 
     def _make_largest(self) -> dict[Norm, FloatArray]:
-        """Return the limits on norms, each of shape (N,), of the norms that any vehicle limits."""
+        """Return the limits (N,) of each norm that any vehicle limits."""
         owns = [(i, each.limits) for i, each in enumerate(self._vehicles) if each.limits]
         found = {}
         for norm in NORMS:
@@ -313,8 +313,8 @@ class Fleet:
     ) -> Fleet:
         """Return the fleet with other starts, arrays of shape (N, 3), on another grid.
 
-        The obstacles' clocks are 0 at that grid's first knot. Places of rest [m], if given, take
-        the place of the goals.
+        The obstacles' clocks are 0 at that grid's first knot. Stopping positions [m], if given,
+        replace the goals.
         """
         fleet = Fleet(grid, vehicles, self._limits, self._separation, bodies)
         fleet.start_positions, fleet.start_velocities = positions, velocities

@@ -1,8 +1,8 @@
 """Kinds of requirements that scenarios have, so that no part of the package forgets one.
 
 Planner, verifier, tightening, certificate, sensitivity, attack, exports and display each have a
-table that says what they do with every kind (`tests/test_completeness.py` holds it), and the
-verifier refuses a scenario of which it has not checked every kind.
+table of how they treat every kind (`tests/test_completeness.py` checks it), and the verifier
+refuses a scenario unless it has checked every kind.
 """
 
 from __future__ import annotations
@@ -36,8 +36,7 @@ KINDS: tuple[str, ...] = (
     "holding",
     "smoothing",
 )
-"""All kinds. Moving obstacles, those that are known late, active for a time or uncertain are
-obstacles too."""
+"""All kinds. Moving, late, temporarily active and uncertain obstacles are obstacles too."""
 
 
 def kinds_of(scenario: Scenario) -> set[str]:

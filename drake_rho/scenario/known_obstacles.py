@@ -1,4 +1,4 @@
-"""Obstacles that planners know at the first knot, and those of them that a flight avoids."""
+"""Obstacles known to planners at the first knot, and those active during the flight."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ def active_during(
 ) -> tuple[tuple[int, Obstacle], ...]:
     """Return the known obstacles that are active at any time of a flight, with their numbers.
 
-    Those that are active at all times have no interval, so that plans are as if they had none. The
-    shape of a map is its cover, which is all that planners see of it.
+    An obstacle that is active all through the flight is returned without its interval, so that
+    plans are as if it had none. A map is replaced by its cover, of which planners keep clear.
 
     Args:
         known: obstacles and their numbers, on a clock that is 0 at the first knot.

@@ -22,7 +22,7 @@ GRAVITY = 9.81
 
 
 def _no_degrees(value: object) -> object:
-    """Return the value of a tilt unless it is too large for radians, as an angle in degrees is."""
+    """Return a tilt unless it is too large for radians, such as an angle in degrees."""
     if isinstance(value, int | float) and np.pi / 2.0 <= value:
         radians = f"; {value:g}° are {np.radians(value):.4g} rad" if value < 90.0 else ""
         raise ScenarioError("", value, f"an angle in radians, less than a right angle{radians}")
@@ -73,10 +73,11 @@ class Limits:
     """largest angle between a + g e_z and the upward vertical [rad], less than a right angle: the
     largest tilt of a multicopter"""
     max_jerk: Positive | None = None
-    """largest norm of the jerk j[k] = (a[k] - a[k-1]) / h, in any direction [m/s³], likewise"""
+    """largest norm of the jerk j[k] = (a[k] - a[k-1]) / h, in any direction [m/s³], at start and
+    goal as for `jerk`"""
 
     def overridden_by(self, own: Limits | None) -> Limits:
-        """Return these limits, each replaced by that of `own` where it has one."""
+        """Return these limits, overridden by those that `own` has."""
         if own is None:
             return self
         limits = {

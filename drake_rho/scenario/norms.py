@@ -20,7 +20,7 @@ Norm = Literal["max_speed", "max_acceleration", "max_thrust", "max_tilt", "max_j
 
 @dataclasses.dataclass(frozen=True)
 class Kind(abc.ABC):
-    """Measure that one field of `Limits` bounds, and the sets in which it does so."""
+    """Measure that one field of `Limits` bounds, and the sets of allowed values."""
 
     what: str
     """name of the measure: speed, acceleration, jerk, thrust or tilt"""

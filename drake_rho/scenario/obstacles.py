@@ -92,10 +92,10 @@ class Obstacle:
     """first and last time on the scenario's clock at which vehicles avoid it, both included [s], as
     for a temporary no-fly zone; always if not given"""
     position_error: Margin = 0.0
-    """largest distance of its true position from the one given, at the time it was seen [m]:
-    vehicles keep clear of wherever it may be"""
+    """largest error of the given position, at the time it was seen [m]: vehicles keep clear of
+    everywhere it may be"""
     velocity_error: Margin = 0.0
-    """speed at which this distance may grow from then on [m/s]"""
+    """speed at which the position error may grow from then on [m/s]"""
     seen_at: Finite | None = None
     """time on the scenario's clock to which the errors refer [s]; `known_from` if not given"""
 
@@ -144,7 +144,7 @@ class Obstacle:
 
     @property
     def changes(self) -> bool:
-        """True if it moves, or if the space in which it may be grows."""
+        """True if it moves, or if the space that it may occupy grows."""
         return self.moves or self.velocity_error > 0.0
 
     @property
@@ -158,7 +158,7 @@ class Obstacle:
         return self.position_error > 0.0 or self.velocity_error > 0.0
 
     def uncertainty(self, times: FloatArray) -> FloatArray:
-        """Return how far it may be from `centers` at times on the scenario's clock [m].
+        """Return its largest distance from `centers` at times on the scenario's clock [m].
 
         It is `position_error` until it was seen and grows by `velocity_error` from then on.
         """
@@ -257,7 +257,7 @@ class Obstacle:
         return still
 
     def distances(self, positions: FloatArray, times: FloatArray) -> FloatArray:
-        """Return signed distances from the surface of where it may be [m], shape (..., M).
+        """Return signed distances from the space that it may occupy [m], shape (..., M).
 
         They are negative inside, and infinite at times at which the obstacle is not active.
 

@@ -51,8 +51,8 @@ MOST_KNOTS = 100_000
 """Largest number of knots of a grid."""
 
 REACHED = 4
-"""Steps before the first knot and after the last that are looked at beside a smoothing: averages
-that begin up to one and a half steps early reach as far back again, and the knot before is seen."""
+"""Number of steps before the first knot and after the last that enter a smoothing: averages begin
+up to one and a half steps early, extend as far back again, and include the knot before."""
 
 
 @record
@@ -115,7 +115,7 @@ class Grid:
         return Clock.of(self.step, first, self.end)
 
     def beginning_at(self, start: float) -> Self:
-        """Return the grid where its first knot is at another time [s], compared by its own clock.
+        """Return the grid with its first knot at another time [s] and with the same clock.
 
         Times since the first knot, on a clock that is 0 there, are as coarse as those on the clock
         from which they were computed.
@@ -125,8 +125,8 @@ class Grid:
     def since_start(self, times: npt.ArrayLike) -> FloatArray:
         """Return times on the scenario's clock as times since the first knot [s], of any shape.
 
-        Those that equal a knot's are exactly the knot's, so that on a clock far from 0, too, what
-        begins, ends or turns at a knot does so there and nowhere beside it.
+        A time that equals a knot's but for rounding becomes exactly the knot's, so that beginnings,
+        ends and corners at a knot stay there on a clock far from 0, too.
         """
         elapsed = np.asarray(times, dtype=np.float64) - self.start
         knots = self.step * np.clip(np.rint(elapsed / self.step), 0, self.knots - 1)
@@ -142,7 +142,7 @@ class Grid:
 
         Args:
             knot: first knot of the result.
-            steps: number of its steps, which may go beyond the end; those that are left if not
+            steps: number of its steps, which may go beyond the end; the remaining ones if not
                 given.
         """
         start, passed = self._origin
@@ -210,10 +210,10 @@ class State:
 
     @cached_property
     def flown(self) -> FloatArray | None:
-        """Accelerations of the steps before the first knot that averages reach, (REACHED, 3).
+        """Accelerations before the first knot that enter the averages [m/s²], (REACHED, 3).
 
-        They are in m/s² and those of a flight in windows with a smoothing; None elsewhere, where
-        averages begin at rest.
+        They are given in a flight in windows with a smoothing; None elsewhere, where averages begin
+        at rest.
         """
         return None
 
@@ -222,7 +222,7 @@ class State:
 class Waypoint:
     """Position that a vehicle passes at a given time, which need not be that of a knot.
 
-    Without a time, the time is found. A vehicle passes its waypoints without times in their order.
+    If no time is given, planning finds it. Waypoints without times are passed in their order.
 
     Examples:
         >>> rho.Waypoint(3.0, [5, 0, 2], within=0.2).within
@@ -262,7 +262,7 @@ class Vehicle:
     goal: State
     """state at the last knot"""
     limits: Limits | None = None
-    """limits that replace the scenario's, one by one"""
+    """limits that override the scenario's, field by field"""
     radius: Margin = 0.0
     """least distance of its position from every obstacle [m]; the separation applies to other
     vehicles"""
@@ -273,7 +273,8 @@ class Vehicle:
     has no effect on plans"""
     weight: Annotated[float, Field(ge=1e-3, le=1e3, allow_inf_nan=False), NOT_BOOLEAN] = 1.0
     """weight of its squared accelerations in the cost of all vehicles, from 0.001 to 1000,
-    which solvers resolve: of two that meet, the one with the smaller weight gives way more"""
+    which solvers resolve: of two vehicles that meet, the one with the smaller weight deviates
+    more"""
 
     if TYPE_CHECKING:
 

@@ -1,4 +1,4 @@
-"""Poses in which maps are placed: a rotation about the origin of their file, then a translation."""
+"""Poses of maps: a rotation about the origin of their file, then a translation."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The planning problem, `Scenario`, with all records that it is made of, for import from here."""
+"""The planning problem, `Scenario`, and all records of which it is made."""
 
 from __future__ import annotations
 
@@ -109,14 +109,15 @@ class Scenario(ShownInNotebooks):
     disturbance: Disturbance | None = None
     """wind, estimation errors, and the feedback that counteracts them; none if not given"""
     requirements: tuple[KeepIn, ...] = ()
-    """convex sets in which quantities of vehicles, or of two, stay; numbered from 1 in reports"""
+    """convex sets to which quantities of vehicles or pairs are confined; numbered from 1 in
+    reports"""
     smoothing: Smoothing | None = None
-    """moving averages with which plans are flown; as planned, with jumps of the acceleration, if
-    not given"""
+    """moving averages with which plans are flown; if not given, they are flown as planned, with
+    jumps of the acceleration"""
     hold_at_goal: Boolean | None = None
-    """whether vehicles have to be able to hold at their goals for ever after the end, in any wind
-    allowed: true refuses what does not allow it, false says nothing; if not given, reports note
-    where vehicles with goals at rest cannot"""
+    """whether vehicles have to be able to hold at their goals indefinitely after the end, in any
+    allowed wind: true makes it a requirement, false disables the check; if not given, reports note
+    which vehicles with goals at rest cannot"""
 
     if TYPE_CHECKING:
 
@@ -173,9 +174,9 @@ class Scenario(ShownInNotebooks):
 
     @cached_property
     def smoothing_margin(self) -> float:
-        """Distance from the plan that its smooth motion may have by the limits [m]; 0 without one.
+        """Largest distance of the smooth motion from its plan under the limits [m]; 0 without one.
 
-        It is also 0 if nothing is to be kept clear of.
+        It is also 0 if there is nothing to keep clear of.
         """
         clear_of = self.bodies or (self.separation is not None and len(self.vehicles) > 1)
         if self.smoothing is None or not clear_of:
@@ -235,7 +236,7 @@ class Scenario(ShownInNotebooks):
 
     @cached_property
     def avoided(self) -> tuple[tuple[int, Obstacle], ...]:
-        """Those of `known` that are active in the flight; any that always is has no interval."""
+        """Known obstacles active in the flight; those always active have no interval."""
         return active_during(self.known, self.grid)
 
     def obstacle_name(self, number: int) -> str:
@@ -316,7 +317,7 @@ class Scenario(ShownInNotebooks):
 
     @cached_property
     def held(self) -> tuple[int, ...]:
-        """Indices of the vehicles that are to hold at their goals: those with a goal at rest."""
+        """Indices of the vehicles with a goal at rest, which have to hold there."""
         if self.hold_at_goal is False:
             return ()
         return tuple(np.flatnonzero(self.fleet.rest_at_goals).tolist())

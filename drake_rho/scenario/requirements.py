@@ -42,7 +42,7 @@ def _names(value: object) -> object:
 
 
 def _track_or_name(value: object) -> object:
-    """Refuse what is neither the name of a vehicle nor a track, before pydantic tries both."""
+    """Refuse a value that is neither a name nor a track, before pydantic tries both."""
     if value is None or isinstance(value, str | Track | dict):
         return value
     raise ScenarioError("", value, "the name of a vehicle, or a Track")
@@ -148,7 +148,7 @@ class KeepIn:
         return self.track.deviation if self.track is not None and self.of == "position" else 0.0
 
     def members(self, names: Sequence[str]) -> IntArray:
-        """Return the indices of the vehicles that it is about, ascending, shape (M,)."""
+        """Return the indices of the constrained vehicles, ascending, shape (M,)."""
         wanted = names if self.vehicles is None else self.vehicles
         return np.array([i for i, n in enumerate(names) if n in wanted and n != self.leader], int)
 
@@ -159,7 +159,7 @@ class KeepIn:
     def offset(
         self, times: FloatArray, *, before: bool = False, clock: Clock = EXACT
     ) -> FloatArray:
-        """Return what values of `quantity` exceed those in the set by, (M, 3): the moving point's.
+        """Return the offset of values of `quantity` from those in the set, shape (M, 3).
 
         Args:
             times: on the scenario's clock [s], shape (M,).
@@ -197,7 +197,7 @@ class KeepIn:
 
         A tolerance is `TOLERANCE` times the set's size, taken as at most the scale of the motion
         (of the larger of two), and at least a thousandth of it, which a solver can still resolve.
-        Far from the origin it is at least what positions are rounded by.
+        Far from the origin it is at least the rounding of positions.
         """
         scale, members, partner = (
             fleet.scale(self.quantity),
@@ -213,7 +213,7 @@ class KeepIn:
         return np.maximum(tolerances, errors) if self.of == "position" else tolerances
 
     def of_vehicles(self, names: Sequence[str]) -> Self | None:
-        """Return the requirement for some vehicles only; None if it says nothing of these alone."""
+        """Return the requirement for some vehicles; None if it does not apply to them alone."""
         if self.leader is not None and self.leader not in names:
             return None
         if self.vehicles is None:
@@ -237,9 +237,9 @@ class KeepIn:
 
 
 def linked_groups(requirements: Sequence[KeepIn], names: Sequence[str], grid: Grid) -> IntArray:
-    """Return the number of each vehicle's group, equal for those that requirements link, (N,).
+    """Return the group number of each vehicle; vehicles linked by requirements share one, (N,).
 
-    Requirements that are over on a grid link nobody.
+    Requirements that are over on a grid do not link vehicles.
     """
     labels = np.arange(len(names))
     for each in requirements:
@@ -251,6 +251,6 @@ def linked_groups(requirements: Sequence[KeepIn], names: Sequence[str], grid: Gr
 
 
 def parts_for(requirements: Sequence[KeepIn], names: Sequence[str]) -> tuple[KeepIn, ...]:
-    """Return the requirements that some vehicles have by themselves, without the others."""
+    """Return the requirements that apply to some vehicles without the others."""
     own = (each.of_vehicles(names) for each in requirements)
     return tuple(each for each in own if each is not None)

@@ -1,4 +1,4 @@
-"""Scenarios of the rest of a flight, which begin at states that it has reached.
+"""Scenarios of the remainder of a flight, from states reached in flight.
 
 These are not checked: a flight may have left the limits, and the previous plan may be continued.
 """
@@ -34,8 +34,8 @@ def from_states(
         positions: at its first knot [m], shape (N, 3).
         velocities: at its first knot [m/s], shape (N, 3).
         before: accelerations just before the first knot [m/s²], shape (N, 3); NaN where unknown.
-        tracking: plan that a feedback tracks since an earlier time, if there is one.
-        flown: accelerations of the steps before the first knot that averages reach [m/s²],
+        tracking: feedback that has tracked a plan since an earlier time, if any.
+        flown: accelerations of the steps before the first knot that enter the averages [m/s²],
             shape (N, REACHED, 3); none if averages begin at rest, or without a smoothing.
     """
     disturbance = scenario.disturbance and unchecked(scenario.disturbance, tracking=tracking)
@@ -75,7 +75,7 @@ def from_states(
 
 
 def going_on(scenario: Scenario, flown: FloatArray) -> Scenario:
-    """Return a scenario after what was flown, which averages of a smoothing reach.
+    """Return a scenario with the accelerations flown before it, for a smoothing's averages.
 
     Args:
         scenario: of a flight, or of its rest.

@@ -12,10 +12,10 @@ from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.fields import Finite, FloatArray, read_only
 
 _OFF = 1e-6
-"""Largest deviation of a matrix from a rotation; what is left below it is removed."""
+"""Largest accepted deviation of a matrix from a rotation; smaller deviations are removed."""
 
 _ROUNDING = 1e-14
-"""Deviation that products of rotations have by rounding, which is left as it is."""
+"""Deviation of products of rotations by rounding, which is not removed."""
 
 _EXPECTED = "roll, pitch and yaw [rad], or a 3 x 3 rotation matrix"
 
@@ -44,7 +44,7 @@ def rotation_of(value: Any) -> FloatArray:
     if not off <= _OFF or np.linalg.det(array) < 0.0:
         raise ScenarioError("", shown, f"{_EXPECTED}, orthogonal and of determinant 1")
     left, _, right = np.linalg.svd(array)
-    return read_only(array if off <= 1e-14 else left @ right)  # one of ours is kept
+    return read_only(array if off <= 1e-14 else left @ right)  # the package's own stay exact
 
 
 def from_angles(angles: npt.ArrayLike) -> FloatArray:

@@ -1,4 +1,4 @@
-"""Convex sets in which a quantity is kept: shapes, half-spaces, cones, and those of a user.
+"""Convex sets that a quantity stays in: shapes, half-spaces, cones, and a user's own sets.
 
 A convex set is any object with three functions, in absolute coordinates in the quantity's unit.
 Nothing else of it is used. `check_set` tests that the three agree.
@@ -141,7 +141,7 @@ def _values(
     """Return the values of one of a set's functions, computed in two arrangements.
 
     Raises:
-        ScenarioError: the function fails, or returns what is no array of such numbers.
+        ScenarioError: the function fails, or does not return an array of such numbers.
     """
     function: Callable[[FloatArray], Any] = getattr(convex_set, name)
     found = list[FloatArray]()

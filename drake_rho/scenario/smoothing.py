@@ -1,4 +1,4 @@
-"""`Smoothing`: moving averages that a plan is flown with, and what they need of a scenario."""
+"""`Smoothing`: moving averages with which a plan is flown, and checks of scenarios for them."""
 
 from __future__ import annotations
 
@@ -105,7 +105,7 @@ def check_smoothing(
     disturbance: Disturbance | None,
     margin: float,
 ) -> None:
-    """Check that averages of a scenario's plans meet what the plans meet.
+    """Check that averages of a scenario's plans satisfy all constraints of the plans.
 
     Args:
         smoothing: the smoothing.
@@ -118,7 +118,7 @@ def check_smoothing(
         margin: margin of positions; infinite if it is needed and limits do not bound it [m].
 
     Raises:
-        ScenarioError: something of the scenario does not hold for averages, or has no bound.
+        ScenarioError: a constraint need not hold for averages, or has no bound.
     """
     if grid.clock.after(smoothing.width, grid.step):
         expected = f"at most the grid's step, {grid.step:g} s"
@@ -186,7 +186,7 @@ def _check_requirements(
     vehicles: Sequence[Vehicle],
     requirements: Sequence[KeepIn],
 ) -> None:
-    """Check that requirements hold for averages, also of what is before the start or after."""
+    """Check that requirements hold for averages, also before the start and after the goal."""
     names, (count, lead) = [each.name for each in vehicles], (len(vehicles), smoothing.lead)
     for index, each in enumerate(requirements):
         where = f"requirements[{index}]"
@@ -206,7 +206,7 @@ def _check_requirements(
 
 
 def _is_inside(time: float, interval: tuple[float, float], clock: Clock) -> bool:
-    """Return whether a time is in an interval and none of its ends."""
+    """Return whether a time is strictly inside an interval."""
     return bool(clock.after(time, interval[0]) and clock.before(time, interval[1]))
 
 

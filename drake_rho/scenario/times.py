@@ -46,7 +46,7 @@ class Clock:
 
     @property
     def tick(self) -> float:
-        """Shortest time that it tells from none [s]."""
+        """Shortest time distinguishable from zero [s]."""
         return 2.0 * self.rounding
 
     def same(self, one: npt.ArrayLike, other: npt.ArrayLike) -> BoolArray:
@@ -69,7 +69,7 @@ class Clock:
     def meets(
         self, begins: FloatArray, ends: FloatArray, interval: tuple[float, float]
     ) -> BoolArray:
-        """Return whether steps one after another meet an interval, which includes its ends.
+        """Return which consecutive steps overlap an interval, which includes its ends.
 
         Each step includes the time at which it begins, and the last one also that at which it ends.
         """
@@ -82,7 +82,7 @@ class Clock:
         return not (self.before(one[1], other[0]) or self.after(one[0], other[1]))
 
     def apart(self, times: FloatArray, others: FloatArray) -> FloatArray:
-        """Return the times (M,) that equal none of others, which are increasing."""
+        """Return the times (M,) that equal none of the increasing times `others`."""
         if len(others) == 0:
             return times
         later = np.clip(np.searchsorted(others, times), 1, max(len(others) - 1, 1))

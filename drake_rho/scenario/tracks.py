@@ -140,7 +140,7 @@ class Track:
 
         Args:
             times: on the scenario's clock [s], shape (M,).
-            before: whether it is that of the piece before instead.
+            before: whether to return that of the piece before instead.
             clock: by which times are compared with those of corners.
         """
         piece_at = clock.last_before if before else clock.last_begun

@@ -20,7 +20,7 @@ acceleration can have an effect in it."""
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Waypoints:
-    """Waypoints with the same number, one of every vehicle that has so many."""
+    """Waypoints with the same number, one of each vehicle."""
 
     times: FloatArray
     """times on the scenario's clock [s], shape (N,); NaN where a vehicle has no such waypoint, or
@@ -36,7 +36,7 @@ class Waypoints:
         return np.isfinite(self.times)
 
     def tolerances(self, scale: FloatArray) -> FloatArray:
-        """Return by how much vehicles may miss the waypoint [m], shape (N,): as for a goal.
+        """Return the tolerances of the waypoint, as for a goal [m], shape (N,).
 
         Args:
             scale: length scales of the motions [m], shape (N,).
@@ -49,7 +49,7 @@ class Waypoints:
 
 
 def waypoints_of(vehicles: Sequence[Vehicle]) -> list[Waypoints]:
-    """Return the waypoints of all vehicles, number by number."""
+    """Return the waypoints of all vehicles, grouped by number."""
     count, found = len(vehicles), list[Waypoints]()
     for index in range(max(len(vehicle.waypoints) for vehicle in vehicles)):
         times, positions = np.full(count, np.nan), np.full((count, 3), np.nan)
@@ -74,7 +74,7 @@ def check_times(vehicles: Sequence[Vehicle]) -> None:
     """Check that all waypoints have a time.
 
     Raises:
-        ScenarioError: one has none.
+        ScenarioError: a waypoint has no time.
     """
     for i, vehicle in enumerate(vehicles):
         for k, each in enumerate(vehicle.waypoints):
@@ -99,12 +99,12 @@ def is_during_flight(time: float, grid: Grid, earlier: float = 0.0) -> bool:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class AllWaypoints:
-    """Waypoints of all vehicles, one after the other."""
+    """Waypoints of all vehicles in one sequence."""
 
     vehicles: IntArray
     """index of the vehicle of each waypoint, in increasing order, shape (W,)"""
     numbers: IntArray
-    """index of each among the waypoints of its vehicle, shape (W,)"""
+    """index of each waypoint within its vehicle, shape (W,)"""
     times: FloatArray
     """times on the scenario's clock [s], NaN where they are free, shape (W,)"""
     positions: FloatArray

@@ -1,4 +1,4 @@
-"""Worlds in SDF, URDF and MJCF files, as the obstacles that their collision geometries are."""
+"""Collision geometries of worlds in SDF, URDF and MJCF files, as obstacles."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _LONGEST = 80
 
 @record
 class WorldFile:
-    """World in a file of its own, in place of which its collision geometries are obstacles."""
+    """Reference to the file of a world, whose collision geometries become obstacles."""
 
     world: Annotated[str, Field(min_length=1)]
     """path of an .sdf, .urdf or MJCF .xml file, relative to the folder of the scenario's file"""
@@ -40,7 +40,7 @@ class WorldFile:
 def load_world(path: str | Path, pose: AnyPose = None) -> tuple[Obstacle, ...]:
     """Return the collision geometries of an SDF, URDF or MJCF file as obstacles at rest.
 
-    They are placed by Drake's parser, with all joints as the file has them at first. Meshes are
+    They are placed by Drake's parser, with all joints in the default configuration. Meshes are
     `Mesh`es, convex ones `Polytope`s. An endless plane becomes a box of 200 m by 200 m, 1 m thick,
     with the middle of its top at the origin of the plane. Only files in the folder of the world's
     file are read.
@@ -61,13 +61,13 @@ def load_world(path: str | Path, pose: AnyPose = None) -> tuple[Obstacle, ...]:
 
 
 def _name(text: str) -> str:
-    """Return a name that can be shown: the end of a long one."""
+    """Return a printable name: the end of a long one."""
     shown = "".join(each if each.isprintable() else "?" for each in text)
     return shown if len(shown) <= _LONGEST else "…" + shown[1 - _LONGEST :]
 
 
 def _expanded(value: object, info: ValidationInfo[Context | None]) -> object:
-    """Return obstacles with those of worlds in place of references to their files."""
+    """Return obstacles, with references to worlds replaced by the obstacles in them."""
     if not isinstance(value, list | tuple):
         return value
     found = list[object]()

@@ -1,4 +1,4 @@
-"""Maps of scenarios as files hold them: as references, by numbers, or as JSON text."""
+"""Maps of scenarios in files: as references, by numbers, or as JSON text."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from drake_rho.scenario.refusals import scenario_error
 
 
 def with_references(scenario: Scenario, folder: Path) -> Scenario:
-    """Return a scenario to be written to a folder, with references to the files of its maps.
+    """Return a scenario for a file in a folder, with maps replaced by references to their files.
 
     Maps without a file, or with other cells or triangles than were read from it, stay.
     """
@@ -32,17 +32,17 @@ def with_references(scenario: Scenario, folder: Path) -> Scenario:
 
 
 def with_numbers(scenario: Scenario, maps: list[Map]) -> Scenario:
-    """Return a scenario to be written, with numbers of maps that are stored elsewhere.
+    """Return a scenario to be written, with maps replaced by numbers in a list.
 
     Args:
-        scenario: whose maps are replaced.
-        maps: stored so far; those of the scenario that are not among them are appended.
+        scenario: scenario with the maps.
+        maps: maps stored so far; new ones of the scenario are appended.
     """
     return _with_forms(scenario, lambda each: StoredMap(_number_of(each, maps)))
 
 
 def _with_forms(scenario: Scenario, form_of: Callable[[Map], object]) -> Scenario:
-    """Return a scenario to be written, with other forms in place of its maps."""
+    """Return a scenario to be written, with its maps converted."""
 
     def written(each: object) -> object:
         if isinstance(each, Obstacle):
@@ -55,7 +55,7 @@ def _with_forms(scenario: Scenario, form_of: Callable[[Map], object]) -> Scenari
 
 
 def _number_of(each: Map, maps: list[Map]) -> int:
-    """Return the number of a map in a list, to which it is appended if it is not there."""
+    """Return the number of a map in a list, appended to it if missing."""
     for number, other in enumerate(maps):
         if other is each or other == each:
             return number

@@ -20,7 +20,7 @@ def covering_boxes(cells: IntArray) -> tuple[IntArray, IntArray]:
     slabs to boxes along the last. The best of the six orders of axes is taken.
 
     Args:
-        cells: different indices of cells, shape (M, 3), with M of at least 1.
+        cells: distinct indices of cells, shape (M, 3), with M of at least 1.
 
     Returns:
         First cells, and cells past the last, of each box, shape (B, 3) each.
@@ -29,7 +29,7 @@ def covering_boxes(cells: IntArray) -> tuple[IntArray, IntArray]:
 
 
 def joined(cells: IntArray, axes: tuple[int, ...]) -> tuple[IntArray, IntArray]:
-    """Return boxes that cover cells, joined along axes in the given order, one at least."""
+    """Return boxes that cover cells, joined along one or more axes in the given order."""
     lower, upper = cells, cells + 1
     for axis in axes:
         across = [each for each in range(3) if each != axis]
@@ -62,7 +62,7 @@ def exposed(cells: IntArray, axis: int, side: int) -> IntArray:
     """Return the cells whose neighbour along an axis is free.
 
     Args:
-        cells: different indices of cells, shape (M, 3).
+        cells: distinct indices of cells, shape (M, 3).
         axis: 0, 1 or 2.
         side: 1 for the next neighbour along the axis, -1 for the one before.
     """
@@ -90,7 +90,7 @@ def unique(cells: IntArray) -> IntArray:
 
 
 def difference(cells: IntArray, others: IntArray) -> IntArray:
-    """Return those of some different cells that are not among others, shape (D, 3)."""
+    """Return the set difference of distinct cells and others, shape (D, 3)."""
     if len(cells) == 0 or len(others) == 0:
         return cells
     keys = _keys(np.concatenate([cells, others]))

@@ -1,4 +1,4 @@
-"""What the headers of maps claim to hold, compared with the files before libraries believe them.
+"""Checks of the headers of map files against the files, before libraries trust them.
 
 A header of a few bytes may claim billions of numbers, for which a reader would reserve memory.
 """
@@ -19,7 +19,7 @@ _MOST_FIELDS = 1000
 """Largest number of values of a point."""
 
 _MOST_BYTES = 24 * MOST
-"""Largest size of what a compressed or a referring file expands to [bytes]."""
+"""Largest expanded size of a compressed or a referring file [bytes]."""
 
 _LZF = 128
 """Largest factor by which the compression of PCD files shrinks anything."""
@@ -28,7 +28,7 @@ _SIZES = {"5120": 1, "5121": 1, "5122": 2, "5123": 2, "5125": 4, "5126": 4}
 """Sizes of the numbers of glTF [bytes], by their codes."""
 
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
-"""How many numbers the types of glTF have."""
+"""Number of components of the types of glTF."""
 
 _PLY_SIZES = {"char": 1, "uchar": 1, "short": 2, "ushort": 2, "double": 8} | {
     f"{kind}{bits}": bits // 8 for kind in ("int", "uint", "float") for bits in (8, 16, 32, 64)
@@ -40,7 +40,7 @@ def check_pcd(content: bytes) -> None:
     """Check that a PCD file holds as many points as its header claims.
 
     Raises:
-        ValueError: it cannot, or has no header.
+        ValueError: it holds fewer, or has no header.
     """
     fields = dict[str, list[str]]()
     start = 0
@@ -74,7 +74,7 @@ def check_ply(content: bytes) -> None:
     """Check that a PLY file may hold as many elements as its header claims.
 
     Raises:
-        ValueError: it cannot, or has no header.
+        ValueError: it is too small, or has no header.
     """
     head, found, _ = content[:_LONGEST_HEADER].partition(b"end_header")
     lines = [line.split() for line in head.decode("utf-8").splitlines()]
@@ -95,7 +95,7 @@ def check_ply(content: bytes) -> None:
 def check_gltf(content: bytes) -> None:
     """Check that the numbers of a glTF file are no more than its buffers may hold.
 
-    Buffers and views are compared by what they say of their lengths, which the reader checks.
+    Buffers and views are compared by their declared lengths, which the reader checks.
 
     Raises:
         ValueError: they are more, or the file has no content in JSON.
@@ -123,7 +123,7 @@ def check_gltf(content: bytes) -> None:
 
 
 def _json_of(content: bytes) -> bytes:
-    """Return the JSON of a glTF file, which begins a binary one."""
+    """Return the JSON of a glTF file, at the beginning of a binary one."""
     if content[:4] != b"glTF":
         return content
     _, _, length, kind = struct.unpack_from("<IIII", content, 4)

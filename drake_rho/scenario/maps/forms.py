@@ -1,4 +1,4 @@
-"""Maps in scenario files: references to their files, and to maps that a plan's file stores."""
+"""Maps in scenario files: references to map files, or to maps stored in a plan's file."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class OctomapFile:
     octomap: _File
     """path of a .bt or .ot file, relative to the folder of the scenario's file"""
     unknown: Literal["free", "occupied"] | None = None
-    """what cells count as that were never seen; without it, an error says what the file holds"""
+    """treatment of unobserved cells; if not given, an error says what the file holds"""
     position: Vector | None = None
     """position of the map's origin [m]; the origin if not given"""
     rotation: Rotation | None = None
@@ -91,7 +91,7 @@ class MeshFile:
 
 @record
 class StoredMap:
-    """Map that the file of a plan stores once for all scenarios in it."""
+    """Map stored once in a plan's file for all scenarios in it."""
 
     stored_map: int
     """number of the map in the file, from 0"""
@@ -114,7 +114,7 @@ KEYS: Mapping[str, tuple[str, ...]] = {
 
 
 def _load(form: OctomapFile | PointsFile | MeshFile, info: ValidationInfo[Context | None]) -> Map:
-    """Return the map of a reference, and warn where it is not the one that was referred to."""
+    """Return the map of a reference, and warn if it has changed since the scenario was saved."""
     (key,) = KEYS[type(form).__name__]
     given = getattr(form, key)
     try:
@@ -131,7 +131,7 @@ def _load(form: OctomapFile | PointsFile | MeshFile, info: ValidationInfo[Contex
 
 
 def _stored(form: StoredMap, info: ValidationInfo[Context | None]) -> Map:
-    """Return a map that a plan's file stores."""
+    """Return a map stored in a plan's file."""
     maps = context_of(info).maps
     if not 0 <= form.stored_map < len(maps):
         expected = f"one of the {len(maps)} maps of the file"
@@ -141,7 +141,7 @@ def _stored(form: StoredMap, info: ValidationInfo[Context | None]) -> Map:
 
 
 if TYPE_CHECKING:
-    References = Voxels | Mesh  # what validation makes of them
+    References = Voxels | Mesh  # the result of validation
 else:
     References = (
         Annotated[OctomapFile, AfterValidator(_load), Tag("OctomapFile")]

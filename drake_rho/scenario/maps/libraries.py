@@ -27,7 +27,7 @@ def library(module: str) -> Any:
 
 @contextmanager
 def quiet(name: str) -> Iterator[list[str]]:
-    """Collect what a library logs instead of printing it, and drop its warnings.
+    """Collect a library's log messages instead of printing them, and drop its warnings.
 
     Args:
         name: of the library's logger.

@@ -45,7 +45,7 @@ class Map(Solid):
 
     @property
     def is_that_of_its_file(self) -> bool:
-        """Whether it was read from a file and is no changed copy of what was read."""
+        """Whether it was read from a file and has not been changed since."""
         return self.source is not None and self.source.read == hash_of_arrays(*self._arrays)
 
     @cached_property
@@ -95,4 +95,4 @@ class Map(Solid):
         return distances, outward
 
     def check_solid(self) -> None:
-        """Accept every map: a surface is kept clear of by vehicles with a radius."""
+        """Accept every map: vehicles with a radius keep clear of surfaces too."""

@@ -75,7 +75,7 @@ class Mesh(Map):
             path: of an .obj, .stl, .ply, .gltf or .glb file. Axes are those of the file; in glTF
                 files y is up, which a pose can turn.
             scale: length of the file's unit [m].
-            pose: in which the mesh is placed once it is scaled, a 4 x 4 matrix or Drake's
+            pose: in which the scaled mesh is placed, a 4 x 4 matrix or Drake's
                 `RigidTransform`.
 
         Raises:
@@ -128,18 +128,18 @@ class Mesh(Map):
     def is_watertight(self) -> bool:
         """Whether every edge joins two triangles, so that all of them enclose an inside.
 
-        Vertices within a billionth of the size of each other count as one, a triangle that is there
-        twice may count once, and one without an area does not count.
+        Vertices within a billionth of the size of each other count as one, a duplicate triangle may
+        count once, and a triangle without area does not count.
         """
         return self._shells.are_closed
 
     @cached_property
     def _shells(self) -> Shells:
-        """Those of its triangles that enclose an inside."""
+        """Its triangles with coincident vertices joined, and which of them enclose an inside."""
         return Shells.of(self.vertices, self.triangles, _SAME * self.size)
 
     def _inside(self, x: FloatArray, distances: FloatArray) -> FloatArray:
-        """Return distances with a negative sign inside of triangles that enclose something."""
+        """Return distances, negative inside closed shells."""
         if not self._shells.enclosing.any():
             return distances
         within = np.all(np.abs(x) <= self.extent, axis=-1)
@@ -154,7 +154,7 @@ class Mesh(Map):
         return -self.parts.local_outward(x)
 
     def _is_inside(self, x: FloatArray) -> BoolArray:
-        """Return which positions relative to the centre, (Q, 3), closed shells enclose: (Q,).
+        """Return a mask of the positions (Q, 3), relative to the centre, inside closed shells.
 
         A vertical ray from inside crosses the surface an odd number of times. Where solids
         overlap, it leaves more of them than it enters. Both triangles of an edge see it as the same

@@ -83,7 +83,7 @@ def _merged(scene: Any, kind: Any, most: int) -> tuple[FloatArray, IntArray]:
     """Return the vertices and triangles of all meshes of a scene, placed by its nodes.
 
     Args:
-        scene: that the library has read.
+        scene: as read by the library.
         kind: of its meshes.
         most: largest number of vertices or triangles, which nodes may repeat.
     """

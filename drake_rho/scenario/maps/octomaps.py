@@ -1,4 +1,4 @@
-"""OctoMap files, .bt and .ot, as leaves of an octree, and the cells of these."""
+"""OctoMap files, .bt and .ot, as leaves of an octree, and their cells."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ ENDINGS = (".bt", ".ot")
 """Endings of OctoMap files."""
 
 MEANINGS = ("free", "occupied")
-"""Words for what cells that were never seen count as."""
+"""Treatments of unobserved cells."""
 
 _MOST_NODES = 4 * MOST
 """Largest number of nodes of a tree that is read."""
@@ -58,7 +58,7 @@ class Leaves:
 
     @property
     def unknown(self) -> int:
-        """Number of cells of the bounding box of all leaves that are in none."""
+        """Number of cells in the bounding box of all leaves that no leaf contains."""
         first, last = self.box
         return int(np.prod(last - first)) - self.occupied - self.free
 
@@ -87,7 +87,7 @@ class Leaves:
         return np.concatenate(found) if found else np.zeros((0, 3), dtype=np.int64)
 
     def _not_free(self) -> IntArray:
-        """Return the cells of the bounding box that are in no free leaf."""
+        """Return the cells in the bounding box outside all free leaves."""
         first, last = self.box
         if np.prod((last - first).astype(float)) > _LARGEST_GRID:
             given = Description(f"a bounding box of {np.prod(last - first)} cells")
@@ -148,7 +148,7 @@ def read_leaves(path: str | Path) -> Leaves:
 class _Header:
     """Header of an OctoMap file.
 
-    The library prints to standard error where a file is damaged, so that all is checked before.
+    The library prints to standard error if a file is damaged, so everything is checked first.
     """
 
     is_binary: bool
@@ -167,7 +167,7 @@ class _Header:
         """Return the header of a file.
 
         Raises:
-            ValueError: it has none, or another than octrees of occupancy have.
+            ValueError: it has none, or not that of an occupancy octree.
         """
         head, found, _ = content[:4096].partition(b"\ndata\n")
         lines = head.decode("ascii", errors="replace").splitlines()

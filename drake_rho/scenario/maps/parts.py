@@ -17,8 +17,8 @@ from drake_rho.scenario.maps.box_tree import BoxTree
 from drake_rho.scenario.shapes.base import TOLERANCE, Solid
 
 SIZE = 0.1
-"""Length to which the tolerance of a map refers, as a part of half its longest side: what a vehicle
-meets of a map is smaller than the map."""
+"""Length to which the tolerance of a map refers, as a part of half its longest side: obstacles in a
+map are smaller than the map."""
 
 _AT_ONCE = 1 << 14
 """Number of positions whose distances are computed at once, which bounds the memory."""
@@ -35,7 +35,7 @@ class Parts(Solid):
 
     Attributes:
         tree: of the parts' bounding boxes, relative to the centre.
-        solid: what they are the parts of, or the cover; None for a union by itself.
+        solid: solid of which the union is the parts or the cover; None for a union by itself.
     """
 
     solid: Solid | None = None
@@ -59,7 +59,7 @@ class Parts(Solid):
         self._count = len(lower)
 
     def of(self, solid: Solid) -> Self:
-        """Return the parts as those of a solid, or of its cover."""
+        """Return the union as the parts, or the cover, of a solid."""
         self.solid = solid
         return self
 

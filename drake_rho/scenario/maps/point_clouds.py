@@ -30,12 +30,12 @@ def cells_of_points(points: Any, resolution: float) -> IntArray:
     """Return the cells that hold a point, each once, shape (M, 3).
 
     Args:
-        points: positions [m], shape (P, 3). Those that are not finite, as depth cameras mark what
-            they did not see, are left out.
+        points: positions [m], shape (P, 3). Points that are not finite, with which depth cameras
+            mark missing measurements, are ignored.
         resolution: side of the cells [m].
 
     Raises:
-        ScenarioError: no point is left, or the points are too far from the origin.
+        ScenarioError: there is no finite point, or the points are too far from the origin.
     """
     try:
         array = np.asarray(points, dtype=np.float64)
@@ -94,7 +94,7 @@ def _npy(path: Path) -> Any:
 
 
 def _xyz(path: Path) -> Any:
-    """Return the first three columns, which spaces or commas separate."""
+    """Return the first three columns, separated by spaces or commas."""
     with opened(path) as file:
         lines = (line.decode(errors="replace") for line in iter(file.readline, b""))
         first = next((line for line in lines if line.strip() and not line.startswith("#")), "")

@@ -14,23 +14,23 @@ from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Shells:
-    """Triangles with vertices that are joined where they are at one place."""
+    """Triangles with coincident vertices joined."""
 
     vertices: FloatArray
     """positions [m], shape (V, 3)"""
     triangles: IntArray
     """numbers of the vertices of each triangle, shape (F, 3)"""
     enclosing: BoolArray
-    """triangles that are the boundary of an inside, each once, shape (F,)"""
+    """mask of the triangles that bound an inside, each once, shape (F,)"""
     are_closed: bool
-    """whether every triangle with an area is of a closed shell"""
+    """whether every triangle with an area belongs to a closed shell"""
 
     @classmethod
     def of(cls, vertices: FloatArray, triangles: IntArray, tolerance: float) -> Self:
         """Return the shells of a mesh.
 
-        Vertices at one place are joined, those within the tolerance only where shells are open
-        without that.
+        Coincident vertices are joined; those within the tolerance only where shells would otherwise
+        be open.
 
         Args:
             vertices: positions [m], shape (V, 3).
@@ -44,7 +44,7 @@ class Shells:
 
     @classmethod
     def _joined(cls, vertices: FloatArray, triangles: IntArray, places: np.ndarray) -> Self:
-        """Return the shells with vertices joined whose places (V, 3) are equal."""
+        """Return the shells, with vertices of equal places (V, 3) joined."""
         _, first, numbers = np.unique(places, axis=0, return_index=True, return_inverse=True)
         triangles = numbers.reshape(-1)[triangles]
         has_area: BoolArray = (triangles != np.roll(triangles, -1, axis=1)).all(axis=1)
@@ -63,7 +63,7 @@ class Shells:
 
 
 def _clusters(vertices: FloatArray, tolerance: float) -> IntArray:
-    """Return numbers that are equal along an axis for coordinates without a gap, shape (V, 3)."""
+    """Return the clusters of coordinates along each axis, separated by gaps, shape (V, 3)."""
     numbers = np.empty(vertices.shape, dtype=np.int64)
     for axis, values in enumerate(vertices.T):
         order = np.argsort(values, kind="stable")
@@ -81,7 +81,7 @@ def _edges(triangles: IntArray, vertices: int) -> IntArray:
 
 
 def _shells(edges: IntArray, has_area: BoolArray) -> IntArray:
-    """Return the number of each triangle's shell, which edges connect, shape (F,)."""
+    """Return the number of each triangle's edge-connected shell, shape (F,)."""
     count, most = len(edges), int(edges.max()) + 1
     joining = edges[has_area]
     rows = np.repeat(np.flatnonzero(has_area), 3)
@@ -92,21 +92,21 @@ def _shells(edges: IntArray, has_area: BoolArray) -> IntArray:
 
 
 def _turned(triangles: IntArray) -> IntArray:
-    """Return triangles with the least number first, each facing the way it did, shape (F, 3)."""
+    """Return triangles with the least vertex number first and the same orientation, (F, 3)."""
     columns = (np.argmin(triangles, axis=1)[:, None] + np.arange(3)) % 3
     turned: IntArray = np.take_along_axis(triangles, columns, axis=1)
     return turned
 
 
 def _first_of_equal(triangles: IntArray) -> BoolArray:
-    """Return which rows of numbers are the first that are like them, shape (F,)."""
+    """Return a mask of the first of all equal rows, shape (F,)."""
     first = np.unique(triangles, axis=0, return_index=True)[1]
     found: BoolArray = np.isin(np.arange(len(triangles)), first)
     return found
 
 
 def _open(edges: IntArray, shells: IntArray, counted: BoolArray) -> BoolArray:
-    """Return which shells have an edge of an odd number of the triangles that are counted."""
+    """Return a mask of the shells with an edge of an odd number of counted triangles."""
     found = np.zeros(int(shells.max()) + 1, dtype=bool)
     found[shells[counted & _odd(edges, counted)]] = True
     return found

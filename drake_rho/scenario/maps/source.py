@@ -21,7 +21,7 @@ _NO_FILES = {
     errno.EISDIR: "no regular file",
     errno.EINVAL: "no regular file",
 }
-"""What is at a path in place of a file, by the number of the error."""
+"""Names for a path that is no file, by the number of the error."""
 
 _ARCHIVES = (b"PK\x03\x04", b"\x1f\x8b", b"BZh", b"\xfd7zXZ", b"7z\xbc\xaf", b"\x28\xb5\x2f\xfd")
 """First bytes of archives and compressed files."""
@@ -55,7 +55,7 @@ class Source:
 
 
 def hash_of(path: Path, beside: Iterable[str] = ()) -> str:
-    """Return the SHA-256 hash of the content of a file and of those beside it that are there."""
+    """Return the SHA-256 hash of the content of a file and of the existing files beside it."""
     digest = hashlib.sha256()
     for each in (path, *(path.parent / name for name in beside)):
         if each == path or each.is_file():
@@ -76,7 +76,7 @@ def hash_of_arrays(*arrays: np.ndarray | None) -> str:
 def source_of(
     kind: str, path: Path, arguments: dict[str, Any], beside: Sequence[str] = ()
 ) -> Source:
-    """Return the source that says how a file was read."""
+    """Return the record of how a file was read."""
     return Source(kind, str(path), hash_of(path, beside), arguments, tuple(beside))
 
 
@@ -94,7 +94,7 @@ def warn_if_changed(source: Source, since: str) -> None:
 
 
 def checked_file(path: str | Path, endings: Sequence[str]) -> Path:
-    """Return the absolute path of a file that is there and may be read, by the name given.
+    """Check that a file can be read, and return its absolute path by the given name.
 
     Args:
         path: of the file.
@@ -129,9 +129,9 @@ def checked_file(path: str | Path, endings: Sequence[str]) -> Path:
 
 
 def absolute(path: Path) -> Path:
-    """Return the absolute path of a file by the name given, whatever that is a link to.
+    """Return the absolute path of a file by the given name, even if this is a link.
 
-    Its folder is that in which the name is, where files to which it refers are looked for.
+    Its folder is the one that contains the link, where files to which it refers are looked for.
     """
     return path.parent.resolve() / path.name
 

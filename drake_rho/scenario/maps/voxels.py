@@ -94,8 +94,8 @@ class Voxels(Map):
 
         Args:
             path: of a .bt or .ot file.
-            unknown: what cells count as that were never seen, in the bounding box of those that
-                were: "free" or "occupied". There is no default, since either may be wrong.
+            unknown: treatment of unobserved cells in the bounding box of the observed ones: "free"
+            or "occupied". There is no default, since either may be wrong.
             pose: in which the map is placed, a 4 x 4 matrix or Drake's `RigidTransform`.
 
         Raises:

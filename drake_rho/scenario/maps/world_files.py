@@ -1,8 +1,8 @@
-"""What the files of a world refer to, looked through before anything else reads them.
+"""Files of a world and their references, checked before any parser reads them.
 
 A world can name further files anywhere on the machine, and even on the network. Only those in the
 folder of its own file are read. Collision geometries that no obstacle can represent are refused
-here, since Drake leaves some of them out without a word.
+here, since Drake silently ignores some of them.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ from drake_rho.scenario.maps.world_xml import ENDINGS, PARTS, check_geometries, 
 from drake_rho.system.files import read_bytes
 
 _MOST = 1_500
-"""Largest number of links, of collision geometries or of other parts of a world, included ones
-counted as often as they are. What reads them takes time with the square of their number."""
+"""Largest number of links, collision geometries or other parts of a world, counted once per
+inclusion. The time to read them grows with the square of their number."""
 
 _MOST_FILES = 10_000
-"""Largest number of files that are included, each as often as it is."""
+"""Largest number of inclusions of files."""
 
 _FILES = "inclusions of files"
-"""What inclusions are called beside the other parts of a world."""
+"""Name of inclusions among the counted parts of a world."""
 
 _DEEPEST = 100
 """Largest depth of files included in each other."""
@@ -59,7 +59,7 @@ class WorldFiles:
         return self.path.parent
 
     def look_through(self, path: Path, below: tuple[Path, ...] = ()) -> Counter[str]:
-        """Return the numbers of a file's inclusions and parts, and look through what it includes.
+        """Return the numbers of a file's inclusions and parts, and check the included files.
 
         Args:
             path: of the file.
@@ -104,7 +104,7 @@ class WorldFiles:
         return count
 
     def copied(self, folder: Path) -> dict[Path, Path]:
-        """Write copies of the files in SDF, and return them by what they are copies of.
+        """Write copies of the files in SDF, and return them by their originals.
 
         They refer to each other and to meshes by absolute paths. Other paths would be looked for
         in the working directory and on the whole machine before the folder of the world.
@@ -174,7 +174,7 @@ class WorldFiles:
 
 
 def world_files(path: str | Path) -> WorldFiles:
-    """Return the files of a world once all of them are found to be harmless.
+    """Return the files of a world after checking that all are harmless.
 
     Raises:
         ScenarioError: one is missing, too large, damaged or outside of the folder of the world.
@@ -197,7 +197,7 @@ class _Reference(NamedTuple):
 
 
 def _references(tree: Element) -> Iterator[_Reference]:
-    """Return all references to files in the content of one."""
+    """Return all references to files in the content of a file."""
     is_mjcf = tree.tag in ("mujoco", "mujocoinclude")
     for element in tree.iter():
         if is_mjcf:
@@ -225,7 +225,7 @@ def _by_name(path: Path) -> Path:
 
 
 def _model(path: Path) -> Path:
-    """Return the file that an included path stands for: of a folder, that of the latest version."""
+    """Return the file of an included path; for a folder, the file of the latest version."""
     if not path.is_dir():
         return path
     config = path / "model.config"

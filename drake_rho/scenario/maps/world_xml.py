@@ -1,6 +1,6 @@
-"""XML of worlds: parsed without declarations, and looked through for geometries nobody would read.
+"""XML of worlds: parsing without declarations, and checks for geometries that are never read.
 
-Drake leaves some collision geometries out without a word, and replaces others; these are refused.
+Drake silently ignores some collision geometries, and replaces others; these are refused.
 """
 
 from __future__ import annotations
@@ -33,14 +33,14 @@ _NO_SHAPES = {"hfield", "sdf"}
 """Types of geometries of MJCF that are not read."""
 
 _NO_ELEMENTS = {"attach", "composite", "flexcomp"}
-"""Elements of MJCF that make geometries, and that Drake leaves out without a word."""
+"""Elements of MJCF that make geometries, and that Drake silently ignores."""
 
 _PARENTS = {
     "geom": {"body", "default", "mujocoinclude", "worldbody"},
     "body": {"body", "mujocoinclude", "worldbody"},
     "worldbody": {"mujoco", "mujocoinclude"},
 }
-"""Elements of MJCF in which others are read; in any other they are left out without a word."""
+"""Elements of MJCF in which others are read; in any other they are silently ignored."""
 
 _LENGTHS = {
     "box": ("size",),
@@ -49,17 +49,17 @@ _LENGTHS = {
     "ellipsoid": ("a", "b", "c"),
     "sphere": ("radius",),
 }
-"""Dimensions of shapes; one that is missing or not positive may become 1 m without a word."""
+"""Dimensions of shapes; one that is missing or not positive may silently become 1 m."""
 
 _DEEPEST = 100
-"""Largest depth of elements in each other; what reads them calls itself for each."""
+"""Largest nesting depth of elements; readers recurse once per level."""
 
 
 def check_size(path: Path) -> None:
     """Check that a file can be read and is not too large.
 
     Raises:
-        ScenarioError: it cannot, or is.
+        ScenarioError: it cannot be read, or is too large.
     """
     try:
         check_readable(path, LARGEST)
@@ -110,7 +110,7 @@ def check_geometries(path: Path, tree: Element) -> None:
     """Check that all collision geometries can be represented.
 
     Raises:
-        ScenarioError: one cannot; the error names it.
+        ScenarioError: one cannot be represented; the error names it.
     """
     for parent in tree.iter():
         for collision in parent.findall("collision"):

@@ -1,7 +1,7 @@
 """Collision geometries of SDF, URDF and MJCF files, as shapes where Drake's parser places them.
 
-This is the only module of its room that uses Drake, whose parser reads these formats; it is loaded
-when a world is read, and not before.
+This is the only module of maps that uses Drake, whose parser reads these formats; it is loaded only
+when a world is read.
 """
 
 from __future__ import annotations
@@ -34,7 +34,8 @@ GROUND = (200.0, 200.0, 1.0)
 """Sides of the box that stands for an endless plane [m], with its top in the plane."""
 
 _ALONG = 1e-12
-"""Deviation of a rotation's numbers from 0 and 1 up to which it turns axes into axes."""
+"""Largest deviation of a rotation's entries from whole numbers to count as turning axes into
+axes."""
 
 _LEFT_OUT = re.compile("(geom type|fromto tag|mesh asset|unknown mesh).*ignored")
 """Warnings of Drake that a geometry is left out."""
@@ -87,7 +88,7 @@ def read_world(path: str | Path, pose: Pose) -> list[Geometry]:
 def _geometries(files: WorldFiles, path: Path, pose: Pose) -> Iterator[Geometry]:
     """Return every collision geometry in the order of the file.
 
-    Shapes of Drake are gone with its scene graph, which is why they are converted here.
+    Shapes of Drake do not outlive its scene graph, so they are converted here.
 
     Args:
         files: of the world.
@@ -142,7 +143,7 @@ def _placed(path: Path, name: str, shape: Any, turn: FloatArray, at: FloatArray)
 
 
 def _shape(shape: Any, turn: FloatArray, at: FloatArray) -> Solid | None:
-    """Return Drake's shape as one of ours; None if there is none."""
+    """Return the equivalent of Drake's shape; None if there is none."""
     match type(shape).__name__:
         case "Sphere":
             return Sphere(at, shape.radius())

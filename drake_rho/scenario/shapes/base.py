@@ -55,7 +55,7 @@ class Solid(abc.ABC):
 
     @property
     def thickness(self) -> float:
-        """Least extent of what a motion has to go around or through [m]."""
+        """Least extent that a motion has to go around or through [m]."""
         return float(self.extent.min())
 
     @property

@@ -62,7 +62,7 @@ class Posed(Shape):
     """
 
     shape: ConvexShape
-    """shape as it is before it is rotated and translated"""
+    """shape before rotation and translation"""
     rotation: Rotation = dataclasses.field(default_factory=lambda: read_only(np.eye(3)))
     """rotation about the origin: roll, pitch and yaw [rad], or a matrix; none if not given"""
     translation: Vector = dataclasses.field(default_factory=lambda: read_only(np.zeros(3)))
@@ -84,13 +84,13 @@ class Posed(Shape):
         return own_schema
 
     def __str__(self) -> str:
-        """Return a description: the shape's own, and where its centre is."""
+        """Return a description: the shape's own, and the position of its centre."""
         return f"{self.shape}, posed around {np.round(self.center, 3).tolist()}"
 
     @cached_property
     def _box(self) -> tuple[FloatArray, FloatArray]:
         """Middle and half sides of the bounding box, relative to the posed centre of the shape."""
-        upper = self.shape.local_support(self.rotation)  # rows: the axes as the shape sees them
+        upper = self.shape.local_support(self.rotation)  # rows: the axes in the shape's frame
         lower = self.shape.local_support(-self.rotation)
         finite = np.isfinite(upper) & np.isfinite(lower)
         difference = np.subtract(upper, lower, out=np.zeros(3), where=finite)
@@ -138,12 +138,12 @@ class Posed(Shape):
         return None
 
     def local_support(self, n: FloatArray) -> FloatArray:
-        """Return the support in the directions as the shape sees them."""
+        """Return the support function, evaluated in the shape's own frame."""
         support: FloatArray = self.shape.local_support(n @ self.rotation) - n @ self._box[0]
         return support
 
     def local_distance(self, x: FloatArray) -> FloatArray:
-        """Return distances of the positions as the shape sees them."""
+        """Return distances, evaluated in the shape's own frame."""
         return self.shape.local_distance(self._seen(x))
 
     def local_outward(self, x: FloatArray) -> FloatArray:
