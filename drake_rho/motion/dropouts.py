@@ -57,9 +57,9 @@ class Effects:
 
     @cached_property
     def _winds(self) -> FloatArray:
-        """Effects of wind in a sample and in all those after it whose measurements are lost.
+        """Effects of wind in a sample and in the q samples after it, whose measurements are lost.
 
-        q measurements are lost after the first of these samples, so there are q + 1.
+        With the first of these samples there are q + 1.
         """
         sums = self.wind.copy()
         for q in range(1, len(sums)):

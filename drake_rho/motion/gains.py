@@ -48,7 +48,7 @@ class Loop(NamedTuple):
     """Feedback loop for which gains are optimised."""
 
     measurements: Measurements
-    """measurements of which the feedback is computed"""
+    """measurements that the feedback is computed from"""
     samples: int
     """number of samples in the flight"""
     sizes: tuple[float, float, float, float, float]

@@ -119,7 +119,7 @@ def _deeper(one: ClosestApproaches, other: ClosestApproaches) -> ClosestApproach
 def _deepest_sampled(plan: Moving, obstacle: Obstacle, knots: FloatArray) -> ClosestApproaches:
     """Return the closest approaches to a map that a motion enters, among samples.
 
-    The depth in a map is no depth in one of its parts, and no convex function of the position.
+    The depth in a map is neither the depth in one of its parts nor a convex function of position.
     """
     parts = np.linspace(0.0, 1.0, _SAMPLES, endpoint=False)
     times = np.append((knots[:-1, None] + parts * np.diff(knots)[:, None]).reshape(-1), knots[-1])

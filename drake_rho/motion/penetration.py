@@ -121,7 +121,7 @@ def _near_box(
     within: FloatArray,
 ) -> BoolArray:
     """Return a mask of the pieces (N, K) that may come within distances (N, K) of a centred box."""
-    w = durations[:, None]  # a coordinate that turns round moves at most as far as v/2 does in w
+    w = durations[:, None]  # a coordinate that reverses moves at most as far as v/2 does in w
     moved = w * np.maximum(np.abs(v + w / 2 * a), np.abs(v) / 2)
     reach = extent + within[..., None] + moved
     near: BoolArray = np.all(np.abs(p) < reach, axis=2)
@@ -164,7 +164,7 @@ def deepest(
     Distances are those from the space that the shape may occupy.
 
     Args:
-        shape: the shape; of a map, each piece is seen from its own part alone.
+        shape: the shape; for a map, each piece is compared with its own part alone.
         pieces: M pieces.
         below: signed distance of each piece [m], shape (M,).
         tolerances: accepted depth in the shape [m], shape (M,); the depth of the instants returned

@@ -311,7 +311,7 @@ class Plan(ShownInNotebooks, metaclass=Described):
         """Return the plan continued at rest: vehicles hold at their goals for a time after the end.
 
         Its grid is longer by the time, rounded up to whole steps. The feedback, if any, is that of
-        this plan, so that the error tube goes on as it was.
+        this plan, so that the error tube continues unchanged.
 
         Args:
             seconds: time to hold [s], rounded up to whole steps.

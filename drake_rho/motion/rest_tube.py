@@ -1,6 +1,6 @@
 """Error tubes after the end of a plan, while the feedback holds vehicles at their goals.
 
-The feedback goes on with the same gains. So the tube is that of a longer plan that ends at rest,
+The feedback continues with the same gains. So the tube is that of a longer plan that ends at rest,
 and its radii are constant from the sample on in which the effects of all earlier causes have
 decayed. `docs/flight.md` contains the mathematics.
 """
@@ -47,7 +47,7 @@ class RestTube:
     begin: float
     """end of the plan on the scenario's clock [s]"""
     is_bounded: bool
-    """whether radii are bounded for ever: the feedback lets every error decay"""
+    """whether radii stay bounded: the feedback lets every error decay"""
 
     @property
     def end(self) -> float:
@@ -62,10 +62,10 @@ class RestTube:
 
         Args:
             quantity: position, velocity, or acceleration for the feedback.
-            until: time on the scenario's clock [s]; for ever if not given.
+            until: time on the scenario's clock [s]; without end if not given.
 
         Returns:
-            The radius; infinite for ever if it is not bounded.
+            The radius; infinite without an end if it is not bounded.
         """
         if until == np.inf and not self.is_bounded and self._is_disturbed:
             return np.inf

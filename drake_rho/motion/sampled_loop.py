@@ -28,7 +28,7 @@ _B: Final = np.array([0.5, 1.0])
 """Change of position and velocity by a unit acceleration during one sample."""
 
 _CAUSES: Final = ([WIND_AT_END, WIND_AT_BEGIN], [2], [3], [4], [5])
-"""Causes whose sizes are given: wind, estimation errors, and initial errors."""
+"""Causes with given sizes: wind, estimation errors, and initial errors."""
 
 _NEGLIGIBLE = 1e-18
 """Part of its initial size at which a decayed error vanishes in the rounding of any sum."""

@@ -225,7 +225,7 @@ class ErrorTube(metaclass=Described):
 
     @cached_property
     def _clock(self) -> Clock:
-        """Clock by which times are compared in samples."""
+        """Clock for comparing times in samples."""
         return Clock.of(1.0, self.grid.start / self.sample, self.grid.end / self.sample)
 
     @cached_property

@@ -39,7 +39,7 @@ class _Kind(NamedTuple):
     has: Callable[[object], bool]
     """predicate that is true for values of this kind"""
     type: type | None = None
-    """class all of whose instances are of this kind; None if `has` must decide"""
+    """class whose instances are all of this kind; None if `has` must decide"""
 
 
 _NAMES = {
@@ -89,7 +89,7 @@ def checked(function: Callable[_Arguments, _Result]) -> Callable[_Arguments, _Re
 def passes_to(
     other: Callable[..., object],
 ) -> Callable[[Callable[_Arguments, _Result]], Callable[_Arguments, _Result]]:
-    """Return a decorator for functions whose `**` takes the keyword arguments of another one.
+    """Return a decorator for functions that pass `**` keyword arguments on to another one.
 
     Their signatures and annotations list each of these arguments, before the function's own keyword
     arguments, for help, completion and `checked`.

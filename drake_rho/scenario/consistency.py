@@ -94,7 +94,7 @@ def check_ends(
         grid: first and last knot.
         obstacles: all obstacles.
         separation: required of every pair, if any.
-        under_way: whether starts are states that a flight has reached, which are not checked.
+        under_way: whether starts are states reached in flight, which are not checked.
         smoothing: margin of positions [m], and time before the start and after the end [s] during
             which vehicles stay within this margin of them.
 
@@ -143,7 +143,7 @@ def check_limits(fleet: Fleet, vehicles: Sequence[Vehicle], *, under_way: bool =
     Args:
         fleet: the vehicles as arrays.
         vehicles: the vehicles.
-        under_way: whether starts are states that a flight has reached, which are not checked.
+        under_way: whether starts are states reached in flight, which are not checked.
 
     Raises:
         ScenarioError: a start or a goal violates a limit.
@@ -263,14 +263,14 @@ def check_requirements(
     grid: Grid,
     under_way: bool,
 ) -> None:
-    """Check that requirements name vehicles, are in the flight, and hold at given states.
+    """Check that requirements name vehicles, are active in the flight, and hold at given states.
 
     Args:
         requirements: all requirements, numbered from 1 in this order.
         fleet: the vehicles.
         names: names of the vehicles.
         grid: first and last knot.
-        under_way: whether starts are states that a flight has reached, and requirements may be
+        under_way: whether starts are states reached in flight, and requirements may be
             over; neither is checked then.
 
     Raises:

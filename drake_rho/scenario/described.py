@@ -43,7 +43,7 @@ class Described(ABCMeta):
     """Metaclass of records, which lists each field in `help` with the docstring under it."""
 
     def __dir__(cls) -> list[str]:
-        """Return the public names, without those that a dataclass or pydantic adds to the class."""
+        """Return the public names, without those added by a dataclass or pydantic."""
         return [name for name in super().__dir__() if not name.startswith("_")]
 
     @property
@@ -77,7 +77,7 @@ class ShownInNotebooks:
         ShownInNotebooks._html_of = html_of
 
     def _repr_html_(self) -> str | None:
-        """Return the HTML by which a notebook shows the record; None for its text."""
+        """Return the HTML of the record for notebooks; None to show its text."""
         draw = ShownInNotebooks._html_of
         return None if draw is None else draw(self)
 

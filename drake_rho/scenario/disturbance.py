@@ -123,7 +123,7 @@ class Disturbance:
 
         Raises:
             ScenarioError: its samples do not divide the step, or there are too many; or the first
-                knot of the tracked plan is no knot of the grid extended backwards in time.
+                knot of the tracked plan is not a knot of the grid extended backwards in time.
         """
         if self.tracking is not None:
             start = grid.start - lead

@@ -73,7 +73,7 @@ Margin = Annotated[
     Field(ge=0.0, le=1e6, allow_inf_nan=False),
     NOT_BOOLEAN,
 ]
-"""Distance to be kept from something [m]."""
+"""Required distance from something [m]."""
 Positive = Annotated[
     float,
     Field(gt=0.0, allow_inf_nan=False),
@@ -143,7 +143,7 @@ def numbers_of(value: object) -> FloatArray:
     """Return `value` as a read-only array of shape (M,).
 
     Raises:
-        ScenarioError: it is no list of finite numbers.
+        ScenarioError: it is not a list of finite numbers.
     """
     numbers = value.tolist() if isinstance(value, np.ndarray) else value
     if isinstance(numbers, list | tuple) and not any(map(_nested, numbers)):
@@ -237,9 +237,9 @@ def unchecked(old: _Record, **changes: object) -> _Record:
     """Return a copy of a record with other values, which are not validated.
 
     The values have to be valid and the arrays read-only. Cached properties are not copied, as they
-    may not hold for the copy; `changes` can include those that do. This function is meant for the
-    states that a plan has reached: validating each of a thousand vehicles again in every window
-    takes longer than planning it.
+    may not hold for the copy; `changes` can include those that do. This function is meant for
+    states reached in flight: validating each of a thousand vehicles again in every window takes
+    longer than planning it.
     """
     copy = object.__new__(type(old))
     attributes, values = copy.__dict__, old.__dict__

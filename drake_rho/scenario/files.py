@@ -22,7 +22,7 @@ from drake_rho.scenario.written_maps import with_numbers, with_references
 from drake_rho.system.files import atomic_write, read_text, reason_of
 
 _HERE = Path()
-"""Folder in which the program runs."""
+"""Working directory of the program."""
 
 _MOST_REPEATED = 500_000
 """Largest number of values that aliases of YAML repeat: few lines may stand for billions."""
@@ -94,7 +94,7 @@ def scenario_from_yaml(text: str, folder: Path = _HERE) -> Scenario:
 
     Args:
         text: in YAML.
-        folder: to which the paths of maps are relative.
+        folder: base of the relative paths of maps.
 
     Raises:
         ScenarioError: the text is not YAML, or not a valid scenario.
@@ -107,7 +107,7 @@ def scenario_from_content(content: object, folder: Path = _HERE) -> Scenario:
 
     Args:
         content: of the file.
-        folder: to which the paths of maps are relative.
+        folder: base of the relative paths of maps.
 
     Raises:
         ScenarioError: they do not describe a valid scenario.
@@ -151,7 +151,7 @@ def yaml_content(text: str) -> object:
 
 
 def scenario_to_yaml(scenario: Scenario, folder: Path | None = None) -> str:
-    """Return a scenario as YAML text, with the fields in their order and absent ones left out.
+    """Return a scenario as YAML text, with the fields in their order, without absent ones.
 
     Args:
         scenario: to be written.
@@ -199,7 +199,7 @@ def scenario_from_json(text: str, *, under_way: bool = False, maps: Sequence[Map
         text: JSON of the scenario.
         under_way: whether the scenario is the remainder of a flight, which may begin too close to
             an obstacle that became known late; its starts are not checked then.
-        maps: to which the scenario refers by their numbers.
+        maps: maps to which the scenario refers by their numbers.
 
     Raises:
         ScenarioError: the text is not JSON, or not a valid scenario.

@@ -185,7 +185,7 @@ class Obstacle:
         return clock.within(times, self.active)
 
     def is_always_active(self, grid: Grid) -> bool:
-        """Return whether it is avoided all through a flight, at whose first knot its clock is 0."""
+        """Return whether it is avoided all through a flight; its clock is 0 at the first knot."""
         return bool(self.is_active(grid.elapsed[[0, -1]], grid.clock).all())
 
     @property

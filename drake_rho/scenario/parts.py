@@ -110,7 +110,7 @@ class Grid:
 
     @cached_property
     def clock(self) -> Clock:
-        """Clock by which times of the flight are compared, also those since its first knot."""
+        """Clock for comparing times of the flight, also times since its first knot."""
         first, _ = self._origin
         return Clock.of(self.step, first, self.end)
 
@@ -156,7 +156,7 @@ class Grid:
 
     @cached_property
     def _origin(self) -> tuple[float, int]:
-        """Start of the whole flight whose remainder this grid is [s], and the steps since then.
+        """Start of the whole flight [s], and the steps from there to this remainder of it.
 
         It keeps the starts of all windows bit-equal to knots of the whole flight.
         """

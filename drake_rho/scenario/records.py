@@ -1,4 +1,4 @@
-"""The planning problem, `Scenario`, and all records of which it is made."""
+"""The planning problem, `Scenario`, and all records in it, for import from here."""
 
 from __future__ import annotations
 
@@ -195,7 +195,7 @@ class Scenario(ShownInNotebooks):
         """Check that starts and goals satisfy limits and separation and are outside obstacles.
 
         Args:
-            under_way: whether starts are states that a flight has reached, which are not checked.
+            under_way: whether starts are states reached in flight, which are not checked.
 
         Raises:
             ScenarioError: a start or a goal violates one of these constraints.

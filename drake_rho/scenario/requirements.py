@@ -124,7 +124,7 @@ class KeepIn:
 
     @property
     def quantity(self) -> Quantity:
-        """Quantity of motions whose values, less `offset`, are in the set."""
+        """Quantity of motions with values in the set, once `offset` is subtracted."""
         return "acceleration" if self.of == "thrust" else self.of
 
     @property
@@ -134,12 +134,12 @@ class KeepIn:
 
     @property
     def track(self) -> Track | None:
-        """Track from which the difference is taken; None for another vehicle, or for none."""
+        """Track of the moving point for the difference; None if it is to a vehicle or absent."""
         return self.relative_to if isinstance(self.relative_to, Track) else None
 
     @property
     def leader(self) -> str | None:
-        """Name of the vehicle from which the difference is taken; None if there is none."""
+        """Name of the other vehicle of the difference; None if there is none."""
         return self.relative_to if isinstance(self.relative_to, str) else None
 
     @property
@@ -153,7 +153,7 @@ class KeepIn:
         return np.array([i for i, n in enumerate(names) if n in wanted and n != self.leader], int)
 
     def partner(self, names: Sequence[str]) -> int | None:
-        """Return the index of the vehicle from which the difference is taken; None if none."""
+        """Return the index of the other vehicle of the difference; None if there is none."""
         return None if self.leader is None else list(names).index(self.leader)
 
     def offset(

@@ -29,7 +29,7 @@ def from_states(
     Averages of a smoothing begin `lead` before the grid, and so do waypoints.
 
     Args:
-        scenario: of a flight, or of its rest.
+        scenario: of a flight, or of its remainder.
         grid: remainder of the flight.
         positions: at its first knot [m], shape (N, 3).
         velocities: at its first knot [m/s], shape (N, 3).
@@ -78,7 +78,7 @@ def going_on(scenario: Scenario, flown: FloatArray) -> Scenario:
     """Return a scenario with the accelerations flown before it, for a smoothing's averages.
 
     Args:
-        scenario: of a flight, or of its rest.
+        scenario: of a flight, or of its remainder.
         flown: accelerations of the steps before the first knot [m/s²], (N, REACHED, 3).
     """
     vehicles = tuple(

@@ -1,4 +1,4 @@
-"""Warning of maps whose unit is probably not that of the flight."""
+"""Warning about maps that are probably in another unit than the flight."""
 
 from __future__ import annotations
 

@@ -28,7 +28,7 @@ covers sums of a few times and a user's own arithmetic."""
 
 @dataclasses.dataclass(frozen=True)
 class Clock:
-    """Clock by which times are compared [s], alone or in arrays that broadcast.
+    """Clock for comparing times [s], alone or in arrays that broadcast.
 
     Examples:
         >>> bool(rho.Grid(0.1, 5, start=1.7e9).clock.same(0.3, 0.1 + 0.2))

@@ -32,7 +32,7 @@ class Waypoints:
 
     @property
     def present(self) -> BoolArray:
-        """Mask of the vehicles that have such a waypoint, with a time, shape (N,)."""
+        """Mask of the vehicles with such a waypoint and a time for it, shape (N,)."""
         return np.isfinite(self.times)
 
     def tolerances(self, scale: FloatArray) -> FloatArray:

@@ -47,7 +47,7 @@ def load_world(path: str | Path, pose: AnyPose = None) -> tuple[Obstacle, ...]:
 
     Args:
         path: of an .sdf, .urdf or .xml file.
-        pose: in which the world is placed, a 4 x 4 matrix or Drake's `RigidTransform`.
+        pose: pose of the world, a 4 x 4 matrix or Drake's `RigidTransform`.
 
     Returns:
         Obstacles with the names of their bodies and geometries, in the order of the file.

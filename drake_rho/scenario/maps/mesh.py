@@ -69,13 +69,13 @@ class Mesh(Map):
     @classmethod
     @checked
     def load(cls, path: str | Path, scale: float = 1.0, pose: AnyPose = None) -> Mesh:
-        """Return the triangles of a mesh file, those of all its geometries.
+        """Return the triangles of all geometries in a mesh file.
 
         Args:
             path: of an .obj, .stl, .ply, .gltf or .glb file. Axes are those of the file; in glTF
                 files y is up, which a pose can turn.
             scale: length of the file's unit [m].
-            pose: in which the scaled mesh is placed, a 4 x 4 matrix or Drake's
+            pose: pose of the scaled mesh, a 4 x 4 matrix or Drake's
                 `RigidTransform`.
 
         Raises:
@@ -182,7 +182,7 @@ class Mesh(Map):
 
 
 def _crosses(one: FloatArray, other: FloatArray, x: FloatArray) -> BoolArray:
-    """Return which edges, seen from above, pass x (P, 3) on the side of larger x coordinates."""
+    """Return a mask of the edges that, seen from above, pass x (P, 3) at larger x coordinates."""
     swapped = (one[:, 1] > other[:, 1]) | ((one[:, 1] == other[:, 1]) & (one[:, 0] > other[:, 0]))
     low = np.where(swapped[:, None], other, one)  # the same for both triangles of an edge
     high = np.where(swapped[:, None], one, other)

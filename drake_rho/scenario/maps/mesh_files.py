@@ -62,7 +62,7 @@ def read_mesh(path: str | Path) -> MeshFile:
                 io.BytesIO(content),
                 file_type=path.suffix[1:].lower(),
                 resolver=beside,
-                process=False,  # which would merge vertices and remove those that are not numbers
+                process=False,  # which would merge vertices and remove NaN
                 skip_materials=True,
             )
             vertices, triangles = _merged(scene, trimesh.Trimesh, max(_FEW, len(content)))

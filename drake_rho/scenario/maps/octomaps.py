@@ -125,7 +125,7 @@ def read_leaves(path: str | Path) -> Leaves:
         else:
             tree = getattr(octomap, header.kind).read(name)
             complete = tree.size() == header.nodes
-    except Exception as error:  # of the library, for what the checks above let pass
+    except Exception as error:  # the library's error, for files that pass the checks above
         raise unreadable(path, error, _EXPECTED) from None
     if not complete:
         raise unreadable(path, "the library reads fewer nodes than there are", _EXPECTED)

@@ -159,7 +159,7 @@ class Parts(Solid):
 
 
 class Boxes(Parts):
-    """Union of boxes whose sides are parallel to the axes of one frame."""
+    """Union of boxes aligned with the axes of one frame."""
 
     def __init__(
         self,

@@ -49,7 +49,7 @@ def cells_of_points(points: Any, resolution: float) -> IntArray:
         missing = f", {len(array)} that are not finite" if len(array) else ""
         given = Description(f"no points{missing}")
         raise ScenarioError("points", given, "at least one point of finite coordinates")
-    with np.errstate(over="ignore"):  # what overflows is too far away
+    with np.errstate(over="ignore"):  # an overflow means too far away
         cells = np.floor(array[finite] / resolution)
     if np.abs(cells).max() > _LARGEST_CELL:
         given = Description(f"points up to {np.abs(array[finite]).max():g} m from the origin")

@@ -96,7 +96,7 @@ class Voxels(Map):
             path: of a .bt or .ot file.
             unknown: treatment of unobserved cells in the bounding box of the observed ones: "free"
             or "occupied". There is no default, since either may be wrong.
-            pose: in which the map is placed, a 4 x 4 matrix or Drake's `RigidTransform`.
+            pose: pose of the map, a 4 x 4 matrix or Drake's `RigidTransform`.
 
         Raises:
             ScenarioError: `unknown` is not given, in which case the error says what the file
@@ -127,7 +127,7 @@ class Voxels(Map):
             points: positions [m], shape (P, 3), or the path of a .pcd, .ply, .xyz or .npy file.
                 Points with a coordinate that is not finite are left out.
             resolution: side of the cells [m].
-            pose: in which the cloud is placed, a 4 x 4 matrix or Drake's `RigidTransform`.
+            pose: pose of the cloud, a 4 x 4 matrix or Drake's `RigidTransform`.
 
         Raises:
             ScenarioError: there are no points; the file cannot be read or is damaged; or the extra
@@ -223,7 +223,7 @@ class Voxels(Map):
         return Boxes(h * lower, h * upper, self.rotation, self.origin)
 
     def _inside(self, x: FloatArray, distances: FloatArray) -> FloatArray:
-        """Return distances with those of positions in cells measured from the free cells."""
+        """Return distances; for positions in cells, minus the distance from the free cells."""
         inside = distances <= 0.0
         if not inside.any():
             return distances

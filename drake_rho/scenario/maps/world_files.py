@@ -51,7 +51,7 @@ class WorldFiles:
     _targets: list[tuple[Element, Path]] = dataclasses.field(default_factory=list)
     """elements of SDF that refer to a file, and the file"""
     _mesh_folders: list[Path] = dataclasses.field(default_factory=list)
-    """folders of meshes that files in MJCF name, for themselves and those that they include"""
+    """folders of meshes named by MJCF files, for themselves and for the files they include"""
 
     @property
     def folder(self) -> Path:
@@ -193,7 +193,7 @@ class _Reference(NamedTuple):
     is_included: bool
     """whether the file is part of the world, not a mesh"""
     element: Element | None = None
-    """element of SDF whose text it is"""
+    """element of SDF that contains the text"""
 
 
 def _references(tree: Element) -> Iterator[_Reference]:
@@ -213,7 +213,7 @@ def _references(tree: Element) -> Iterator[_Reference]:
 
 
 def _mesh_folders(tree: Element, folder: Path) -> list[Path]:
-    """Return the folders that MJCF names, to which paths of meshes are relative."""
+    """Return the folders named by MJCF, base folders of its paths of meshes."""
     compilers = tree.iter("compiler") if tree.tag in ("mujoco", "mujocoinclude") else ()
     texts = [text for each in compilers for key, text in each.items() if key.endswith("dir")]
     return [folder / each for each in texts]

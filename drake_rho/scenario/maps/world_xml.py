@@ -27,7 +27,7 @@ _MESHES = (".obj", ".gltf")
 """Endings of meshes to collide with; Drake reads no others as surfaces."""
 
 PARTS = {"link", "collision", "visual", "joint", "frame", "model", "body", "geom", "site"}
-"""Elements of which a world has a limited number each."""
+"""Elements limited in number in a world."""
 
 _NO_SHAPES = {"hfield", "sdf"}
 """Types of geometries of MJCF that are not read."""

@@ -41,7 +41,7 @@ _LEFT_OUT = re.compile("(geom type|fromto tag|mesh asset|unknown mesh).*ignored"
 """Warnings of Drake that a geometry is left out."""
 
 _Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
-"""Rotation by which Drake turns glTF files, in which y is up."""
+"""Rotation that Drake applies to glTF files, which have y up."""
 
 
 class Geometry(NamedTuple):
@@ -58,7 +58,7 @@ def read_world(path: str | Path, pose: Pose) -> list[Geometry]:
 
     Args:
         path: of an .sdf, .urdf or MJCF .xml file.
-        pose: in which the world is placed.
+        pose: pose of the world.
 
     Raises:
         ScenarioError: the file cannot be read, has no collision geometry, or one that cannot be
@@ -93,7 +93,7 @@ def _geometries(files: WorldFiles, path: Path, pose: Pose) -> Iterator[Geometry]
     Args:
         files: of the world.
         path: of the world's own file, or of its copy.
-        pose: in which the world is placed.
+        pose: pose of the world.
     """
     from pydrake.geometry import Role, SceneGraph
     from pydrake.multibody.parsing import Parser

@@ -116,7 +116,7 @@ def _scenario(name: str, grid: Grid, mission: Mission, world: tuple[Box | Voxels
 
 
 def _separation(mission: Mission, kinds: list[Quadrotor]) -> Separation:
-    """Return a separation that contains those of all pairs, and equals them if agents are alike."""
+    """Return a separation that contains every pair's, and equals it if agents are alike."""
     horizontal = max(kind.radius for kind in kinds)
     vertical = max(
         kind.radius * (kind.downwash if agent.downwash is None else agent.downwash)

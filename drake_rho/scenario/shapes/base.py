@@ -154,6 +154,6 @@ class Quadric(Shape):
     scales: FloatArray
 
     def scaled(self, x: FloatArray) -> FloatArray:
-        """Return positions in coordinates in which the shape is a ball of `radius`, (..., 3)."""
+        """Return positions scaled so that the shape is a ball of `radius`, (..., 3)."""
         scaled: FloatArray = x * self.scales
         return scaled

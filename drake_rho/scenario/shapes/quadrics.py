@@ -88,7 +88,7 @@ def _lengths(x: FloatArray) -> FloatArray:
 
 @record
 class Ellipsoid(Quadric):
-    """Ellipsoid whose axes are parallel to the coordinate axes.
+    """Axis-aligned ellipsoid.
 
     Examples:
         >>> rho.Ellipsoid([0, 0, 0], [3, 2, 1]).support(np.array([0.0, 1.0, 0.0]))

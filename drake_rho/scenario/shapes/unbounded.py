@@ -1,4 +1,4 @@
-"""Convex sets without a bound: half-spaces and cones. They are no obstacles: nothing encloses them.
+"""Unbounded convex sets: half-spaces and cones. They cannot be obstacles: nothing encloses them.
 
 Their three functions are in absolute coordinates, in the unit of the quantity that they contain.
 """
