@@ -7,7 +7,7 @@ reports and files thus treat both like any other obstacle.
 The true position is in the uncertainty sets of the former and of the new sighting, neither of which
 need contain the other. A new plan keeps clear of the new set. The rest of the previous plan keeps
 clear of the former one, which suffices as well, so a window that continues it keeps the former
-sighting too. A sighting outside of the former set, which is then wrong, always replaces it.
+sighting too. A sighting outside of the former set proves that set wrong and always replaces it.
 """
 
 from __future__ import annotations

@@ -282,7 +282,7 @@ def plan_near(
 def first_plan(
     problem: Problem, *, backend: Backend | None = None, progress: Progress | None = None
 ) -> Plan:
-    """Return the first iterate of `plan`: it satisfies every constraint, but is not optimised.
+    """Return the first iterate of `plan`: it satisfies every constraint, but is not iterated.
 
     Args and errors are those of `plan_near`.
     """

@@ -215,7 +215,7 @@ def _detours(problem: Problem, plan: Plan) -> list[Detour]:
 
 
 def _touching(obstacle: KeepOutOfShape, motion: Motion, vehicles: IntArray) -> EvaluationPoints:
-    """Return the closest approach of each vehicle that touches an obstacle."""
+    """Return the instants of closest approach of the vehicles that touch an obstacle."""
     times = motion.step / _SAMPLES * np.arange(1, _SAMPLES * motion.accelerations.shape[1])
     times = times[obstacle.holds_at(times)]
     whose = np.repeat(vehicles, len(times))

@@ -47,8 +47,8 @@ def plan(
 
     Obstacles and pairs are linearised around the latest plan, beginning with that of the convex
     method, until the cost stops falling. If the first linearisation is infeasible, paths around the
-    obstacles are searched for the vehicles that fail, and fleets with a separation
-    go through feasibility restoration.
+    obstacles are searched for the vehicles that fail, and fleets with a separation go through
+    feasibility restoration.
 
     The half-space (15) is a subset of the set that (8) allows, so every iterate satisfies the true
     constraints. Each iterate is feasible for the next linearisation too, so the cost does not rise
