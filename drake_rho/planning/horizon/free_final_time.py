@@ -54,7 +54,7 @@ def arriving(
 
     Args:
         windows: planner of windows with a given final time.
-        free: which waypoints have times that may change.
+        free: flags of waypoints with free times.
         before: number of steps until the previous plan arrives; in the first window, the number
             that the times of waypoints are for.
         or_later: whether the arrival may be after that of the previous plan.
@@ -84,7 +84,7 @@ def next_window(
 
     Args:
         windows: planner of windows with a given final time.
-        free: which waypoints ahead have times that may change.
+        free: flags of waypoints ahead with free times.
         scenario: rest of the flight, from the current states.
         first_knot: knot of the whole flight at which the window starts, counted from 0.
         tail: rest of the previous prediction.
@@ -118,7 +118,7 @@ class EarlyArrival:
     planner: Planner
     """planner of a window with a given final time"""
     free: Free
-    """which waypoints have times that may change"""
+    """flags of waypoints with free times"""
     before: int
     """number of steps until the arrival of the previous plan, with its times of waypoints"""
     or_later: bool = False
@@ -207,7 +207,7 @@ def shortened(scenario: Scenario, free: Free, steps: int, factor: float) -> Scen
 
     Args:
         scenario: scenario of the window.
-        free: which waypoints have times that may change.
+        free: flags of waypoints with free times.
         steps: number of steps.
         factor: factor on these times since the first knot.
 

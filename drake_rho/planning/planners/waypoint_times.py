@@ -89,8 +89,8 @@ def passing_of(waypoints: AllWaypoints, scenario: Scenario, grid: Grid) -> Passi
 def in_least_time(start: Timed, backend: Backend, progress: Progress | None) -> tuple[Timed, float]:
     """Return the minimum-time motion through the waypoints, scaled in time to the final time.
 
-    Given times are scaled with the final time of the minimum-time flight. If this is at most the
-    required final time, the slower motion meets every limit and passes waypoints at given times.
+    Given times are scaled in proportion to the minimum time. If that is at most the required final
+    time, the slower motion meets every limit and passes waypoints at their given times.
 
     Args:
         start: motion in a final time, to linearise around first.
@@ -212,7 +212,7 @@ class WaypointTimes:
     def towards(self, plan: Plan) -> Iterator[Scenario]:
         """Yield the scenario with times found from a plan without the free waypoints.
 
-        That plan satisfies all other constraints; the search bends it to the waypoints.
+        That plan satisfies all other constraints; it is bent to the waypoints.
         """
         for times in (self._nearest(plan), self._first.times):
             best = self._search.best(self._from_plan(plan, times), self._allowed)

@@ -1,7 +1,7 @@
 """Row generation for programs with a free final time: violated and nearly active rows.
 
-Solutions are motions in the final time that the program is linearised around. Limits apply in their
-own final time: positions, velocities and accelerations are scaled by powers of the change of time.
+Solutions are motions in the final time that the program is linearised around, but limits apply in
+the new final time: positions, velocities and accelerations are scaled by powers of its change.
 """
 
 from __future__ import annotations

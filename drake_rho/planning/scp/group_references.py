@@ -73,7 +73,8 @@ class InGroups:
         backend: the solver of the dual programs, as for `GroupDuals`.
 
     Attributes:
-        groups: the number of each vehicle's group in the next linearisation; None before the first.
+        groups: the number of each vehicle's group in the next linearisation; None until the first
+            forms groups.
         converged: whether the last step lowered the cost by less than the tolerance.
         active: rows with positive multipliers in the last linearisation, by constraint. Each pair
             occurs once, lower index first.

@@ -75,7 +75,7 @@ class _Iteration(NamedTuple):
     moved: float
     """largest change of a time, as a fraction of the final time"""
     bent: float = 0.0
-    """relative rise of the final time by the estimated curvatures, included in `predicted`"""
+    """relative rise of the final time by the estimated curvatures, subtracted in `predicted`"""
 
 
 class LeastTime:
