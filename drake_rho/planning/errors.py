@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 Names = tuple[str, ...]
 
 _NAMED = 4
-"""Largest number of vehicles whose conflicts a message lists one by one."""
+"""Largest number of vehicles whose conflicts a message lists individually."""
 
 
 class PlanningError(DrakeRhoError):
@@ -29,13 +29,13 @@ class PlanningError(DrakeRhoError):
 
 
 class InfeasibleError(PlanningError):
-    """Infeasibility: no plan was found, as the constraints that were tried cannot be met together.
+    """Infeasibility: no plan was found, since constraints contradict each other.
 
-    If the scenario has no disturbance, and neither obstacles nor other vehicles take part in the
-    conflicts, this is proved of the scenario itself (`is_proved`). If they take part, it is proved
-    of their linearisation (15): another reference may have a plan. With a disturbance it is proved
-    for the constraint tightening that planners use, which is slightly larger than the errors, and
-    with a smoothing for its margin. At times of waypoints that a planner chose nothing is proved.
+    If the scenario has no disturbance, and no conflict includes obstacles or other vehicles, the
+    scenario itself is proved infeasible (`is_proved`). Otherwise the proof is of the linearisation
+    (15): there may be a plan around another reference. With a disturbance the proof is for the
+    planners' constraint tightening, which is slightly larger than the errors, and with a smoothing
+    for its margin. Where a planner chose the times of waypoints, nothing is proved.
     `drake_rho.infeasible_subset` reduces the conflicts, and `drake_rho.diagnose` computes changes
     that would make the scenario feasible.
 
@@ -43,15 +43,15 @@ class InfeasibleError(PlanningError):
         conflicts: for each vehicle without a plan, by name, constraints that cannot be met
             together: those with a weight in the solver's proof. A subset of them may suffice.
         obstacles: for each of these vehicles, numbers of the obstacles in its conflict; 0 stands
-            for other vehicles from which it has to keep apart.
+            for the separation from other vehicles.
         steps_tried: steps h for which no plan was found [s], in the order tried.
-        scenario: scenario that was to be planned; None if it is not known.
+        scenario: scenario to plan; None if it is not known.
         reference: motion around which obstacles and pairs were linearised; None without one.
         statistics: statistics of the attempts.
         bearable: largest wind [m/s²] that starts, goals and limits tolerate with the same feedback,
             all else unchanged, if they do not tolerate the disturbance; 0 if the errors of the
-            estimate are too large already. None if the error has another reason.
-        because: reason of conflicts that no solver has proved; else empty.
+            estimate alone are too large. None if the error has another reason.
+        because: reason of conflicts that no solver has proved; otherwise empty.
     """
 
     def __init__(
@@ -132,7 +132,7 @@ class InfeasibleError(PlanningError):
 
 
 class SolverError(PlanningError):
-    """Failure of the solvers to give a solution or a proof that there is none.
+    """Numerical failure: the solvers found neither a solution nor a proof of infeasibility.
 
     Attributes:
         message: description of the failure.
@@ -149,12 +149,12 @@ class SolverError(PlanningError):
 
 
 class OutOfTimeError(PlanningError):
-    """Expiry of a time limit, or Ctrl-C, before there was anything to return.
+    """Expiry of a time limit, or Ctrl-C, before there was a result.
 
     Attributes:
         doing: last progress text; empty if there was none.
         time_limit: time limit [s]; None if Ctrl-C came before it or there was none.
-        statistics: statistics of the attempts; of the unfinished one only its time is counted.
+        statistics: statistics of the attempts; only the time of the unfinished one is counted.
     """
 
     def __init__(

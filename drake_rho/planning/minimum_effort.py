@@ -1,6 +1,6 @@
-"""Motions of minimum effort, in closed form: the cheapest that reach the goals.
+"""Minimum-effort motions to the goals, in closed form.
 
-Programs have changes of these motions as their unknowns.
+The unknowns of programs are changes of these motions.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ class Goals:
     """right-hand sides [m/s²], shape (N, 2, 1 or 0, 3)"""
 
     def met_by(self, accelerations: FloatArray, vehicles: IntArray) -> FloatArray:
-        """Return the nearest accelerations that satisfy (12), for those of an inexact solution.
+        """Return the accelerations of an inexact solution projected onto (12).
 
         Args:
             accelerations: accelerations of `vehicles` [m/s²], shape (P, K-1, 3).
@@ -53,10 +53,10 @@ class Changes:
     """accelerations of each vehicle for an unknown of one unit: one over the square root of its
     weight, so that the cost is the sum of squared unknowns, shape (N,); None if all are 1"""
     free: bool = False
-    """whether changes cost nothing: goals may then be missed, and only violations cost"""
+    """whether changes have no cost: goals may then be missed, and only violations have a cost"""
 
     def factors_of(self, vehicles: IntArray, partners: IntArray | None = None) -> FloatArray:
-        """Return the factors of rows' lengths: those of vehicles, or of two added as vectors.
+        """Return factors on row lengths: of each vehicle, or the root sum of squares of two.
 
         Args:
             vehicles: indices of vehicles, shape (R,).
@@ -84,7 +84,7 @@ class MinimumEffort:
     goals: Goals
     """terminal equalities of accelerations"""
     motion: Motion
-    """cheapest motions of all vehicles that reach the goals, without other constraints"""
+    """minimum-effort motions of all vehicles to the goals, without other constraints"""
     units: FloatArray
     """unit of each vehicle's accelerations in programs [m/s²], shape (N,)"""
     unreachable: BoolArray
@@ -121,7 +121,7 @@ class MinimumEffort:
 
 
 class TerminalState:
-    """Terminal conditions on velocity and position as equations of accelerations, (10)-(11).
+    """Terminal conditions on velocity and position as equations in accelerations, (10)-(11).
 
     Args:
         grid: the grid of the flight.

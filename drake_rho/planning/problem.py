@@ -37,7 +37,7 @@ _PIECES = 16
 """Least number of pieces of a step over which finer margins are constant."""
 
 _REDUCTION = 0.02
-"""Relative reduction of margins from which on a second search is worth its time."""
+"""Least relative reduction of margins for which a second search is worth its time."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -72,7 +72,7 @@ class Problem:
 
     @cached_property
     def margins(self) -> PlanMargins:
-        """Margins by which plans tighten limits, for the errors of disturbed flights."""
+        """Constraint tightening for the errors of disturbed flights."""
         return margins_of(self.scenario, self.pieces, self.accelerations)
 
     @cached_property
@@ -94,12 +94,12 @@ class Problem:
 
     @cached_property
     def has_links(self) -> bool:
-        """Whether a requirement is about the difference of two vehicles."""
+        """Whether a requirement constrains the difference of two vehicles."""
         groups = self.linked_groups
         return len(np.unique(groups)) < len(groups)
 
     def with_linked(self, vehicles: IntArray) -> IntArray:
-        """Return some vehicles and all that requirements link to them, as increasing indices."""
+        """Return vehicles and all others that requirements link to them, as increasing indices."""
         if not self.has_links:
             return vehicles
         groups = self.linked_groups
@@ -180,10 +180,9 @@ class Problem:
     def check_tightening_slack(self) -> None:
         """Check that limits, starts and goals leave sufficient slack for the disturbance, if any.
 
-        So do goals at which vehicles have to hold after the end (`Scenario.hold_at_goal`).
+        Goals are checked for holding after the end too (`Scenario.hold_at_goal`).
 
-        A flight that is under way is not checked here: its windows are checked when they are
-        planned.
+        A flight under way is not checked here: each window is checked when it is planned.
 
         Raises:
             InfeasibleError: the slack is insufficient; the error has the largest tolerable wind.
@@ -201,7 +200,7 @@ class Problem:
             raise InfeasibleError(conflicts, scenario=scenario, bearable=wind, because=NO_SLACK)
 
     def for_accelerations(self, accelerations: FloatArray) -> Problem:
-        """Return this problem with the margin that accelerations need, as in `margins_of`."""
+        """Return this problem with the smoothing margin of accelerations, as in `margins_of`."""
         return dataclasses.replace(self, accelerations=accelerations)
 
     def without_obstacles(self) -> Problem:

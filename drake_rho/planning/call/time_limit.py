@@ -1,6 +1,6 @@
 """Time limits of planners, checked between the steps of long computations.
 
-A deadline is a context variable: all functions within a call see it, and none passes it on.
+A deadline is a context variable, visible to all functions within a call without an argument.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ def check_time() -> None:
 
 @contextmanager
 def within_time(seconds: float | None) -> Iterator[None]:
-    """Set a deadline for the block, no later than one that is in force already.
+    """Set a deadline for the block; an earlier one that is in force stays.
 
     An `OutOfTimeError` that the block raises contains the time limit.
 

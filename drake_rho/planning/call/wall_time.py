@@ -25,10 +25,9 @@ _Result = TypeVar("_Result", bound=_Planned)
 
 
 def with_wall_time(planner: Callable[_Arguments, _Result]) -> Callable[_Arguments, _Result]:
-    """Return a planner whose `Statistics.seconds` last from its call to its return.
+    """Return a planner that records its wall time in `Statistics.seconds`.
 
-    Errors raised in place of a plan have the time until then in their statistics. A `MemoryError`
-    becomes a `SolverError`.
+    The statistics of errors contain the time too. A `MemoryError` becomes a `SolverError`.
     """
 
     @functools.wraps(planner)

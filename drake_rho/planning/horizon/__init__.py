@@ -1,5 +1,5 @@
 """Receding-horizon planning in flight: model predictive control with a shrinking horizon.
 
-A scenario comes in, and measured states if there are any. A `Window` for each replanning and the
-`Flight` composed of them go out.
+Inputs are a scenario and, if available, measured states. Outputs are a `Window` for each replanning
+and the `Flight` composed of them.
 """

@@ -1,7 +1,7 @@
-"""Contingencies of windows: motions that brake to rest, clear of all that is known.
+"""Contingencies of windows: motions that brake to rest, clear of all known obstacles.
 
 A contingency follows its window's plan up to the next window, brakes there, and stays at rest until
-the flight would end. It is in the tube of its window's plan, so it can be flown wherever the next
+the end of the flight. It is in the tube of its window's plan, so it can be flown whenever the next
 window finds no plan.
 """
 
@@ -30,16 +30,17 @@ _LONGER = 1.25
 """Factor from one braking time to the next one tried."""
 
 _MOVED, _CLEARLY = 4, 1.02
-"""Number of times that places of rest are moved out of obstacles, and how far of what they lack."""
+"""Rounds in which places of rest are moved out of obstacles; and the distance moved, as a multiple
+of the missing clearance."""
 
 
 def contingency(plan: Plan, knot: int, solver: Solver | None = None) -> Plan:
     """Return a motion that follows a plan up to a knot, and then brakes to rest.
 
-    It meets all limits, keeps clear of what its plan knows and of other vehicles with the plan's
-    tube, and keeps requirements that always hold. Waypoints, and requirements with an interval, are
-    those of a mission and do not count. Vehicles brake along the plan's paths if they can, else
-    straight ahead, in the shortest time that is found.
+    It satisfies all limits and all requirements without an interval, and with the plan's tube keeps
+    clear of other vehicles and the obstacles known to the plan. Waypoints, and requirements with an
+    interval, belong to the mission and do not apply. Vehicles brake along the plan's paths if
+    possible, otherwise straight ahead, in the shortest time found.
 
     Args:
         plan: plan of a window.
@@ -91,7 +92,7 @@ def as_part_of(stop: Plan, scenario: Scenario) -> Plan:
 
 
 def _candidates(plan: Plan, knot: int) -> Iterator[tuple[FloatArray, int]]:
-    """Yield places of rest (N, 3), and in how many steps vehicles brake to them.
+    """Yield places of rest (N, 3), and the number of steps in which vehicles brake to them.
 
     At a constant speed, the distance covered in n steps is the braking distance of 2n steps.
     """
@@ -111,7 +112,7 @@ def _candidates(plan: Plan, knot: int) -> Iterator[tuple[FloatArray, int]]:
 
 
 def _cleared(plan: Plan, knot: int, rests: FloatArray) -> FloatArray:
-    """Return places of rest moved out of the obstacles that are where they are at a knot."""
+    """Return places of rest moved out of the obstacles, at their positions at a knot."""
     scenario, grid = plan.scenario, plan.scenario.grid
     time = np.array([knot * grid.step])
     required = scenario.fleet.radii

@@ -1,4 +1,4 @@
-"""Bounds of what a flight with a receding horizon costs, whatever the disturbance."""
+"""Upper bounds on the cost of a flight with a receding horizon, for any allowed disturbance."""
 
 from __future__ import annotations
 
@@ -12,11 +12,12 @@ from drake_rho.scenario.fields import FloatArray
 
 
 def cost_bound(plan: Plan, replan_every: int, ahead: int = 0) -> float:
-    """Return the largest cost that a plan and its later windows can have [m²/s⁴].
+    """Return an upper bound on the cost of a plan and its later windows [m²/s⁴].
 
     In a horizon with bounded costs, no window costs more than the rest of the one before, moved to
-    the measured states. So the root of the cost grows by at most the norm of the accelerations that
-    this takes: the bound is the square of the root of the plan's cost and these norms together.
+    the measured states. By the triangle inequality, the root of the cost grows by at most the norm
+    of the correcting accelerations. The bound is the square of the root of the plan's cost plus
+    these norms.
 
     Args:
         plan: plan of a window.
@@ -34,8 +35,8 @@ def cost_bound(plan: Plan, replan_every: int, ahead: int = 0) -> float:
 def largest_correction(plan: Plan, steps: int, ahead: int = 0) -> float:
     """Return the largest norm of the accelerations that correct the errors of a tube [m/s²].
 
-    The norm is that of the cost: weighted, over all vehicles and steps. The last step alone is
-    never planned anew, since two errors cannot be corrected in one step.
+    The norm is that of the cost: weighted, over all vehicles and steps. A last single step is never
+    planned again, since errors of position and velocity cannot both be corrected in one step.
 
     Args:
         plan: plan of a window, with the tube.
@@ -63,8 +64,8 @@ def largest_correction(plan: Plan, steps: int, ahead: int = 0) -> float:
 def effort_of_errors(steps: int, step: float) -> FloatArray:
     """Return the least effort of correcting an error on one axis, a quadratic form of (p, v).
 
-    Accelerations that take (p, v) to zero in n steps have the least sum of squares
-    x' P' (M M')⁻¹ P x, where P is what becomes of the error and M is the response to accelerations.
+    Accelerations that take x = (p, v) to zero in n steps have the least sum of squares
+    x' P' (M M')⁻¹ P x, where P is the free response and M is the response to accelerations.
 
     Args:
         steps: n, at least 2.

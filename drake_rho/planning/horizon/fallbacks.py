@@ -1,4 +1,4 @@
-"""Motions of windows that have no plan: the previous prediction moved, or the least violation."""
+"""Fallback motions of windows without a plan: the previous prediction moved, or least violation."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ def failure_of(error: Exception) -> Failure:
 
 
 def least_violation(reference: Plan, solver: Solver | None = None) -> Plan:
-    """Return a plan that violates its scenario least, from any start.
+    """Return a plan of minimum violation of its scenario, from any start.
 
-    If possible, goals and limits are met, and the violations of distances from obstacles and other
-    vehicles and of requirements are minimised. Otherwise goals may be missed too. If no solver
+    If possible, goals and limits are met, and the violations of requirements and of distances from
+    obstacles and other vehicles are minimised. Otherwise goals may be missed too. If no solver
     finds a plan, the accelerations of the reference are flown.
 
     Args:

@@ -1,4 +1,4 @@
-"""First window of a flight, with the times of the waypoints that have none."""
+"""First window of a flight, which also finds the times of free waypoints."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class FirstWindow:
     windows: WindowPlanner
     """planner of windows with given times"""
     times: Planner
-    """planner that finds the times of waypoints without one, for a given final time"""
+    """planner that finds the times of free waypoints, for a given final time"""
     measured: Callable[[Scenario], Scenario]
     """function that returns a scenario from the measured states, itself if these are its starts"""
     free_final_time: bool
@@ -58,7 +58,7 @@ class FirstWindow:
         return best
 
     def _with_times(self, scenario: Scenario, steps: int) -> Window:
-        """Return a window after times of waypoints were found for an arrival after some steps."""
+        """Return a window with waypoint times found for an arrival after some steps."""
         grid = dataclasses.replace(scenario.grid, knots=steps + 1)
         short = until(scenario, grid, scenario.vehicles) if grid != scenario.grid else scenario
         found = self.times(short, reference=None, solver=self.windows.solver)
@@ -66,7 +66,7 @@ class FirstWindow:
         return self._window(scenario, timed, steps).after(found.statistics)
 
     def _window(self, given: Scenario, timed: Scenario, steps: int) -> Window:
-        """Return a window that arrives after some steps or, if its final time is free, fewer."""
+        """Return a window that arrives after some steps, or fewer if the final time is free."""
         windows = self.windows
         if self.free_final_time:
             windows = arriving(windows, free_of(given), steps)

@@ -1,9 +1,8 @@
 """Windows with a free final time: arrival at the earliest knot that has a plan, and rest after it.
 
 The step of the grid stays, and the number of steps until the arrival falls. A motion that arrives
-earlier and rests is one on the whole grid, so flights, tubes, clocks and files need nothing else.
-The rest of the previous plan arrives when that plan does, so a window that continues it is not
-later.
+early and rests is a motion on the whole grid, so flights, tubes, clocks and files need no other
+form. A window that continues the previous plan arrives when that plan does, never later.
 """
 
 from __future__ import annotations
@@ -29,7 +28,7 @@ from drake_rho.scenario.records import Grid, Scenario
 from drake_rho.verification.holds import first_violation
 
 _ROUNDING = 1e-6
-"""Part of a step before a knot in which a waypoint counts as one at the knot."""
+"""Fraction of a step before a knot within which a waypoint counts as at the knot."""
 
 
 def check_rest_at_goals(scenario: Scenario) -> None:
@@ -51,13 +50,13 @@ def arrival_steps(plan: Plan) -> int:
 def arriving(
     windows: WindowPlanner, free: Free, before: int, *, or_later: bool = False
 ) -> WindowPlanner:
-    """Return the planner of windows that arrive as early as it can.
+    """Return the planner of windows that arrive as early as possible.
 
     Args:
         windows: planner of windows with a given final time.
-        free: which waypoints have times that may change.
-        before: number of steps until the previous plan arrives; in the first window, for which the
-            times of waypoints are.
+        free: flags of waypoints with free times.
+        before: number of steps until the previous plan arrives; in the first window, the number
+            that the times of waypoints are for.
         or_later: whether the arrival may be after that of the previous plan.
     """
     # times found between given ones stay, so that waypoints keep their order
@@ -78,19 +77,19 @@ def next_window(
     on_plan: bool,
     stop: Plan | None = None,
 ) -> Window:
-    """Return a window that does not arrive after the previous plan, as long as that one holds.
+    """Return a window that arrives no later than the previous plan, as long as that is valid.
 
-    Vehicles that have arrived stay. If the previous plan does not hold any more, the arrival may be
-    later than it was.
+    Vehicles that have arrived stay. If the previous plan is no longer valid, the arrival may become
+    later.
 
     Args:
         windows: planner of windows with a given final time.
-        free: which waypoints ahead have times that may change.
+        free: flags of waypoints ahead with free times.
         scenario: rest of the flight, from the current states.
         first_knot: knot of the whole flight at which the window starts, counted from 0.
         tail: rest of the previous prediction.
         last: previous window, with that prediction.
-        on_plan: whether the vehicles are in the tail's tube, so that the tail stays valid.
+        on_plan: whether vehicles are in the tube of the remaining plan, so that it stays valid.
         stop: rest of the previous window's contingency; None without one.
     """
     before, spent = arrival_steps(tail), Statistics()
@@ -111,17 +110,17 @@ def next_window(
 class EarlyArrival:
     """Planner of windows that arrive at the earliest knot for which another planner finds a plan.
 
-    A motion that arrives at a knot and rests is one of those that arrive by any later knot, so the
-    earliest knot is found by bisection: 1, 2, 4, ... steps are saved at a time until there is no
-    plan, and then the number of steps is bisected.
+    A motion that arrives at a knot and rests also arrives by every later knot, so the earliest knot
+    is found by exponential search and bisection: 1, 2, 4, ... steps are saved at a time until there
+    is no plan, and then the number of steps is bisected.
     """
 
     planner: Planner
     """planner of a window with a given final time"""
     free: Free
-    """which waypoints have times that may change"""
+    """flags of waypoints with free times"""
     before: int
-    """number of steps until the previous plan arrives, for which the times of waypoints are"""
+    """number of steps until the arrival of the previous plan, with its times of waypoints"""
     or_later: bool = False
     """whether the arrival may be after that of the previous plan"""
     at_latest: Planner | None = None
@@ -130,7 +129,7 @@ class EarlyArrival:
     def __call__(
         self, scenario: Scenario, *, reference: Plan | None, solver: Solver | None
     ) -> Plan:
-        """Return a plan for `scenario`, in which vehicles rest at their goals from the arrival on.
+        """Return a plan for `scenario` in which vehicles rest at their goals after the arrival.
 
         Raises:
             InfeasibleError: there is no plan with the latest arrival.
@@ -161,7 +160,7 @@ class EarlyArrival:
         references: Iterable[Plan | None],
         solver: Solver | None,
     ) -> tuple[Plan | None, Statistics]:
-        """Return the first plan around one of several references, or None, and what was spent."""
+        """Return the first plan around one of several references, or None, and statistics."""
         spent = Statistics()
         for each in references:
             try:
@@ -198,7 +197,7 @@ class EarlyArrival:
             return planner(scenario, reference=reference, solver=solver)
         short = shortened(scenario, self.free, steps, steps / max(self.before, 1))
         around = None
-        if reference is not None:  # the tail, moved to measured states, does not rest exactly
+        if reference is not None:  # moved to measured states, it does not rest exactly
             around = in_steps(reference, short, min(arrival_steps(reference), self.before))
         return rested(planner(short, reference=around, solver=solver), scenario)
 
@@ -208,9 +207,9 @@ def shortened(scenario: Scenario, free: Free, steps: int, factor: float) -> Scen
 
     Args:
         scenario: scenario of the window.
-        free: which waypoints have times that may change.
+        free: flags of waypoints with free times.
         steps: number of steps.
-        factor: factor by which these times change, since the first knot.
+        factor: factor on these times since the first knot.
 
     Raises:
         InfeasibleError: a waypoint is not passed before the end.
@@ -229,9 +228,9 @@ def shortened(scenario: Scenario, free: Free, steps: int, factor: float) -> Scen
 
 
 def in_steps(plan: Plan, short: Scenario, arrival: int) -> Plan:
-    """Return a motion that arrives at the end of another scenario, to be linearised around.
+    """Return a reference that arrives at the end of another scenario: a plan scaled in time.
 
-    It passes the positions of a plan until its arrival in another time, and need not be flown.
+    It passes the positions of the plan until its arrival, and may be dynamically inconsistent.
 
     Args:
         plan: motion that arrives, and may rest then.

@@ -1,4 +1,4 @@
-"""Functions that plan windows, and functions for the motions around which these linearise."""
+"""Interfaces of the functions that plan windows, and of their references."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Planner(Protocol):
 
 
 Reference = Callable[[Scenario, Plan | None, Solver | None], Plan | None]
-"""Function for the motion around which a window is linearised.
+"""Function that returns the reference of a window, the motion around which it is linearised.
 
 Its arguments are the window's scenario, the rest of the previous prediction (None in the first
 window) and the solver. It returns a motion of the same vehicles on the same grid, or None for the
@@ -46,7 +46,7 @@ def free_reference(scenario: Scenario, tail: Plan | None, solver: Solver | None)
 def tail_reference(scenario: Scenario, tail: Plan | None, solver: Solver | None) -> Plan | None:
     """Return the rest of the previous prediction; in the first window, the paper's reference.
 
-    The tail meets every constraint of the window, so there is always a plan, up to rounding.
+    It satisfies every constraint of the window, so there is always a plan, up to rounding.
     """
     return tail
 
@@ -54,7 +54,7 @@ def tail_reference(scenario: Scenario, tail: Plan | None, solver: Solver | None)
 def with_options(options: Options | None, planner: Planner) -> Planner:
     """Return a planner with options, if it is one of this package's.
 
-    The time limit is left out, since it applies to the whole flight or step.
+    The time limit is omitted, since it applies to the whole flight or step.
     """
     if options is None or planner not in (plan, plan_scp, plan_convex):
         return planner

@@ -13,7 +13,7 @@ from drake_rho.scenario.times import Clock, steps_lasting
 
 
 def latency_in_samples(scenario: Scenario, latency: float, replan_every: int) -> int:
-    """Return the number of samples of the feedback that last as long as a latency, or longer.
+    """Return a latency in samples of the feedback, rounded up.
 
     Args:
         scenario: scenario to fly.
@@ -33,7 +33,7 @@ def latency_in_samples(scenario: Scenario, latency: float, replan_every: int) ->
 def time_ahead(scenario: Scenario, latency: int) -> float:
     """Return the time by which windows are planned ahead [s].
 
-    With a smoothing, averages reach ahead by its lead.
+    With a smoothing, this includes `Scenario.lead`, since averages depend on later accelerations.
 
     Args:
         scenario: scenario to fly.
@@ -43,10 +43,10 @@ def time_ahead(scenario: Scenario, latency: int) -> float:
 
 
 def known_later(scenario: Scenario, ahead: float) -> Scenario:
-    """Return the scenario in which what becomes known in flight does so later.
+    """Return the scenario in which obstacles become known later, by the time of planning ahead.
 
-    A window is planned from what is known when planning begins. Errors of obstacles grow from when
-    they were seen, as without a latency. What would become known after the end does so at the end.
+    A window avoids the obstacles that are known when planning begins. Errors of obstacles grow from
+    the time of the sighting, as without a latency. Obstacles become known at the end at the latest.
 
     Args:
         scenario: scenario to fly.
@@ -67,7 +67,7 @@ def known_later(scenario: Scenario, ahead: float) -> Scenario:
 
 
 def known_when_seen(scenario: Scenario, given: Scenario) -> Scenario:
-    """Return the scenario of a flight in which obstacles become known when they were declared to.
+    """Return the scenario of a flight in which obstacles become known at their declared times.
 
     Args:
         scenario: scenario of the windows, from `known_later`, with newer obstacles after the given.

@@ -16,15 +16,15 @@ Deviations = tuple[FloatArray, FloatArray]
 """Deviations of positions [m] and velocities [m/s], shape (N, 3) each."""
 
 _ROUNDING = 1e-9
-"""Relative difference, in scales of the motion, below which a state counts as that of the plan. It
-covers the rounding errors of integration."""
+"""Largest difference of states that count as equal, in scales of the motion. It covers the rounding
+errors of integration."""
 
 
 def from_measured(scenario: Scenario, states: FloatArray) -> Scenario:
     """Return a scenario from measured states; itself if these are the starts.
 
-    Starts are exact, and so are states equal to them. Other states are estimates, whose errors the
-    tube begins with. With a smoothing, flights begin at rest at their starts.
+    Starts are exact, and so are states equal to them. For other states, the tube begins with the
+    errors of the estimate. With a smoothing, flights begin at rest at their starts.
 
     Args:
         scenario: to be flown.
@@ -79,7 +79,7 @@ def continued(
 
 
 def deviations(states: FloatArray, planned: FloatArray) -> tuple[FloatArray, Deviations]:
-    """Return measured states, and by how much they deviate from planned ones.
+    """Return measured states, and their deviations from planned ones.
 
     Args:
         states: measured, shape (N, 6), with NaN for vehicles that were not seen.
@@ -142,7 +142,7 @@ def tube_radii(tail: Scenario) -> tuple[float, float]:
 
 
 def off_tube(tail: Scenario, away: Deviations, ahead: int = 0) -> BoolArray:
-    """Return which vehicles deviate by more than the tube and the errors of the estimate allow.
+    """Return flags of vehicles off the tube, enlarged by the errors of the estimate.
 
     Args:
         tail: scenario of the rest of the previous plan.
@@ -162,7 +162,7 @@ def exceeding(
     velocity: float,
     tolerance: float = TOLERANCE,
 ) -> BoolArray:
-    """Return which vehicles deviate by more than given radii and a relative tolerance, (N,).
+    """Return flags of vehicles that deviate by more than given radii and a tolerance, (N,).
 
     Args:
         scenario: with the scales of the motions.

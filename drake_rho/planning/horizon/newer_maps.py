@@ -1,9 +1,8 @@
-"""Maps that are seen piece by piece: obstacles for what a newer map adds, and removes.
+"""Map updates in flight: obstacles for the cells that a newer map adds or removes.
 
-A newer map does not replace an older one, against which the flight so far was planned. What both
-have stays an obstacle. Cells that only the newer one has are an obstacle that is known from now on,
-and cells that it has no more are one that is active until now. So windows, reports and files treat
-them like any other obstacle.
+A newer map does not replace an older one, against which the flight so far was planned. Common cells
+stay an obstacle. Added cells become an obstacle known from now on, and removed cells one that is
+active until now. Windows, reports and files thus treat them like any other obstacle.
 """
 
 from __future__ import annotations
@@ -25,17 +24,17 @@ from drake_rho.scenario.records import Scenario
 from drake_rho.scenario.shapes.base import Solid
 
 _JUST_BEFORE = 1e-6
-"""Time before the present until which cells count that are seen to be gone, in steps."""
+"""Time before the present at which removed cells stop being active, in steps."""
 
 LONGEST = 50
-"""Characters of a map's name that the names of what it gains and loses begin with."""
+"""Largest number of characters of a map's name in the names of its added and removed parts."""
 
 
 class SeenMaps:
-    """Maps of a flight as they are known at present.
+    """Maps of a flight as known at present.
 
     Args:
-        scenario: to be flown; each of its maps at rest may be followed by newer ones.
+        scenario: to be flown; each of its maps at rest may be updated by newer ones.
     """
 
     def __init__(self, scenario: Scenario) -> None:
@@ -50,11 +49,11 @@ class SeenMaps:
 
         Args:
             scenario: of the whole flight.
-            newer: the map that is known now; if the scenario has several, by their names.
+            newer: the latest map; if the scenario has several, a mapping from their names.
             time: on the scenario's clock [s].
 
         Raises:
-            ValueError: the scenario has no such map, or several and it is not said which one.
+            ValueError: the scenario has no such map, or has several and no name is given.
         """
         bodies = list(scenario.bodies)
         for number, latest in self._numbered(scenario, newer):
@@ -81,9 +80,9 @@ class SeenMaps:
     def _until(
         self, time: float, scenario: Scenario, body: Obstacle, goes: Solid, name: str
     ) -> Obstacle:
-        """Return what is gone of an obstacle, active from when it was known until now.
+        """Return the removed part of an obstacle, active from when it became known until now.
 
-        It is no news, so it counts as known from the start.
+        It counts as known from the start.
         """
         begin = scenario.grid.start - scenario.grid.step
         if body.known_from > 0.0:
@@ -94,7 +93,7 @@ class SeenMaps:
     def _numbered(
         self, scenario: Scenario, newer: Map | Mapping[str, Map]
     ) -> Iterable[tuple[int, Map]]:
-        """Return newer maps with the numbers of the obstacles that they are of."""
+        """Return newer maps with the numbers of their obstacles."""
         if isinstance(newer, Map):
             if len(self._parts) > 1:
                 expected = "a mapping from names to maps, since the scenario has several"
@@ -123,14 +122,14 @@ def with_obstacles(scenario: Scenario, obstacles: tuple[AnyObstacle, ...]) -> Sc
 
 @dataclasses.dataclass
 class _Rest:
-    """What is left of a newer map beside the older parts that it was compared with."""
+    """Remaining cells of a newer map, without the older parts compared so far."""
 
     left: Map | None
 
     def compared(self, older: Solid) -> tuple[Solid | None, Solid | None]:
-        """Return what stays of an older part and what is gone, None for nothing.
+        """Return the common and the removed cells of an older part, None for nothing.
 
-        Only cells of the same grid are compared one by one.
+        Maps on different grids are compared as a whole.
         """
         newer = self.left
         if newer is None:

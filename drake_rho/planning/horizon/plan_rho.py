@@ -23,8 +23,8 @@ def plan_rho(scenario: Scenario, **windows: Unpack[Windows]) -> Flight:
     """Fly with a receding horizon that shrinks towards the goals and the arrival time.
 
     Each window plans from the current state to the goal and is flown for `replan_every` steps. If
-    the planner has no solution, the fallback plans from the tail of the previous prediction. If it
-    has none either, the window continues along the tail, which is still valid, and its
+    the planner has no solution, the fallback plans around the rest of the previous plan. If it has
+    none either, the window continues the previous plan, which is still valid, and its
     `Window.infeasible` gives the reason.
 
     This is `RecedingHorizon` with perfect measurements: every window begins at the states planned
@@ -33,10 +33,10 @@ def plan_rho(scenario: Scenario, **windows: Unpack[Windows]) -> Flight:
 
     A window avoids the obstacles that are known at its start. If an obstacle becomes known too late
     to be avoided, the plan that violates its distance least is flown, and planning continues from
-    there; `Flight.sightings` lists when which obstacle became known.
+    there; `Flight.sightings` lists the times at which obstacles became known.
 
     With a smoothing, the flight is the average of all windows' accelerations as one plan. Averages
-    reach ahead: what becomes known in flight is known to windows that begin `Scenario.lead` later.
+    look ahead: an obstacle that becomes known reaches windows that begin `Scenario.lead` later.
 
     Args:
         scenario: to be flown.

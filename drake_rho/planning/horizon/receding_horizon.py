@@ -65,46 +65,46 @@ class RecedingHorizon:
     every window has a valid plan.
 
     With a free final time every window arrives at the earliest knot for which a plan is found, and
-    vehicles then rest at their goals. Under the same premise no window arrives after the one
-    before it. The grid's last knot is the latest arrival.
+    vehicles then rest at their goals. Under the same assumptions no window arrives later than the
+    one before. The grid's last knot is the latest arrival.
 
-    The times of waypoints without one are found with the first window, by `plan`. They stay, but
-    become earlier with the arrival.
+    The times of free waypoints are found with the first window, by `plan`. Later they change only
+    in proportion to an earlier arrival.
 
-    With a smoothing, windows continue the plan and the tube of the window before: a window that
-    began at measured states would be a jump. A flight depends on what is planned up to
-    `Scenario.lead` later, so that windows are planned as much earlier.
+    With a smoothing, windows continue the plan and the tube of the window before: a start at
+    measured states would be a jump. A flight depends on the plan up to `Scenario.lead` later, so
+    windows are planned that much earlier.
 
     The keyword arguments are the settings of windows, which `plan_rho`, `simulate` and
     `RecedingHorizonController` pass on.
 
     Args:
         scenario: to be flown.
-        replan_every: d, the steps flown of each window; the last window has the remaining ones.
+        replan_every: d, the number of steps flown of each window; the last has the remaining ones.
         free_final_time: whether windows may arrive before the grid's last knot.
-        planner: plans one window.
-        fallback: plans a window, including the first, if `planner` has no solution or its solvers
-            fail; None to continue the previous plan at once.
+        planner: planner of one window.
+        fallback: planner of a window, including the first, if `planner` has no solution or its
+            solvers fail; None to continue the previous plan at once.
         reference: motion around which a window is linearised: `free_reference` (the paper's),
             `tail_reference`, or another function of this form. By default the paper's and, for
-            fleets with a separation, the tail, which is a plan for the next window already.
+            fleets with a separation, the rest of the previous plan, which is feasible already.
         solver: `"clarabel"`, `"daqp"` or `"osqp"`, or a Drake solver; Clarabel if not given.
         progress: called with a short text when a window begins, as 'window 3 of 10'.
         options: of this package's planners. When a step exceeds `time_limit`, the previous plan is
             continued.
-        contingencies: whether every window also has a motion that brakes to rest from where the
-            next window begins, clear of all that is known, or the reason why there is none
-            (`Window.contingency`). It is flown where something seen late leaves no plan.
+        contingencies: whether every window also has a motion that brakes to rest from the start of
+            the next window, clear of everything known, or the reason for having none
+            (`Window.contingency`). It is flown if something seen late leaves no plan.
         latency: time that planning a window takes [s]: the states of a window are predicted that
             much ahead, with the feedback in force, and its tube begins with the errors of the
-            prediction. What becomes known in flight is known to windows that begin that much later.
+            prediction. New information reaches only windows that begin that much later.
         bounded_cost: whether a new plan is accepted only if it costs no more than the rest of the
             previous one, moved to the measured states. The cost of the flight then has a bound
             (`Window.cost_bound`), whatever the disturbance.
 
     Attributes:
         scenario: as given, with newer maps, sightings and the times found for waypoints; with a
-            latency or a smoothing, what becomes known in flight does so that much later.
+            latency or a smoothing, obstacles become known in flight that much later.
         replan_every: as given.
         free_final_time: as given.
         latency: number of samples of the feedback that last as long as the latency, or longer.
@@ -170,7 +170,7 @@ class RecedingHorizon:
         return range(0, self.scenario.grid.knots - 1, self.replan_every)
 
     def planned(self, knot: int) -> FloatArray:
-        """Return the states that the last window plans for a knot, shape (N, 6).
+        """Return the planned states at a knot, from the last window, shape (N, 6).
 
         Before there is a window, these are the starts of the scenario. With a smoothing they are
         those of the averages `Scenario.lead` before the knot, when the next window is planned.
@@ -194,8 +194,8 @@ class RecedingHorizon:
     ) -> Window:
         """Plan the next window.
 
-        The starts of a scenario are exact. If the states of the first window equal them, so are
-        these; otherwise its tube begins with the errors of the estimate. Windows do not fail: if
+        The starts of a scenario are exact. So are the states of the first window if they equal the
+        starts; otherwise its tube begins with the errors of the estimate. Windows do not fail: if
         there is no plan, `Window.infeasible` gives the reason. Only the first window raises an
         error, if the scenario has no plan from its own starts either.
 
@@ -207,21 +207,20 @@ class RecedingHorizon:
                 of NaN, or of numbers larger than in any flight, stands for a vehicle that was not
                 seen: its planned state is used, and the tube begins with the errors that it may
                 have there.
-                With a smoothing states are those `Scenario.lead` before this time, and tell only
+                With a smoothing, states are those `Scenario.lead` before this time, and only tell
                 which vehicles are off the tube.
             time: of a knot at which a step begins, after that of the previous window, on the
                 scenario's clock [s]. The first window starts at the first knot.
-            map: newer map, if there is one, by which windows plan from now on: cells are added,
-                others removed. It follows the scenario's map at rest; if there are several, a
-                mapping from their names. Afterwards `scenario` has what was added as an obstacle
-                known from this time, and what was removed as one active until then.
+            map: newer map, if there is one, for windows from now on, with cells added and removed.
+                It updates the scenario's map at rest; if there are several, a mapping from their
+                names. Afterwards `scenario` has the added cells as an obstacle known from this
+                time, and the removed ones as an obstacle active until then.
             sightings: position of the centre [m] and velocity [m/s], (3,) each, of obstacles
                 that were seen again at this time, by their names; with a latency, that much
-                earlier, when planning began. From then on each moves on from there with this
-                velocity, and its errors count anew. If there is no new plan and
-                `kept` is true, `scenario` keeps the former sightings, which the rest of the
-                previous plan keeps clear of: they hold as well, unless the new ones contradict
-                their errors.
+                earlier, when planning began. Each continues from there with this velocity, and its
+                errors start anew. If there is no new plan and `kept` is true, `scenario` keeps the
+                former sightings, which the previous plan avoids: they are valid too, unless the new
+                ones contradict their errors.
 
         Returns:
             The window. Its plan is flown until the next window.
@@ -324,7 +323,7 @@ class RecedingHorizon:
 
 
 def _with_sightings(window: Window, before: Window) -> Window:
-    """Return a window with the obstacles that became known in it, and those that it violates.
+    """Return a window with its newly known obstacles, and the violated ones among them.
 
     Only obstacles that become known in flight are considered.
 

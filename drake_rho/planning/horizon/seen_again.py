@@ -1,13 +1,13 @@
-"""Obstacles that are seen again in flight: from then on they are where they were seen.
+"""Sightings of obstacles in flight, which update their positions from then on.
 
-A sighting does not change what the flight so far was planned with. The obstacle as it was known is
-avoided until now, and a new one, with its errors counted anew, is known and avoided from now on. So
-windows, reports and files treat both like any other obstacle.
+A sighting does not change the obstacles of the flight so far. The obstacle as it was known is
+active until now, and a new one, whose errors start anew, is known and active from now on. Windows,
+reports and files thus treat both like any other obstacle.
 
-The true position is in the space of the former sighting and in that of the new one, neither of
-which need contain the other. A new plan keeps clear of the new space. The rest of the previous plan
-keeps clear of the former one, which suffices as well: a window that keeps it keeps the former
-sighting too. Only a sighting outside of the former space, which is wrong then, holds in any case.
+The true position is in the uncertainty sets of the former and of the new sighting, neither of which
+need contain the other. A new plan keeps clear of the new set. The rest of the previous plan keeps
+clear of the former one, which suffices as well, so a window that continues it keeps the former
+sighting too. A sighting outside of the former set proves that set wrong and always replaces it.
 """
 
 from __future__ import annotations
@@ -29,23 +29,23 @@ Seen = tuple[npt.ArrayLike, npt.ArrayLike]
 """Position of the centre [m] and velocity [m/s] of an obstacle, shape (3,) each."""
 
 _ROUNDING = 1e-9
-"""Distance from the former space up to which a sighting is within it, in sizes of the obstacle."""
+"""Tolerance of a sighting within the former uncertainty set, in sizes of the obstacle."""
 
 
 def seen_again(
     scenario: Scenario, sightings: Mapping[str, Seen], time: float, ago: float = 0.0
 ) -> tuple[Scenario, Scenario]:
-    """Return the scenario in which obstacles are where they were seen, and one of what must be.
+    """Return the scenario with all sightings, and the one with the necessary ones only.
 
     Args:
         scenario: of the whole flight, or of its rest.
         sightings: position [m] and velocity [m/s] by the name of the obstacle.
-        time: from which on they are planned with, on the scenario's clock [s].
-        ago: how long before this time the obstacles were seen [s].
+        time: first time at which the sightings apply, on the scenario's clock [s].
+        ago: time since the obstacles were seen, before this time [s].
 
     Returns:
-        The scenario with all sightings, and the one with those only that the former errors exclude:
-        it is enough for the rest of the previous plan to keep clear of what that one has.
+        The scenario with all sightings, and the one with only those that contradict the former
+        errors: the rest of the previous plan is valid if it keeps clear of the obstacles of that.
 
     Raises:
         ValueError: there is no obstacle of a name, or more than one, or a sighting is not two
@@ -83,9 +83,9 @@ def _state(name: str, state: Seen) -> FloatArray:
 
 
 def _excludes(body: Obstacle, position: FloatArray, time: float, seen_at: float) -> bool:
-    """Return whether an obstacle, as it was known, cannot have been seen at a position.
+    """Return whether a sighting contradicts the known position of an obstacle and its errors.
 
-    What was not known was not avoided, and excludes every position.
+    An obstacle that was not known was not avoided: every sighting contradicts it.
     """
     then = np.array([seen_at])
     away = float(np.linalg.norm(position - body.centers(then)[0]))
@@ -96,15 +96,15 @@ def _excludes(body: Obstacle, position: FloatArray, time: float, seen_at: float)
 def _with(
     scenario: Scenario, sightings: Iterable[tuple[int, FloatArray]], time: float, seen_at: float
 ) -> Scenario:
-    """Return a scenario with obstacles where they were seen, the same one without sightings."""
+    """Return a scenario with sightings; the same object if none applies."""
     bodies, grid = list(scenario.bodies), scenario.grid
     for number, (position, velocity) in sightings:
         body = bodies[number - 1]
         first, last = body.active or (grid.start - grid.step, grid.end + grid.step)
         before, active = just_before(time, grid), (max(first, time), last)
-        if not grid.clock.after(last, time):  # it is avoided no more, wherever it is
+        if not grid.clock.after(last, time):  # no longer active
             continue
-        if not grid.clock.before(first, before):  # to be avoided later only, so that it never was
+        if not grid.clock.before(first, before):  # active only later, so never so far
             first, before = grid.start - 2.0 * grid.step, grid.start - grid.step
         name = f"{(body.name or '')[:LONGEST]} until {clock_time(time)}"
         bodies[number - 1] = unchecked(body, active=(first, before), name=name)

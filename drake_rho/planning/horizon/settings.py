@@ -1,6 +1,6 @@
-"""Settings of windows, which every function that flies with a receding horizon takes.
+"""Settings of windows, the common keyword arguments of functions that fly a receding horizon.
 
-`RecedingHorizon` describes them, checks them and has their defaults.
+`RecedingHorizon` documents and checks them, and has their defaults.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ _REFERENCES = {None: None, "free": free_reference, "tail": tail_reference}
 
 
 def by_names(windows: str, reference: str | None, iterated: Planner = plan) -> Windows:
-    """Return the planners and the reference of windows with the names of commands and studies.
+    """Return the planners and the reference of windows by their names in commands and studies.
 
     Args:
         windows: convex for `plan_convex`, scp for `plan`, or auto for `plan` where `plan_convex`
@@ -73,11 +73,11 @@ def by_names(windows: str, reference: str | None, iterated: Planner = plan) -> W
 
 
 def refuse_settings(windows: Windows, flown: str) -> None:
-    """Check that nothing is set for windows where none are planned.
+    """Check that all settings of windows are the defaults, where no windows are planned.
 
     Args:
         windows: settings that were given.
-        flown: kind of what is flown as it is.
+        flown: kind of the motion that is flown without windows.
 
     Raises:
         ValueError: a setting differs from its default.

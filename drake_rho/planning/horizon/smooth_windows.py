@@ -1,16 +1,16 @@
-"""Windows of flights with a smoothing, which average what was flown and what is planned.
+"""Windows of flights with a smoothing, which averages past and planned accelerations.
 
-Averages at a time need the accelerations of the plan up to `lead` later. So a window may change
-accelerations from a knot on, if it is planned `lead` before that knot: until then the flight does
-not depend on them. The averages that the window changes begin there. They reach as far back again,
-to accelerations that were planned before (`State.flown`). All windows together are one plan, of
-which the flight is the average: nothing jumps where a window begins.
+The average at a time needs the accelerations of the plan up to `lead` later. A window that changes
+accelerations from a knot on must therefore be planned `lead` before that knot. Its averages change
+from then on. They also depend on accelerations planned before, up to another `lead` back
+(`State.flown`). All windows together are one plan, and the flight is its average: nothing jumps
+where a window begins.
 
 Windows begin on the plan of the window before, not at measured states, which would be a jump. The
-error tube goes on from the start of the flight.
+error tube continues from the start of the flight.
 
-A new window may accelerate as limits allow while averages near its first knot still reach
-positions planned before. So all windows keep the margin of the accelerations that limits allow.
+A new window may accelerate up to the limits while averages near its first knot still depend on
+positions planned before. All windows therefore keep the margin for the largest accelerations.
 """
 
 from __future__ import annotations
@@ -36,9 +36,9 @@ def resting_before(scenario: Scenario) -> Scenario:
 
 
 def states_at(plan: Plan, knot: int) -> FloatArray:
-    """Return the states on which a window from a knot of a plan depends first, shape (N, 6).
+    """Return the states at which a window from a knot of a plan begins, shape (N, 6).
 
-    These are those of the knot or, with a smoothing, of its averages `lead` before.
+    These are the states at the knot or, with a smoothing, of the averages `lead` before it.
 
     Args:
         plan: plan of the window before.

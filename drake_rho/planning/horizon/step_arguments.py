@@ -1,4 +1,4 @@
-"""Checks of the states and the time with which a window is asked for."""
+"""Checks of the states and the time given for a window."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from drake_rho.scenario.parts import Grid
 from drake_rho.scenario.records import Scenario
 
 _CLOCK = 1e-4
-"""Largest difference of a caller's time from a knot, in steps. It allows for the caller's clock."""
+"""Largest difference of a caller's time from a knot, in steps; allows for errors of its clock."""
 
 
 def states_of(scenario: Scenario, states: npt.ArrayLike) -> FloatArray:
     """Return states as an array, shape (N, 6), with rows of NaN for vehicles that were not seen.
 
     Raises:
-        ValueError: the shape is another one, or a value of a vehicle that was seen is not finite.
+        ValueError: the shape is wrong, or a value of a vehicle that was seen is not finite.
     """
     count = len(scenario.vehicles)
     array = np.array(states, dtype=np.float64)
@@ -40,7 +40,7 @@ def knot_at(grid: Grid, time: float, knots: range) -> int:
     Args:
         grid: of the flight.
         time: on the scenario's clock [s].
-        knots: those at which a window may begin, counted from 0.
+        knots: possible first knots of a window, counted from 0.
 
     Raises:
         ValueError: the time is not that of one of these knots.

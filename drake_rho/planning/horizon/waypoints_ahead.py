@@ -1,4 +1,4 @@
-"""Waypoints of windows whose times are found: which of them lie ahead, and their new times."""
+"""Free waypoints of windows: selection of those ahead, and updates of their times."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ from drake_rho.scenario.rest_of_flight import from_states
 from drake_rho.scenario.waypoints import is_during_flight
 
 Free = tuple[tuple[bool, ...], ...]
-"""Whether the time of each waypoint of each vehicle is found, in their order."""
+"""Flag of each waypoint of each vehicle, in order: true if its time is free."""
 
 
 def free_of(scenario: Scenario) -> Free:
-    """Return which waypoints of a scenario have no time."""
+    """Return flags of the free waypoints of a scenario, those without a time."""
     return tuple(
         tuple(waypoint.time is None for waypoint in each.waypoints) for each in scenario.vehicles
     )
 
 
 def free_ahead(free: Free, whole: Scenario, grid: Grid) -> Free:
-    """Return which waypoints of the rest of a flight have times that are found.
+    """Return flags of the free waypoints in the rest of a flight.
 
     Args:
         free: of the whole flight.
-        whole: scenario of it, with times of all waypoints.
+        whole: scenario of the whole flight, with times of all waypoints.
         grid: grid of the rest.
     """
     return tuple(
@@ -42,7 +42,7 @@ def free_ahead(free: Free, whole: Scenario, grid: Grid) -> Free:
 
 
 def timed_as(whole: Scenario, rest: Scenario) -> Scenario:
-    """Return the scenario of a whole flight with the times that waypoints have in the rest of it.
+    """Return the scenario of a whole flight with the waypoint times of its rest.
 
     Args:
         whole: scenario of the whole flight, which is returned if no time differs.
@@ -65,7 +65,7 @@ def with_waypoints(scenario: Scenario, vehicles: tuple[Vehicle, ...]) -> Scenari
 
 
 def until(scenario: Scenario, grid: Grid, vehicles: tuple[Vehicle, ...]) -> Scenario:
-    """Return a scenario with another end, in the same error tube; not validated again.
+    """Return a scenario with another end and the same error tube; not validated again.
 
     Args:
         scenario: scenario of a flight or of the rest of one.
@@ -83,13 +83,13 @@ def until(scenario: Scenario, grid: Grid, vehicles: tuple[Vehicle, ...]) -> Scen
 
 
 def sooner(vehicle: Vehicle, free: tuple[bool, ...], start: float, factor: float) -> Vehicle:
-    """Return a vehicle that passes its free waypoints after a part of the time.
+    """Return a vehicle with the times of its free waypoints scaled.
 
     Args:
         vehicle: vehicle of a window.
-        free: whether the time of each of its waypoints is found.
+        free: flags of its free waypoints.
         start: time of the first knot [s]; with a smoothing waypoints may be a little earlier.
-        factor: part of the time since the first knot.
+        factor: factor on times since the first knot.
     """
     waypoints = tuple(
         unchecked(each, time=start + factor * (each.time - start))
@@ -101,7 +101,7 @@ def sooner(vehicle: Vehicle, free: tuple[bool, ...], start: float, factor: float
 
 
 def _replaced(vehicle: Vehicle, ahead: Iterator[Waypoint], grid: Grid, lead: float) -> Vehicle:
-    """Return a vehicle with other waypoints in place of those that lie ahead."""
+    """Return a vehicle with other waypoints in place of those ahead."""
     waypoints = tuple(
         next(ahead) if _ahead(each, grid, lead) else each for each in vehicle.waypoints
     )
@@ -109,7 +109,7 @@ def _replaced(vehicle: Vehicle, ahead: Iterator[Waypoint], grid: Grid, lead: flo
 
 
 def _ahead(waypoint: Waypoint, grid: Grid, lead: float) -> bool:
-    """Return whether a waypoint is passed in the rest of a flight, which begins a lead earlier."""
+    """Return whether a waypoint is in the rest of a flight, which begins `lead` earlier."""
     return waypoint.time is None or is_during_flight(waypoint.time, grid, lead)
 
 

@@ -1,9 +1,9 @@
-"""A window of a receding horizon: a new plan from the current states, or the rest of the last one.
+"""A window of a receding horizon: a new plan from the current states, or the remaining one.
 
 A new plan has a new error tube, which begins with the errors of the state estimate. If there is no
-new plan, the previous one is still valid in its own tube. By induction, every window has a plan as
-long as nothing new becomes known and the disturbance is within the declared one. Otherwise the
-window flies the plan that violates the scenario least.
+new plan, the previous one is still valid in its own tube. Windows are therefore recursively
+feasible as long as nothing new becomes known and the disturbance is within the declared one.
+Otherwise the window flies the plan of minimum violation.
 """
 
 from __future__ import annotations
@@ -39,24 +39,24 @@ _BEFORE = "it is violated before vehicles could brake"
 class WindowPlanner:
     """Planner of single windows.
 
-    With a disturbance every new plan is verified by the verifier's own mathematics, with its whole
-    tube and up to its end, before it is accepted. Without one the planner's last check suffices.
+    With a disturbance the verifier checks every new plan, with its whole tube and up to its end,
+    before it is accepted. Without one the planner's last check suffices.
     """
 
     planner: Planner
     """planner of a window"""
     fallback: Planner | None
-    """planner of a window for which `planner` has no solution; None to continue along the tail"""
+    """planner of a window for which `planner` has no solution; None to continue the last plan"""
     reference: Reference
     """function for the motion around which `planner` linearises"""
     solver: Solver | None
     """Drake solver or `Daqp()`; Clarabel if None"""
     retimed: bool = False
-    """whether the planners' plans may have other times of waypoints than their scenarios"""
+    """whether planners may change the times of waypoints"""
     braking_after: int | None = None
     """number of steps after which contingencies brake; None for windows without contingencies"""
     bounded_cost: bool = False
-    """whether plans that cost more than the rest of the previous one, moved, are not accepted"""
+    """whether to reject plans that cost more than the rest of the previous one, moved"""
 
     def first(self, scenario: Scenario, measured: Scenario) -> Window:
         """Return the first window, which begins at the measured states.
@@ -104,18 +104,18 @@ class WindowPlanner:
         on_plan: bool,
         stop: Plan | None = None,
     ) -> Window:
-        """Return a window after the first, which has a plan in any case.
+        """Return a window after the first, which always has a motion to fly.
 
-        If there is a disturbance and the tail is valid, the planner is called a second time, around
-        the tail, instead of the fallback, which may take long. If contingencies are asked for, one
-        is flown rather than a motion of least violation.
+        If there is a disturbance and the remaining plan is valid, the planner is called a second
+        time, around that plan, instead of the fallback, which may take long. If contingencies are
+        enabled, one is flown rather than a motion of minimum violation.
 
         Args:
             scenario: rest of the flight, from the current states.
             first_knot: knot of the whole flight at which the window starts, counted from 0.
             tail: rest of the previous prediction.
             last: previous window, with that prediction.
-            on_plan: whether the vehicles are in the tail's tube, so that the tail stays valid.
+            on_plan: whether vehicles are in the tube of the remaining plan, so that it stays valid.
             stop: rest of the previous window's contingency; None without one.
         """
         followed = moved(tail, scenario)
@@ -146,12 +146,12 @@ class WindowPlanner:
         return self._without_plan(without, tail if on_plan else None, stop)
 
     def _without_plan(self, window: Window, tail: Plan | None, stop: Plan | None) -> Window:
-        """Return a window that flies a contingency or, if there is none, what violates least.
+        """Return a window that flies a contingency or, if there is none, the least violation.
 
         Args:
-            window: with the rest of the previous prediction, moved, and the reason why it has no
+            window: with the rest of the previous prediction, moved, and the reason for having no
                 plan.
-            tail: the same rest as it was planned; None if a vehicle is off its tube.
+            tail: that rest as planned; None if a vehicle is off its tube.
             stop: rest of the previous window's contingency; None without one.
         """
         followed, spent, none_found = window.reference, window.plan.statistics, ""
@@ -193,12 +193,12 @@ class WindowPlanner:
         return dataclasses.replace(window, contingency=found)
 
     def _lack_of_slack(self, scenario: Scenario, tail: Plan, last: Window) -> Failure | None:
-        """Return the error for constraints that leave no tightening slack; None if they do.
+        """Return the error for constraints without tightening slack; None if there is slack.
 
-        The slack is computed only if it is likely to be missing, or if its lack would not be
-        noticed later. With a disturbance the verifier notices it, so the slack is computed only if
-        the last window had no plan of its own. Without a disturbance no constraint is violated if
-        the window begins as the last one planned and nothing new became known.
+        The slack is computed only if it is likely to be missing, or if the lack would go unnoticed.
+        With a disturbance the verifier notices it, so the slack is computed only if the last window
+        had no plan of its own. Without a disturbance no constraint is violated if the window begins
+        as planned by the last one and nothing new became known.
         """
         if scenario.disturbance is not None:
             has_slack = not last.kept
@@ -245,7 +245,7 @@ class WindowPlanner:
         tail: Plan | None,
         failure: Failure,
     ) -> Window | Failure:
-        """Return the window of another planner, around the tail, or the error if it has none."""
+        """Return the window of another planner, around the remaining plan, or its error."""
         if planner is None:
             return failure
         try:
@@ -285,15 +285,15 @@ class WindowPlanner:
 
 
 def _expected(tail: Plan | None) -> type[Exception] | tuple[type[Exception], ...]:
-    """Return the errors of planners that become the reason why a window has no new plan.
+    """Return the types of planner errors after which a flight continues without a new plan.
 
-    With the rest of a previous plan these are all: whatever a planner raises does not end a flight.
+    If there is a previous plan, these are all exceptions: none ends a flight.
     """
     return FAILURES if tail is None else Exception
 
 
 def _too_dear(plan: Plan, followed: Plan) -> InfeasibleError:
-    """Return the reason why a plan is not accepted that costs more than the previous one, moved."""
+    """Return the error of a plan that costs more than the rest of the previous one, moved."""
     costs = f"{plan.cost:.6g} m²/s⁴, more than {followed.cost:.6g} m²/s⁴"
     because = "a new plan costs more than the rest of the previous one, moved to the states"
     conflicts = {"all vehicles": (costs,)}
@@ -303,7 +303,7 @@ def _too_dear(plan: Plan, followed: Plan) -> InfeasibleError:
 
 
 def _lacks(scenario: Scenario) -> dict[str, tuple[str, ...]]:
-    """Return for each vehicle of a window without tightening slack the constraints that lack it."""
+    """Return the constraints of a window without tightening slack, by vehicle."""
     return missing_slack(scenario, Problem.of(scenario).margins, under_way=True)
 
 

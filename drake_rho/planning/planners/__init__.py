@@ -1,5 +1,5 @@
 """Planners of a whole flight that users call: the best plan, the convex method, assignment.
 
-A scenario comes in; a verified `Plan` goes out. A planner says which references the loops of `scp`
-begin with, and which of their plans is kept.
+A scenario comes in; a verified `Plan` goes out. A planner chooses the first references of the loops
+in `scp`, and the best of their plans.
 """

@@ -1,4 +1,4 @@
-"""Times at which waypoints may be passed: no obstacle and no requirement forbids their places."""
+"""Allowed times of waypoints: when no obstacle and no requirement forbids their positions."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ _TRIES = 15
 
 @dataclasses.dataclass(frozen=True)
 class AllowedTimes:
-    """Intervals of time in which a scenario with a waypoint is valid.
+    """Intervals of time in which each waypoint may be passed.
 
-    In these its place is outside of obstacles, and in the sets that requirements keep positions in.
+    Its position is then outside of all obstacles, and inside the sets of all requirements.
     """
 
     intervals: Sequence[FloatArray]
@@ -60,9 +60,9 @@ class AllowedTimes:
         return AllowedTimes([self.intervals[int(w)] for w in numbers], self.duration)
 
     def nearest(self, passing: Passing) -> Passing:
-        """Return waypoints at the allowed times nearest to theirs, with the intervals of these.
+        """Return waypoints at the nearest allowed times, with the intervals of these.
 
-        Where none is allowed, a waypoint keeps its time.
+        A waypoint without an allowed time is unchanged.
         """
         times = np.array(passing.times)
         allowed = np.tile([0.0, self.duration], (len(passing), 1))
@@ -98,7 +98,7 @@ def _intervals(
     last = np.flatnonzero(padded[:-1] & ~padded[1:]) - 1
 
     def end(inner: FloatArray, outer: FloatArray) -> FloatArray:
-        """Return the last allowed times from allowed ones to others."""
+        """Return the last allowed times between allowed and forbidden ones, by bisection."""
         for _ in range(_HALVINGS):
             middle = (inner + outer) / 2.0
             good = _allowed(scenario, waypoints, number, middle)

@@ -14,7 +14,7 @@ from drake_rho.scenario.records import Scenario
 from drake_rho.scenario.shapes.base import TOLERANCE
 
 _DENSE = 2000
-"""Vehicles up to which all pairs of a start and a goal are compared by default."""
+"""Largest fleet for which all pairs of a start and a goal are compared by default."""
 
 _NEAREST = 16
 """Number of goals nearest to each start, and starts nearest to each goal, in the first round."""
@@ -44,8 +44,8 @@ def assign_goals(scenario: Scenario, *, exact: bool | None = None) -> Scenario:
         The scenario with the assigned goals.
 
     Raises:
-        ScenarioError: a vehicle's own position or velocity box does not contain the goal assigned
-            to it, or the grid has a single step, which does not take the vehicles to the goals.
+        ScenarioError: a vehicle's own position or velocity box does not contain its assigned goal,
+            or the grid has a single step, which does not take the vehicles to the goals.
 
     Examples:
         >>> scenario = rho.random_transitions(8, np.random.default_rng(1))
@@ -61,7 +61,7 @@ def assign_goals(scenario: Scenario, *, exact: bool | None = None) -> Scenario:
 
 
 def assignment(scenario: Scenario, *, exact: bool | None = None) -> list[int]:
-    """Return for each vehicle the index of the vehicle whose goal `assign_goals` gives it.
+    """Return the index of each vehicle's new goal in the order of the vehicles.
 
     Raises:
         ScenarioError: the grid has a single step, which does not take the vehicles to the goals.
@@ -92,9 +92,9 @@ class _Efforts:
     goals: FloatArray
     """points of the goals, shape (N, 6), or (N, 3) for a single step"""
     start_rests: FloatArray
-    """positions to which a single step takes vehicles [m], shape (N, 3)"""
+    """positions of vehicles after a single step [m], shape (N, 3)"""
     goal_rests: FloatArray
-    """positions to which it has to take them [m], shape (N, 3)"""
+    """required positions after a single step [m], shape (N, 3)"""
     tolerance: float
     """largest difference of these positions [m]"""
     radii: FloatArray

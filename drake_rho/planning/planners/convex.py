@@ -1,4 +1,4 @@
-"""The paper's convex method: obstacles are linearised once, around a plan that ignores them."""
+"""The paper's convex method: one linearisation of obstacles, around a plan that ignores them."""
 
 from __future__ import annotations
 
@@ -37,23 +37,23 @@ def plan_convex(
     as (15), solve again. Step 3: if there is no solution, try another h of the same duration.
 
     A separation, which the paper leaves to future work, is linearised in step 2 as well. Where
-    vehicles meet, the plan without it is seldom a reference with a solution: `plan_scp` finds one.
+    vehicles meet, linearisation around the plan without it is seldom feasible: use `plan_scp`.
 
     Args:
-        scenario: what is asked.
-        reference: a motion to linearise around in place of step 2's own; on the scenario's grid.
-        steps: further steps h [s] to try in this order, if the scenario's own has no solution.
-            Which one was taken stands in the plan's `scenario.grid`, and all that were tried in
-            its `statistics.steps_tried`.
+        scenario: the problem to solve.
+        reference: motion to linearise around in place of step 2's own; on the scenario's grid.
+        steps: further steps h [s] to try in this order, if the scenario's own has no solution. The
+            plan has the chosen one in `scenario.grid`, and all that were tried in
+            `statistics.steps_tried`.
         solver: `"clarabel"`, `"daqp"` or `"osqp"`, or a Drake solver; Clarabel if not given.
 
-        options: `time_limit` counts; `Options()` if not given.
+        options: only `time_limit` is used; `Options()` if not given.
 
     Returns:
         A plan that meets every constraint of the scenario.
 
     Raises:
-        InfeasibleError: no step has a solution; it names the constraints in the way.
+        InfeasibleError: no step has a solution; the error names the conflicting constraints.
         OutOfTimeError: `options.time_limit` was over before there was a plan.
         SolverError: the solvers fail numerically.
         ValueError: a step does not divide the duration, or the reference does not fit.
@@ -91,7 +91,7 @@ def plan_convex(
 def linearised_once(
     problem: Problem, reference: Plan | None = None, backend: Backend | None = None
 ) -> Plan:
-    """Return a plan by steps 1 and 2 for the scenario's h, with the margins that a problem has.
+    """Return a plan by steps 1 and 2 for the scenario's h, with the margins of a problem.
 
     Raises:
         InfeasibleError: there is none.
@@ -106,7 +106,7 @@ def linearised_once(
 
 
 def _plan(problem: Problem, reference: Plan | None, backend: Backend | None) -> Plan:
-    """Return a plan by steps 1 and 2 for one h, where there is room."""
+    """Return a plan by steps 1 and 2 for one h, where limits leave tightening slack."""
     scenario = problem.scenario
     subproblem = Subproblem(problem, coupling_for(scenario), backend)
     if reference is not None:

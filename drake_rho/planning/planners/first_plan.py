@@ -1,7 +1,7 @@
-"""A first plan, which keeps every constraint and is not iterated yet.
+"""First feasible plan, from which sequential convex programming starts.
 
-Where the first linearisation has no solution, the vehicles it fails get paths around the obstacles,
-and fleets are brought apart by feasibility restoration.
+If the first linearisation is infeasible, the vehicles that fail get paths around the obstacles, and
+fleets are separated by feasibility restoration.
 """
 
 from __future__ import annotations
@@ -29,30 +29,30 @@ from drake_rho.planning.scp.restoration import MAX_RESTORATIONS, Step, restore_f
 from drake_rho.planning.scp.subproblem import Subproblem, plan_around
 
 _SHORTER = 0.75, 0.5
-"""Parts of a duration that are tried where it has no plan, but motions can be flown slower."""
+"""Fractions of the duration that are tried if it has no plan and motions can be flown slower."""
 
 _FEW = 0.25
-"""Part of a fleet that may violate obstacles while the others fly independently."""
+"""Largest fraction of a fleet that may violate obstacles in an independent start."""
 
 
 @dataclasses.dataclass(frozen=True)
 class FirstPlan:
-    """Search for a first plan of a problem."""
+    """Search for a first feasible plan of a problem."""
 
     backend: Backend = dataclasses.field(default_factory=Backend)
-    """solves its programs"""
+    """solver of its programs"""
     progress: Progress | None = None
-    """called with a few words on what is being done"""
+    """called with a short text on the current activity"""
     options: Options = dataclasses.field(default_factory=Options)
     """bounds of the search"""
     most: int = MAX_RESTORATIONS
     """largest number of penalties in one restoration of a fleet"""
     thorough: bool = True
-    """whether a fleet that is not brought apart gets paths that avoid each other, and a vehicle for
-    which none of its paths leads to a plan perturbed initial guesses"""
+    """whether to try paths that avoid each other if restoration does not separate a fleet, and
+    perturbed initial guesses if no path of a vehicle leads to a plan"""
 
     def of_any_duration(self, problem: Problem, reference: Plan | None = None) -> Plan:
-        """Return a first plan, which may be one for a shorter duration, flown slower.
+        """Return a first plan, possibly one for a shorter duration flown slower.
 
         Args and errors are those of `plan`.
         """
@@ -62,7 +62,7 @@ class FirstPlan:
             return self._slower(problem, error)
 
     def of(self, problem: Problem, reference: Plan | None = None) -> Plan:
-        """Return a first plan, with the margins that a problem has.
+        """Return a first plan, with the margins of a problem.
 
         Args and errors are those of `plan`.
         """
@@ -86,10 +86,10 @@ class FirstPlan:
             return self._around_obstacles(problem, list(error.conflicts), error)
 
     def _of_fleet(self, problem: Problem, reference: Plan | None) -> Plan:
-        """Return a first plan of vehicles that keep apart.
+        """Return a first plan of a fleet with a separation.
 
-        Independent vehicles are a good beginning as long as few of them violate obstacles: each of
-        those then has a path of its own. Else, and where they cannot be brought apart, all get
+        Independent plans are a good start as long as few vehicles violate obstacles: these get
+        paths of their own. Otherwise, or if restoration cannot separate the fleet, all vehicles get
         paths that avoid each other.
         """
         if (apart := self._around_if_apart(problem, reference)) is not None:
@@ -113,13 +113,13 @@ class FirstPlan:
             start = Plan.from_accelerations(scenario, plan.accelerations, plan.statistics)
             return brought_apart(problem, start, self.backend, self.progress, self.most)
         except InfeasibleError as error:
-            failure = error.replaced(scenario=scenario)  # as it is, separation and all
+            failure = error.replaced(scenario=scenario)  # with its separation
             if not (failure.about_linearisation and self.thorough):
                 raise failure from None
             return self._along_paths(problem, failure)
 
     def _along_paths(self, problem: Problem, failure: InfeasibleError | None) -> Plan:
-        """Return a first plan along paths of all vehicles, where there was none without them."""
+        """Return a first plan along paths of all vehicles, after other attempts have failed."""
         along = plan_along_paths(problem, self.backend, self.options, self.progress)
         spent = along.spent if failure is None else failure.statistics + along.spent
         if along.plan is None:
@@ -127,7 +127,7 @@ class FirstPlan:
         return along.plan.with_statistics(spent)
 
     def _around_if_apart(self, problem: Problem, reference: Plan | None) -> Plan | None:
-        """Return a fleet's plan around a reference whose vehicles keep apart; None without one."""
+        """Return a fleet's plan around a reference that meets the separation, or None."""
         subproblem = Subproblem(problem, decoupled, self.backend)
         if reference is None or len(subproblem.violations(reference).pairs) > 0:
             return None
@@ -136,16 +136,16 @@ class FirstPlan:
         return self._held(problem, reference)
 
     def _held(self, problem: Problem, reference: Plan | None) -> Plan | None:
-        """Return a reference as a plan, if it violates nothing; None else."""
+        """Return a reference as a plan if it violates nothing; otherwise None."""
         if reference is None or not Subproblem(problem, decoupled).holds(reference):
             return None
         return Plan.from_accelerations(problem.scenario, reference.accelerations)
 
     def _slower(self, problem: Problem, failure: InfeasibleError) -> Plan:
-        """Return a first plan that is one for a shorter duration, flown slower.
+        """Return a first plan from one for a shorter duration, flown slower.
 
         Raises:
-            InfeasibleError: the failure, where motions cannot be flown slower, it is proved, or no
+            InfeasibleError: the failure, if it is proved, motions cannot be flown slower, or no
                 shorter duration has a plan.
         """
         scenario, searched = problem.scenario, failure.statistics.searched
@@ -163,7 +163,7 @@ class FirstPlan:
             except (InfeasibleError, SolverError) as error:
                 spent += error.statistics
                 if isinstance(error, InfeasibleError) and not error.about_linearisation:
-                    break  # too short even without what is in the way
+                    break  # too short even without obstacles and other vehicles
                 continue
             first = self.of(problem, fitted(plan, scenario))
             return first.with_statistics(spent + plan.statistics + first.statistics)
@@ -172,10 +172,10 @@ class FirstPlan:
     def _around_obstacles(
         self, problem: Problem, failing: Sequence[str], failure: InfeasibleError | None = None
     ) -> Plan:
-        """Return a first plan along paths of the vehicles that the first linearisation fails.
+        """Return a first plan with paths for the vehicles whose first linearisation is infeasible.
 
         Raises:
-            InfeasibleError: for one of them none was found.
+            InfeasibleError: one of them has no plan along any path.
         """
         scenario = problem.scenario
         free = plan_around(problem.without_obstacles(), None, self.backend)
@@ -187,7 +187,7 @@ class FirstPlan:
             dataclasses.replace(problem, scenario=scenario.of_vehicles(group.tolist()))
             for group in groups
         ]
-        if self.backend.executor is not None:  # whose workers cannot tell from where they are
+        if self.backend.executor is not None:  # workers cannot report progress
             own = repeat(self.backend.here()), repeat(self.options)
             found = list(self.backend.executor.map(_on_worker, alone, *own))
         else:
@@ -204,7 +204,7 @@ class FirstPlan:
         around = Plan.from_accelerations(scenario, accelerations)
         try:
             plan = plan_around(problem, around, self.backend)
-        except (InfeasibleError, SolverError, OutOfTimeError):  # by rounding, without any slack
+        except (InfeasibleError, SolverError, OutOfTimeError):  # rounding errors, without any slack
             if not Subproblem(problem, decoupled, self.backend).holds(around):
                 raise
             plan = around
@@ -212,7 +212,7 @@ class FirstPlan:
 
 
 def _on_worker(problem: Problem, backend: Backend, options: Options) -> PathResult:
-    """Look for a plan along paths in another process."""
+    """Return the plan along paths of a problem, in a worker process."""
     with within_time(options.time_limit):
         return plan_along_paths(problem, backend, options)
 
@@ -224,7 +224,7 @@ def brought_apart(
     progress: Progress | None = None,
     most: int = MAX_RESTORATIONS,
 ) -> Plan:
-    """Return a plan whose vehicles keep apart, from one in which they are independent.
+    """Return a plan that satisfies the separation, restored from independent motions.
 
     Raises:
         InfeasibleError: no plan was found.
@@ -235,9 +235,9 @@ def brought_apart(
 
 
 def fleet_step(subproblem: Subproblem) -> Step | None:
-    """Return the step by which a fleet is brought apart; None for `SoftRows`.
+    """Return the restoration step of a fleet; None for `SoftRows`.
 
-    Links of two vehicles couple programs, which references in groups cannot keep.
+    Links of two vehicles couple their programs, which references in groups do not support.
     """
     scenario = subproblem.problem.scenario
     if scenario.separation is None or subproblem.problem.has_links:
@@ -253,17 +253,17 @@ def plan_near(
     progress: Progress | None = None,
     most: int = MAX_RESTORATIONS,
 ) -> Plan:
-    """Return a first plan that is found from a reference alone: no paths are looked for.
+    """Return a first plan near a reference, without a path search.
 
     Args:
         problem: to be solved.
-        reference: positions of the same vehicles at as many knots, that need not be flown.
+        reference: positions of the same vehicles at as many knots; may be dynamically inconsistent.
         backend: Clarabel if not given.
         progress: called after each linearisation.
         most: the largest number of penalties of a restoration.
 
     Raises:
-        InfeasibleError: there is no plan, or none was found from there.
+        InfeasibleError: there is no plan, or none was found from the reference.
         SolverError: the solvers fail numerically.
     """
 
@@ -282,7 +282,7 @@ def plan_near(
 def first_plan(
     problem: Problem, *, backend: Backend | None = None, progress: Progress | None = None
 ) -> Plan:
-    """Return the plan that `plan` begins with: it keeps every constraint, and is not iterated.
+    """Return the first iterate of `plan`: it satisfies every constraint, but is not iterated.
 
     Args and errors are those of `plan_near`.
     """

@@ -1,9 +1,9 @@
 """Plans along paths: feasibility restoration from collision-free references.
 
 A reference along a path passes every obstacle on a free side, but is dynamically inconsistent.
-Restoration finds a feasible motion near it. Of several paths, the one is chosen whose plan costs
-least after a few linearisations: further linearisations gain less than the difference between most
-paths.
+Restoration finds a feasible motion near it. Among several paths, the one with the cheapest plan
+after a few linearisations is chosen: further linearisations gain less than the difference between
+most paths.
 """
 
 from __future__ import annotations
@@ -33,13 +33,13 @@ from drake_rho.scenario.records import Scenario
 from drake_rho.system.threads import single_threaded_blas
 
 _NAMED = 4
-"""Largest number of obstacles that a message about a vehicle without a path names one by one."""
+"""Largest number of obstacles that a message about a vehicle without a path lists individually."""
 
 _GRIDS = 2
-"""Bound on the grids. A further grid is searched while paths on those before lead to no plan."""
+"""Largest number of grids. The next grid is searched if paths on the last one lead to no plan."""
 
 _MOST_LINEARISATIONS = 30
-"""Linearisations after which no further perturbation is tried: plans were found with fewer."""
+"""Linearisations after which no further perturbation is tried: successful searches took fewer."""
 
 _KNOWN_ENDS = 4
 """Consecutive perturbations that lead to known dead ends, after which no further one is tried."""
@@ -53,7 +53,7 @@ class PathResult:
     """Result of planning along paths: the best plan, or the conflicts that prevented one."""
 
     scenario: Scenario
-    """scenario that was to be planned"""
+    """scenario to plan"""
     plan: Plan | None
     """plan that meets every constraint; None if none was found"""
     spent: Statistics
@@ -218,7 +218,7 @@ def no_plan(
     spent: Statistics,
     failure: InfeasibleError | None,
 ) -> InfeasibleError:
-    """Return the error for vehicles that have no plan along paths either.
+    """Return the error for vehicles without a plan along any path.
 
     Args:
         lost: results without a plan.

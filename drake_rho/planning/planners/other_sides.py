@@ -1,8 +1,8 @@
-"""Other sides of obstacles: cheaper plans than the one that was found first.
+"""Search for cheaper plans that pass obstacles on other sides.
 
-Sequential convex programming keeps to the sides of its first reference. Here every obstacle that a
-converged plan touches is passed on other sides, each by the motion of least effort through a point
-there, in closed form. A plan is sought around such a detour only if it costs less than the plan.
+Sequential convex programming stays on the sides of its first reference. Here every obstacle that a
+converged plan touches is passed on other sides too, by the motion of least effort through a point
+there, in closed form. A detour that costs less than the plan becomes a reference for a new plan.
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ from drake_rho.planning.scp.subproblem import Subproblem
 from drake_rho.scenario.fields import FloatArray, IntArray
 
 _WORTH = 0.02
-"""Part of a vehicle's cost that a detour must save to be tried: it costs less than plans near it,
-which have to keep clear of the obstacle for longer than an instant."""
+"""Fraction of a vehicle's cost that a detour must save to be tried: plans near it cost more, since
+they keep clear of the obstacle for longer than an instant."""
 
 _BETTER = 1e-3
-"""Part of a vehicle's cost that a plan must save to replace the one before."""
+"""Fraction of a vehicle's cost that a plan must save to replace the one before."""
 
 _TRIES = 8
 """Largest number of detours that are tried for one vehicle."""
@@ -65,9 +65,9 @@ class Detour:
 
 
 def has_other_sides(problem: Problem) -> bool:
-    """Return whether other sides of obstacles are looked for: vehicles are independent, at leisure.
+    """Return whether to search other sides of obstacles: for independent vehicles before a flight.
 
-    Windows of a flight under way go on along the sides of the plan before.
+    Windows of a flight under way stay on the sides of the previous plan.
     """
     scenario = problem.scenario
     alone = scenario.separation is None and not problem.has_links
@@ -83,14 +83,14 @@ def on_cheaper_sides(
     backend: Backend,
     progress: Progress | None = None,
 ) -> Plan:
-    """Return a plan in which vehicles pass obstacles on other sides, where these cost less.
+    """Return a plan in which vehicles pass obstacles on other sides where this costs less.
 
     Args:
         problem: to be solved, of vehicles that are independent of each other.
         plan: a converged plan.
         tolerance: relative fall of the cost at which a plan has converged.
         most: the largest number of linearisations of one plan.
-        backend: solves the programs.
+        backend: the solver of the programs.
         progress: called with a short text on the current activity.
     """
     iterated = partial(sequential_convex, tolerance=tolerance, most=most)
@@ -127,7 +127,7 @@ def _of_vehicle(problem: Problem, vehicle: int) -> Problem:
 
 
 def _with(plan: Plan, accelerations: FloatArray, references: FloatArray | None) -> Plan:
-    """Return a plan with other accelerations, found around other references."""
+    """Return a plan with other accelerations and another reference."""
     other = Plan.from_accelerations(plan.scenario, accelerations)
     if references is None:
         return other
@@ -183,7 +183,7 @@ class _OtherSides:
         return None
 
     def _around(self, detour: Detour) -> Plan:
-        """Return a plan near a detour, which is iterated to the end if it may be the best one.
+        """Return a plan near a detour, iterated to convergence if it may be the best one.
 
         Raises:
             InfeasibleError: the linearisation around the detour has no solution.
@@ -208,14 +208,14 @@ def _detours(problem: Problem, plan: Plan) -> list[Detour]:
     found = [
         detour
         for each in problem.obstacles_around(motion)
-        if isinstance(each, KeepOutOfShape)  # other sides of a map are not looked for
+        if isinstance(each, KeepOutOfShape)  # other sides of a map are not searched
         for detour in _beside(each, problem, motion, _touching(each, motion, bent), worth)
     ]
     return sorted(found, key=lambda each: each.cost)
 
 
 def _touching(obstacle: KeepOutOfShape, motion: Motion, vehicles: IntArray) -> EvaluationPoints:
-    """Return the instants at which vehicles are nearest to an obstacle, of those that touch it."""
+    """Return the instants of closest approach of the vehicles that touch an obstacle."""
     times = motion.step / _SAMPLES * np.arange(1, _SAMPLES * motion.accelerations.shape[1])
     times = times[obstacle.holds_at(times)]
     whose = np.repeat(vehicles, len(times))
@@ -235,14 +235,14 @@ def _beside(
     points: EvaluationPoints,
     worth: FloatArray,
 ) -> Iterator[Detour]:
-    """Yield detours on other sides of an obstacle that cost less than they are worth.
+    """Yield detours on other sides of an obstacle that cost less than a bound.
 
     Args:
         obstacle: the obstacle.
         problem: with the motion of least effort.
         motion: motion of a plan.
         points: instants at which vehicles touch the obstacle.
-        worth: cost below which a detour of each vehicle is tried [m²/s⁴], shape (N,).
+        worth: largest cost of a detour of each vehicle [m²/s⁴], shape (N,).
     """
     if len(points) == 0:
         return
@@ -264,7 +264,7 @@ def _beside(
 def _sides(obstacle: KeepOutOfShape, motion: Motion, points: EvaluationPoints) -> FloatArray:
     """Return unit vectors to other sides of an obstacle across the flight, shape (R, S, 3).
 
-    Of a vehicle at rest beside the obstacle, all of them are to the opposite side.
+    For a vehicle at rest beside the obstacle, all of them point to the opposite side.
     """
     velocities = motion.each_at("velocity", points.vehicles, points.times)
     velocities = velocities - obstacle.obstacle.velocities(points.times)

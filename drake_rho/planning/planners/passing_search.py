@@ -1,4 +1,4 @@
-"""Search for motions that pass waypoints without a time, from motions that miss some of them."""
+"""Search for motions through free waypoints, from motions that miss some of them."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from drake_rho.planning.scp.timed import Timed
 from drake_rho.scenario.fields import IntArray
 
 _PRICES = 1e2, 1e5
-"""Prices of missing waypoints by a motion's length, in units of a motion's cost."""
+"""Penalties for missing waypoints by a motion's length, in units of a motion's cost."""
 
 _ROUGHLY = 1e-2
-"""Relative fall of the cost, with what is missed, that ends a search."""
+"""Relative fall of the cost, with the penalty for missed waypoints, that ends a search."""
 
 _PASSED = 1e-9
-"""Part of a motion's length by which a motion that passes waypoints may still miss them."""
+"""Largest miss at which a waypoint counts as passed, as a fraction of a motion's length."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -38,11 +38,11 @@ class PassingSearch:
     def best(self, start: Timed, allowed: AllowedTimes) -> Timed:
         """Return the motion of least cost near a guess; one that misses waypoints if none is found.
 
-        If there is no motion with the times of the guess, waypoints may be missed at a price, which
-        leads to times at which there is one.
+        If the times of the guess are infeasible, waypoints become soft: minimising the penalty
+        leads to feasible times.
 
         Args:
-            start: motion to linearise around first, which need not meet any constraint.
+            start: motion to linearise around first; it may violate any constraint.
             allowed: times at which its waypoints may be passed.
         """
         best = self._around(start)
@@ -61,7 +61,7 @@ class PassingSearch:
         return LeastTime(self.backend, self.progress, final_time=False)
 
     def _passed(self, start: Timed, allowed: AllowedTimes) -> Timed:
-        """Return a motion that misses the waypoints as little as is found, by independent groups.
+        """Return a motion that misses the waypoints least, found group by independent group.
 
         Args:
             start: motion to linearise around first.
@@ -77,7 +77,7 @@ class PassingSearch:
         return dataclasses.replace(start, accelerations=accelerations, passing=passing, rows=())
 
     def _least_missed(self, start: Timed, allowed: AllowedTimes) -> Timed:
-        """Return a motion that misses waypoints least, from a guess and from times compared."""
+        """Return a motion that misses waypoints least, from a guess and from sampled times."""
         best = self._at_a_price(start, _PRICES[0])
         if best is None or best.missed > _PASSED:
             best = self._compared(best or start, allowed)
@@ -87,12 +87,12 @@ class PassingSearch:
         return best
 
     def _at_a_price(self, start: Timed, price: float) -> Timed | None:
-        """Return a motion that may miss waypoints at a price; None if there is none."""
+        """Return a motion with soft waypoints at a penalty; None if there is none."""
         found = self._around(_priced(start, price), _ROUGHLY)
         return found and _exact(found)
 
     def _compared(self, start: Timed, allowed: AllowedTimes) -> Timed:
-        """Return the motion with the best of many times of each free waypoint, one by one."""
+        """Return the motion with the best sampled time of each free waypoint in turn."""
         search, best = self._search(), _priced(start, _PRICES[0])
         known = search.at_same_times(best)
         for w in np.flatnonzero(~start.passing.given).tolist():
@@ -108,7 +108,7 @@ class PassingSearch:
 
 
 def _independent(timed: Timed) -> list[IntArray]:
-    """Return the indices of vehicles in groups that do not depend on each other."""
+    """Return the indices of vehicles in independent groups."""
     count = len(timed.scenario.vehicles)
     if timed.scenario.separation is not None:
         return [np.arange(count)]
@@ -126,7 +126,7 @@ def _part(timed: Timed, group: IntArray) -> Timed:
 
 
 def _priced(timed: Timed, price: float) -> Timed:
-    """Return a motion that may miss free waypoints at a price, in units of costs and lengths."""
+    """Return a motion with soft free waypoints, at a penalty in units of costs and lengths."""
     fleet, steps = timed.scenario.fleet, timed.accelerations.shape[1]
     cost = float(np.sum(timed.problem.effort.units**2)) * steps
     price *= (cost + cost_of(fleet, timed.accelerations)) / float(fleet.lengths.max())
@@ -134,6 +134,6 @@ def _priced(timed: Timed, price: float) -> Timed:
 
 
 def _exact(timed: Timed) -> Timed:
-    """Return a motion as a guess for one that misses no waypoint."""
+    """Return a motion as a guess with hard waypoints."""
     passing = dataclasses.replace(timed.passing, price=np.inf)
     return dataclasses.replace(timed, passing=passing, short=0.0)

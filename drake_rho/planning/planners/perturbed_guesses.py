@@ -1,4 +1,4 @@
-"""Perturbed initial guesses of a single vehicle, where restoration from others does not converge.
+"""Perturbed initial guesses of a single vehicle, for when restoration from paths fails.
 
 If every path is too long for the duration, a motion with another time scaling may still pass a
 moving obstacle or a corner. Random perturbations have fixed seeds, so they are always the same.

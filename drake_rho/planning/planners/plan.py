@@ -1,4 +1,4 @@
-"""`plan`, the planner to use, iterated to convergence; `plan_scp`, its name by the method."""
+"""The main planner, `plan`, iterated to convergence; `plan_scp` is another name for it."""
 
 from __future__ import annotations
 
@@ -45,42 +45,42 @@ def plan(
 ) -> Plan:
     """Return the best plan that this package can find.
 
-    The convex method's plan is linearised anew until its cost stops falling. Where the first
-    linearisation has no solution, the vehicles it fails are given ways round the obstacles first,
-    and fleets that are to keep apart are restored to it.
+    Obstacles and pairs are linearised around the latest plan, beginning with that of the convex
+    method, until the cost stops falling. If the first linearisation is infeasible, paths around the
+    obstacles are searched for the vehicles that fail, and fleets with a separation go through
+    feasibility restoration.
 
-    The half-space of (15) lies inside what (8) allows, so every iterate meets the true
-    constraints, and since it is itself allowed by the next linearisation, the cost does not rise
+    The half-space (15) is a subset of the set that (8) allows, so every iterate satisfies the true
+    constraints. Each iterate is feasible for the next linearisation too, so the cost does not rise
     (in exact arithmetic). Neither a trust region nor a line search is needed.
 
     Args:
-        scenario: what is asked.
-        reference: a motion to linearise around at first, in place of the plan without obstacles.
-            It may be a plan of a related scenario: of more vehicles, from rest to rest in less
-            time (`fitted`), with more obstacles or tighter limits. What keeps every constraint of
-            this one is a plan in any case.
-        coupling: how pairs are kept apart, a word or what it is called in this package: `coupled`,
-            at the least cost; `decoupled`, every vehicle with a program of its own; or `grouped`,
-            the same around references in which groups of vehicles are coupled, at almost the least
-            cost. If not given, coupled as long as the
-            fleet is small (`options.max_coupled`), grouped up to `options.max_grouped` vehicles,
-            and decoupled beyond.
+        scenario: the problem to solve.
+        reference: first motion to linearise around, in place of the plan without obstacles. It may
+            be a plan of a related scenario: with more vehicles, from rest to rest in less time
+            (`fitted`), with more obstacles or tighter limits. A reference that already satisfies
+            every constraint is kept as a fallback.
+        coupling: treatment of pairs, by name or as this package's object of that name: `coupled`,
+            with the least cost; `decoupled`, with one program per vehicle; or `grouped`, decoupled
+            around references in which groups of vehicles are coupled, with almost the least cost.
+            By default coupled up to `options.max_coupled` vehicles, grouped up to
+            `options.max_grouped`, and decoupled beyond.
         solver: `"clarabel"`, `"daqp"` or `"osqp"`, or a Drake solver; Clarabel if not given.
-        executor: where programs are solved, in blocks of vehicles, and ways round the obstacles
-            are looked for, vehicle by vehicle: any of PEP 3148. The plan is the same, whoever
-            works. A Drake solver cannot be sent to processes, DAQP can. If not given, here.
-        progress: called with a few words on what is being done, as after each linearisation.
+        executor: any PEP 3148 executor, which solves programs in blocks of vehicles and searches
+            for paths vehicle by vehicle. The result does not depend on the number of workers. DAQP
+            can be sent to processes, a Drake solver cannot. The calling process if not given.
+        progress: called with a short text on the current activity, as after each linearisation.
         options: tolerances and bounds; `Options()` if not given.
 
     Returns:
         A plan that meets every constraint of the scenario.
 
     Raises:
-        InfeasibleError: a vehicle has no plan without the obstacles, or no way round was found.
+        InfeasibleError: a vehicle has no plan even without obstacles, or no path around was found.
         OutOfTimeError: `options.time_limit` was over before there was a plan.
         SolverError: the solvers fail numerically.
-        TypeError: an argument is of another type.
-        ValueError: the solver is not available, or the reference is for other vehicles or another
+        TypeError: an argument has the wrong type.
+        ValueError: the solver is not available, or the reference has other vehicles or another
             grid.
 
     Examples:
@@ -102,11 +102,11 @@ def plan(
 def _with_free_times(
     times: WaypointTimes, reference: Plan | None, kept_apart: Coupling, search: FirstPlan
 ) -> Plan:
-    """Return the best plan with the times of waypoints that are best near a first one.
+    """Return the best plan with free waypoint times optimised locally.
 
     Raises:
-        InfeasibleError: at none of the times that were tried there is a plan; it is proved only if
-            there is none without these waypoints either.
+        InfeasibleError: no plan at any of the times tried; this is proved only if there is none
+            without these waypoints either.
     """
     times.check()
     failures = list[Exception]()
@@ -124,7 +124,7 @@ def _with_free_times(
 def _all_times(
     times: WaypointTimes, reference: Plan | None, kept_apart: Coupling, search: FirstPlan
 ) -> Iterator[Scenario]:
-    """Yield a scenario with times for its waypoints, the most likely first.
+    """Yield the scenario with candidate times of its free waypoints, the most promising first.
 
     Raises:
         InfeasibleError: there is no plan without these waypoints either.
@@ -139,7 +139,7 @@ def _all_times(
 def _with_better_times(
     times: WaypointTimes, first: Plan, kept_apart: Coupling, search: FirstPlan
 ) -> Plan:
-    """Return the cheaper of a plan and the best one with waypoint times near its own."""
+    """Return a plan, or a cheaper one with waypoint times optimised near it."""
     if not first.scenario.avoided and first.scenario.separation is None:
         return first
     try:
@@ -152,7 +152,7 @@ def _with_better_times(
 def _with_given_times(
     scenario: Scenario, reference: Plan | None, kept_apart: Coupling, search: FirstPlan
 ) -> Plan:
-    """Return the best plan of a scenario in which the times of all waypoints are given."""
+    """Return the best plan of a scenario with given times of all waypoints."""
     if reference is not None:
         reference = fitted(reference, scenario)
 
@@ -170,7 +170,7 @@ def _with_given_times(
 
 
 def _on_cheaper_sides(problem: Problem, plan: Plan, search: FirstPlan) -> Plan:
-    """Return the plan with vehicles on other sides of obstacles where these cost less."""
+    """Return the plan with vehicles on other sides of obstacles where this costs less."""
     options = search.options
     return on_cheaper_sides(
         problem,
@@ -183,7 +183,7 @@ def _on_cheaper_sides(problem: Problem, plan: Plan, search: FirstPlan) -> Plan:
 
 
 def _from_similar(coupling: Coupling, search: FirstPlan, problem: Problem, similar: Plan) -> Plan:
-    """Return the plan of a problem from that of a similar one, which may violate a little."""
+    """Return the plan of a problem, starting from a similar one's plan with small violations."""
     try:
         first = plan_near(problem, similar, backend=search.backend, progress=search.progress)
     except (InfeasibleError, SolverError):
@@ -192,7 +192,7 @@ def _from_similar(coupling: Coupling, search: FirstPlan, problem: Problem, simil
 
 
 def _iterated(problem: Problem, first: Plan, coupling: Coupling, search: FirstPlan) -> Plan:
-    """Return the plan that linearising anew ends with, from one that keeps every constraint."""
+    """Return the converged plan of sequential convex programming from a feasible first plan."""
     scenario, options = problem.scenario, search.options
     if not scenario.avoided and scenario.separation is None:
         return first
@@ -222,7 +222,7 @@ def plan_scp(
     progress: Progress | None = None,
     options: Options | None = None,
 ) -> Plan:
-    """Plan by sequential convex programming to convergence: `plan`, by the name of its method.
+    """Plan by sequential convex programming to convergence: the same as `plan`.
 
     Args and errors are those of `plan`.
     """

@@ -1,4 +1,4 @@
-"""Related scenarios: a plan of one is a reference for the other, or a plan of it too.
+"""Related scenarios: a plan of one is a reference, or even a plan, of the other.
 
 From rest to rest among obstacles at rest, a motion can be flown more slowly, or the vehicle can
 wait at its goal. A plan for one duration therefore gives plans for all longer ones. A plan stays
@@ -48,14 +48,14 @@ def can_be_slower(scenario: Scenario) -> bool:
 
 
 def changes_with_time(scenario: Scenario) -> bool:
-    """Return whether what is required of positions changes with time."""
+    """Return whether any constraint on positions changes with time."""
     steady = (each.is_steady for each in scenario.bodies)
     whenever = (each.active is None and each.track is None for each in scenario.requirements)
     return not all(steady) or not all(whenever)
 
 
 def is_steady(scenario: Scenario) -> bool:
-    """Return whether nothing but the motion depends on time, which begins and ends at rest."""
+    """Return whether no constraint depends on time, and motions begin and end at rest."""
     return (
         not changes_with_time(scenario)
         and scenario.disturbance is None
@@ -64,10 +64,10 @@ def is_steady(scenario: Scenario) -> bool:
 
 
 def of_each_alone(scenario: Scenario) -> Scenario:
-    """Return the scenario with what every vehicle has to keep by itself, whenever it flies.
+    """Return the relaxed scenario with the constraints of single vehicles only, at any time.
 
-    These are its limits, and requirements of sets that do not change with time. A motion that keeps
-    them is no plan yet, but every plan keeps them.
+    These are limits, and requirements with sets that do not change with time. Every plan satisfies
+    them, but a motion that satisfies them need not be a plan.
     """
     own = (each for each in scenario.requirements if each.active is None)
     return dataclasses.replace(
@@ -101,8 +101,7 @@ def fitted(plan: Plan, scenario: Scenario) -> Plan:
 
     If the plan has more vehicles than the scenario, those of the same names are selected. If the
     scenario lasts longer, a motion from rest to rest is scaled in time on the same number of knots,
-    or held at its end on additional knots of the same step. A plan that fits in neither manner is
-    returned unchanged.
+    or held at its end on additional knots of the same step. Any other plan is returned unchanged.
     """
     names = [vehicle.name for vehicle in plan.scenario.vehicles]
     required = [vehicle.name for vehicle in scenario.vehicles]

@@ -1,4 +1,4 @@
-"""Plans with the margin that their own accelerations need for a smoothing."""
+"""Plans whose smoothing margin fits their own accelerations."""
 
 from __future__ import annotations
 
@@ -12,27 +12,27 @@ from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.times import steps_lasting
 
 _MORE = 1.25
-"""Accelerations that a plan may have, as a multiple of those of the plan before."""
+"""Bound on accelerations of a plan, as a multiple of those of the plan before."""
 
 _LEAST = 0.02
-"""Least accelerations that a plan may have, as a part of the largest."""
+"""Least bound on accelerations of a plan, as a fraction of the largest."""
 
 _ROUNDS = 4
-"""Number of plans with margins for the accelerations of the plan before."""
+"""Largest number of plans with margins from the accelerations of the plan before."""
 
 
 def with_own_margin(
     first: Callable[[Problem], Plan], again: Callable[[Problem, Plan], Plan], problem: Problem
 ) -> Plan:
-    """Return a plan that keeps the margin that its own accelerations need for its smoothing.
+    """Return a plan whose smoothing margin is sufficient for its own accelerations.
 
-    Limits mostly allow accelerations that no plan has. So margins are for those of a plan without
-    margins, and for more where the plan with these margins has more.
+    Limits usually allow much larger accelerations than plans have. Margins are therefore computed
+    for those of a plan without margins, and are enlarged where the next plan exceeds them.
 
     Args:
         first: function that plans a problem.
         again: function that plans a problem from the plan of a similar one.
-        problem: problem of a scenario with a smoothing, with the margin that its limits need.
+        problem: problem of a scenario with a smoothing, with the margin for its limits.
 
     Raises:
         InfeasibleError: no plan is found.
@@ -53,7 +53,7 @@ def with_own_margin(
 
 
 def accelerations_near(plan: Plan) -> FloatArray:
-    """Return the largest accelerations in each step and those that its averages reach, (K-1,)."""
+    """Return the largest acceleration over each step's averaging interval, shape (K-1,)."""
     most = np.linalg.norm(plan.accelerations, axis=2).max(axis=0)
     reached = steps_lasting(plan.scenario.lead, plan.scenario.grid.step)
     around = np.pad(most, reached)

@@ -1,4 +1,4 @@
-"""Times of waypoints without one, for a given final time."""
+"""Search for the times of free waypoints, for a given final time."""
 
 from __future__ import annotations
 
@@ -27,35 +27,37 @@ from drake_rho.scenario.records import Grid, Scenario
 from drake_rho.scenario.waypoints import AllWaypoints
 
 GAP = 0.002
-"""Least time between waypoints of a vehicle, and from its start and goal, in steps: at one time the
-rows of two waypoints would be the same."""
+"""Least time between waypoints of a vehicle, and from its start and goal, in steps: at equal times,
+two waypoints would have equal rows."""
 
 _LEAST_LEG = 1e-2
-"""Least part of the longest leg's time that a leg has at first, as to a waypoint at the start."""
+"""Least time of a leg in the first guess, as a fraction of the longest leg's. It matters for a
+waypoint at the start."""
 
 _ROUGHLY = 1e-2
 """Relative fall of the final time that ends the search for first times."""
 
 _POWERS = 0.5, 2.0
-"""Powers to which parts of the final time are raised for further guesses."""
+"""Exponents on times as fractions of the final time, for further guesses."""
 
 _PASSED = 1e-3
-"""Part of a motion's length by which a motion with times worth trying may still miss waypoints."""
+"""Largest miss of waypoints at which a guess is tried, as a fraction of a motion's length."""
 
 _BESIDE = 0.25, 2.5, 25.0
-"""Multiples of the least time between waypoints by which times next to others differ."""
+"""Offsets of times close to a guess, in least times between waypoints."""
 
 _SAMPLES = 8
 """Number of samples of each step among which the instant nearest to a waypoint is sought."""
 
 _ALIKE = 1e-3
-"""Part of the final time by which times of another guess have to differ."""
+"""Least difference between the times of two guesses, as a fraction of the final time."""
 
 
 def passing_of(waypoints: AllWaypoints, scenario: Scenario, grid: Grid) -> Passing:
-    """Return waypoints with their times; those that are free grow with the roots of distances.
+    """Return waypoints with given times, and with guesses for free ones.
 
-    Those between given times do so between these.
+    The guessed time of a leg is proportional to the square root of its length, between given times
+    too.
 
     Args:
         waypoints: the waypoints of all vehicles.
@@ -85,10 +87,10 @@ def passing_of(waypoints: AllWaypoints, scenario: Scenario, grid: Grid) -> Passi
 
 
 def in_least_time(start: Timed, backend: Backend, progress: Progress | None) -> tuple[Timed, float]:
-    """Return a motion with waypoints where a flight in the least time has them, if it can.
+    """Return the minimum-time motion through the waypoints, scaled in time to the final time.
 
-    In that flight given times are as early in proportion. So if its final time is at most that of
-    the motion, the same motion flown slower meets every limit, and passes waypoints at given times.
+    Given times are scaled in proportion to the minimum time. If that is at most the required final
+    time, the slower motion meets every limit and passes waypoints at their given times.
 
     Args:
         start: motion in a final time, to linearise around first.
@@ -96,8 +98,8 @@ def in_least_time(start: Timed, backend: Backend, progress: Progress | None) -> 
         progress: called with the final time after each iteration.
 
     Returns:
-        The motion in the final time of `start`, which is returned if none is found, and the final
-        time of that flight, infinite then [s].
+        The motion in the final time of `start`, and the minimum time [s]; `start` and infinity if
+        none is found.
     """
     passing = start.passing
     none = np.zeros(len(passing), dtype=bool)
@@ -119,7 +121,7 @@ def in_least_time(start: Timed, backend: Backend, progress: Progress | None) -> 
 
 
 class WaypointTimes:
-    """Search for the times of a scenario's free waypoints at which the cost is least.
+    """Search for the times of a scenario's free waypoints that minimise the cost.
 
     Args:
         scenario: the scenario.
@@ -134,14 +136,14 @@ class WaypointTimes:
 
     @property
     def any_free(self) -> bool:
-        """Whether any waypoint has no time."""
+        """Whether any waypoint is free, without a given time."""
         return not bool(self._waypoints.given.all())
 
     def check(self) -> None:
-        """Check that the place of every free waypoint is allowed at some time of the flight.
+        """Check that every free waypoint can be passed at some time of the flight.
 
         Raises:
-            InfeasibleError: an obstacle or a requirement forbids one at all times.
+            InfeasibleError: an obstacle or a requirement forbids its position at all times.
         """
         forbidden = dict[str, list[str]]()
         for w in np.flatnonzero(~self._waypoints.given).tolist():
@@ -154,7 +156,7 @@ class WaypointTimes:
             raise InfeasibleError(conflicts, scenario=self._given, because=because)
 
     def without_free(self) -> Scenario:
-        """Return the scenario without free waypoints; each plan with them is one of it."""
+        """Return the scenario without free waypoints, a relaxation."""
         vehicles = tuple(
             dataclasses.replace(
                 each, waypoints=tuple(own for own in each.waypoints if own.time is not None)
@@ -164,9 +166,9 @@ class WaypointTimes:
         return dataclasses.replace(self._given, vehicles=vehicles)
 
     def guesses(self) -> Iterator[Scenario]:
-        """Yield the scenario with times that are best without obstacles and other vehicles.
+        """Yield the scenario with times that are optimal without obstacles and other vehicles.
 
-        The first are near those of the least time. Others follow from other guesses.
+        The first are found from the minimum-time motion, the others from other guesses.
         """
         tell(self._progress, "looking for the times of waypoints")
         known = list[FloatArray]()
@@ -185,10 +187,10 @@ class WaypointTimes:
                     yield inner
 
     def _within_reach(self, times: FloatArray) -> Scenario | None:
-        """Return the scenario with times next to some that are at the edge of what is possible.
+        """Return the scenario with feasible times close to some on the edge of feasibility.
 
-        There a motion that a search has found may be none to the digits of a plan. None is returned
-        if times have one as they are, or none of those beside them has.
+        There a motion of the search may be infeasible to the tolerance of a plan. None is returned
+        if the times are feasible as they are, or no times close to them are.
         """
         moved = np.eye(len(times))[~self._first.given] * self._first.least
         steps = [0.0 * moved[0], *(far * each for far in _BESIDE for each in (*moved, *-moved))]
@@ -203,14 +205,14 @@ class WaypointTimes:
         return None
 
     def near(self, plan: Plan) -> Scenario:
-        """Return the scenario with the times that are best near a plan of it with other times."""
+        """Return the scenario with waypoint times optimised from those of one of its plans."""
         times = AllWaypoints.of(plan.scenario.vehicles).times - plan.scenario.grid.start
         return self._timed(self._search.best(self._from_plan(plan, times), self._allowed))
 
     def towards(self, plan: Plan) -> Iterator[Scenario]:
         """Yield the scenario with times found from a plan without the free waypoints.
 
-        That plan keeps clear of everything, and its motion is moved to the waypoints.
+        That plan satisfies all other constraints; it is bent to the waypoints.
         """
         for times in (self._nearest(plan), self._first.times):
             best = self._search.best(self._from_plan(plan, times), self._allowed)
@@ -225,7 +227,7 @@ class WaypointTimes:
 
     @cached_property
     def _convex(self) -> Scenario:
-        """The same without obstacles and other vehicles, which are linearised around a motion."""
+        """The scenario without waypoints, obstacles and separation: its convex constraints."""
         return dataclasses.replace(self._without, obstacles=(), separation=None)
 
     @cached_property
@@ -239,13 +241,13 @@ class WaypointTimes:
 
     @property
     def _more_than_limits(self) -> bool:
-        """Whether times also depend on anything but limits, obstacles at rest and vehicles."""
+        """Whether anything besides limits, obstacles at rest and separation affects the times."""
         own = self._without
         required = own.requirements or own.disturbance is not None or own.smoothing is not None
         return bool(required) or changes_with_time(own)
 
     def _starts(self) -> Iterator[Timed]:
-        """Yield motions with guesses of the times, under limits alone, which need not be met."""
+        """Yield guesses of motions and times, possibly infeasible, subject to limits alone."""
         scenario = dataclasses.replace(
             self._convex, disturbance=None, requirements=(), smoothing=None
         )
@@ -259,7 +261,7 @@ class WaypointTimes:
             yield dataclasses.replace(start, passing=dataclasses.replace(self._first, times=times))
 
     def _from_plan(self, plan: Plan, times: FloatArray) -> Timed:
-        """Return the motion of a plan as a guess that is to pass waypoints at times."""
+        """Return the motion of a plan as a guess, with times at which to pass waypoints."""
         passing = self._allowed.nearest(dataclasses.replace(self._first, times=times))
         return Timed(self._without, plan.scenario.grid.step, plan.accelerations, passing)
 
@@ -285,7 +287,7 @@ class WaypointTimes:
 
 
 def at_times_tried(error: InfeasibleError) -> InfeasibleError:
-    """Return the error of a scenario at times that were chosen, as one that proves nothing."""
+    """Return the error of a scenario with chosen waypoint times, as one without proof."""
     premise = f" {error.premise}" if error.premise else ""
     return error.replaced(
         because=error.because

@@ -50,9 +50,9 @@ class CurvedSets:
     def planes_to_add(self, rows: HalfSpaces, motion: Motion) -> HalfSpaces:
         """Return the tangent planes to add; sets that are in the programs as cones need none.
 
-        Rows satisfy a set that is much smaller than its distance from zero to more digits than a
-        cone does. If a solution with cones violates such a set, tangent planes replace the cones
-        and continue from that solution. They do not where constraints are soft: few digits suffice.
+        If a set is much smaller than its distance from zero, rows are more accurate than a cone. If
+        a solution with cones violates such a set, tangent planes replace the cones and continue
+        from that solution. With soft constraints the cones stay, since few digits suffice.
         """
         conic, again = self.as_cones[rows.vehicles], self._back_to_planes[rows.vehicles]
         if not (conic | again).any():

@@ -1,8 +1,8 @@
 """Farkas certificates: the contradicting constraints of an infeasible program.
 
 By Farkas' lemma the rows M u >= b of an infeasible program have weights y >= 0 with y · b > 0, for
-which M' y vanishes on all motions that leave the goal unchanged. The rows of positive weight cannot
-be met together, nor with the axes of the goal along which M' y does not vanish by itself.
+which M' y vanishes on all motions that leave the goal unchanged. The rows of positive weight
+contradict each other and the axes of the goal along which M' y does not vanish by itself.
 """
 
 from __future__ import annotations
@@ -77,7 +77,7 @@ def _axes(effort: MinimumEffort, gradient: FloatArray) -> list[str]:
 def obstacles_in(working: WorkingSet, vehicle: int) -> frozenset[int]:
     """Return the numbers of the obstacles in the rows of a vehicle's program; 0 is other vehicles.
 
-    Vehicles in one program have one conflict, in which obstacles of any of them take part.
+    Vehicles in one program have one conflict, which may include obstacles of any of them.
     """
     group = working.group(vehicle)
     found = (

@@ -25,10 +25,9 @@ _GROUP = 3
 """Largest number of vehicles in a group while few pairs are too close."""
 
 _INFEASIBLE_GROUP, _NEIGHBOURHOOD = 8, 1.05
-"""Largest number of vehicles in a group after hard rows had no solution while the neighbours of the
-infeasible vehicles kept their motions; and the distance, in required distances, within which
-vehicles are neighbours. Without these groups, one vehicle of ten thousand, in between others, took
-twenty more steps."""
+"""Largest number of vehicles in a group after hard rows were infeasible with the motions of the
+neighbours fixed; and the distance, in required distances, within which vehicles are neighbours.
+Without these groups, one vehicle of ten thousand, in between others, took twenty more steps."""
 
 _GROUPED_FRACTION = 0.25
 """Largest fraction of a fleet at which violating vehicles are brought apart in groups. Groups with
@@ -51,7 +50,7 @@ class FleetSteps:
         subproblem: the decoupled subproblem of a scenario with a separation.
     """
 
-    max_growth = 1e3  # a penalty beyond the gain of any violation changes nothing but costs digits
+    max_growth = 1e3  # a penalty beyond the gain of any violation only costs digits
 
     def __init__(self, subproblem: Subproblem) -> None:
         self._subproblem, self._soft = subproblem, SoftRows(subproblem)

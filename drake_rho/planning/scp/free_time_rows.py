@@ -1,7 +1,7 @@
-"""Rows of programs with a free final time that their solutions violate, or nearly meet.
+"""Row generation for programs with a free final time: violated and nearly active rows.
 
-Solutions are motions in the time around which the program is written. Limits hold for them in their
-own time: positions, velocities and accelerations are scaled by powers of the change of time.
+Solutions are motions in the final time that the program is linearised around, but limits apply in
+the new final time: positions, velocities and accelerations are scaled by powers of its change.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ from drake_rho.planning.programs.free_time_program import bound_rates
 from drake_rho.planning.programs.free_times import FreeTime
 
 _NEAR = 0.1
-"""Distance of a motion from a row, as a part of the quantity's scale, up to which it is kept."""
+"""Largest margin of a nearly active row, as a fraction of the quantity's scale."""
 
 
 def violated_rows(
     constraints: Sequence[Constraint], found: FreeTime, problem: Problem
 ) -> list[HalfSpaces]:
-    """Return the rows that a solution violates at the knots, or else those between them.
+    """Return the rows that a solution violates at the knots or, if there are none, between them.
 
     Args:
         constraints: constraints around the reference.
@@ -45,10 +45,10 @@ def violated_rows(
 
 
 def _still_violated(rows: HalfSpaces, found: FreeTime, problem: Problem) -> HalfSpaces:
-    """Return the violated rows without those that hold where obstacles and tracks are by then.
+    """Return the rows that are still violated with obstacles and tracks at the solution's times.
 
     Args:
-        rows: rows that a solution violates with obstacles where they are at the program's times.
+        rows: rows that a solution violates with obstacles at the program's times.
         found: solution of the program.
         problem: problem of the program.
     """
@@ -60,7 +60,7 @@ def _still_violated(rows: HalfSpaces, found: FreeTime, problem: Problem) -> Half
 
 
 def near_rows(rows: Iterable[HalfSpaces], found: FreeTime, problem: Problem) -> list[HalfSpaces]:
-    """Return the rows that a solution nearly meets with equality, for the next program."""
+    """Return the nearly active rows of a solution, for the next program."""
     near = list[HalfSpaces]()
     for each in rows:
         quantity = each.constraint.quantity
@@ -71,16 +71,16 @@ def near_rows(rows: Iterable[HalfSpaces], found: FreeTime, problem: Problem) -> 
 
 
 def _in_its_time(found: FreeTime, problem: Problem, power: float) -> Motion:
-    """Return a motion with the step of a program whose values of a quantity are those in its time.
+    """Return a solution as a motion with the program's step, scaled for one kind of limit.
 
     Args:
         found: solution of the program.
         problem: problem of the program.
-        power: power of y by which values that are to be compared with limits are divided.
+        power: power of y by which values are divided before they are compared with limits.
     """
     divisor = found.factor**power
     fleet, step = problem.scenario.fleet, problem.scenario.grid.step
-    velocities = (1.0 + found.factor) / 2.0 * fleet.start_velocities  # as it is linearised
+    velocities = (1.0 + found.factor) / 2.0 * fleet.start_velocities  # linearised in y
     p, v = roll_out(fleet.start_positions, velocities, found.accelerations, step)
     outside = fleet.accelerations_before, fleet.accelerations_after
     ends = (each * found.factor / divisor for each in outside)

@@ -48,7 +48,7 @@ class GroupPrograms:
         self._solved, self._solver_name, self._solver_seconds = 0, "", 0.0
 
     def fly(self, vehicles: IntArray, accelerations: FloatArray) -> None:
-        """Let some vehicles fly given accelerations [m/s²], shape (V, K-1, 3)."""
+        """Set the accelerations of some vehicles [m/s²], shape (V, K-1, 3)."""
         self.motion = self.motion.with_vehicles(vehicles, accelerations)
 
     def statistics(self, *, linearisations: int = 0) -> Statistics:
@@ -84,7 +84,7 @@ class GroupPrograms:
         return affected
 
     def forget_unsatisfied(self) -> None:
-        """Forget the unsatisfied rows; rows may be violated until they have been solved with."""
+        """Forget the unsatisfied rows; rows may be violated until a solve includes them."""
         self._unsatisfied = []
 
     def _labels(self) -> IntArray:
@@ -184,7 +184,7 @@ class GroupPrograms:
         return vehicles, a + self._problem.effort.motion.accelerations[vehicles]
 
     def _retry(self) -> int:
-        """Return how many solves in succession have left rows of their programs unsatisfied."""
+        """Return the number of successive solves with unsatisfied rows."""
         if not self._unsatisfied:
             self._retries = 0
         elif self._retries == MAX_RETRIES:

@@ -40,22 +40,21 @@ from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.records import Scenario
 
 _ROUNDS, _FIRST_ROUNDS = 3, 5
-"""Rounds in which violated rows are added; more at first, where no active row is known. The
-remaining violations are small: references found in six rounds cost the same to 0.4 %, but take half
-as long again."""
+"""Rounds in which violated rows are added; more at first, when no active row is known. Remaining
+violations are small: with six rounds, references cost the same to 0.4 % and take 50 % longer."""
 
 _MAX_LINEARISATIONS = 10
 """Largest number of linearisations from one plan."""
 
 _FURTHER = 0.6
 """Fraction of a linearisation's step by which the next reference is extrapolated. With a whole
-step, every other linearisation of large fleets is around a motion that leads to no better one."""
+step, every other linearisation of large fleets finds no better motion."""
 
 _SINGLE_GROUP = 2
-"""Multiple of the bound on groups up to which a fleet is one group, so that no pair has to wait."""
+"""Multiple of the bound on groups up to which a fleet is one group, which couples all pairs."""
 
 _REPEATED = 0.5
-"""Weight of the multiplier sum of a pair that has just been in a group, so that others follow."""
+"""Factor on the multiplier sum of a pair that has just been in a group, so that others follow."""
 
 _LIMIT_PENALTY = 1e3
 """Penalty of limits and obstacles, as a multiple of that of a separation that may be violated."""
@@ -74,8 +73,8 @@ class InGroups:
         backend: the solver of the dual programs, as for `GroupDuals`.
 
     Attributes:
-        groups: the number of each vehicle's group in the next linearisation; None if groups await
-            the first linearisation.
+        groups: the number of each vehicle's group in the next linearisation; None until the first
+            forms groups.
         converged: whether the last step lowered the cost by less than the tolerance.
         active: rows with positive multipliers in the last linearisation, by constraint. Each pair
             occurs once, lower index first.
@@ -153,7 +152,8 @@ class InGroups:
             one_normal: whether each close encounter of the reference has one normal throughout.
             vehicles: indices of the planned vehicles, ascending; others keep the reference.
             approaches: the close approaches of the reference, as for `pairs_of`.
-            rounds: the number of rounds that add violated rows; chosen here if not given.
+            rounds: the number of rounds that add violated rows; more by default at first
+                than later.
         """
         pairs = self._problem.pairs_around(
             reference,

@@ -1,11 +1,11 @@
-"""Least time by sequential convex programming: final time and times of free waypoints are found.
+"""Minimum-time motions by sequential convex programming, with the times of free waypoints.
 
 Each iteration solves a program with a free final time around the latest motion, in which the times
-of free waypoints change as well. A second program with the new times then finds a motion that meets
-every constraint. It is kept if it takes less time; a trust region bounds how far times may change,
-and a second derivative, estimated for each waypoint and scaled by what motions show, how much.
-Where nothing but the motion depends on time, the second program may shorten the final time, too:
-around a motion that meets every constraint, its solution does so as well and takes no longer.
+of free waypoints change as well. A second program with the new times then finds a feasible motion,
+which is accepted if it takes less time. Changes of times are bounded by a trust region and damped
+by a second derivative, estimated for each waypoint and scaled by the measured decrease. Where no
+constraint depends on time, the second program may shorten the final time, too: around a feasible
+motion, its solution is feasible and takes no longer.
 """
 
 from __future__ import annotations
@@ -30,40 +30,39 @@ from drake_rho.planning.scp.timed import Timed
 from drake_rho.scenario.errors import Description, ScenarioError
 
 _ROUNDS = 60
-"""Largest number of programs around one motion, each with the rows that the last one violated."""
+"""Largest number of programs around one motion; each adds the rows that the last one violated."""
 
 _MISSED = 1e-4
-"""Part of a motion's length by which no solution misses a waypoint at a time that stays."""
+"""Largest miss of a waypoint with a fixed time, as a fraction of a motion's length."""
 
 _MOST = 200
 """Largest number of iterations."""
 
 ROUGH = Backend(accuracy="rough")
-"""Clarabel to 1e-8, which is relative to limits and to lengths of motions in these programs."""
+"""Clarabel with tolerance 1e-8, relative to limits and lengths of motions in these programs."""
 
 CONVERGED = 1e-5
 """Relative fall of the final time in one iteration, predicted or reached, that ends the search."""
 
 _FIRST, _GROWTH, _SHRINKAGE = 0.1, 2.0, 0.1
-"""First trust region, as a part of the final time by which times may change, and the largest and
-the least factor from one to the next."""
+"""First trust region on changes of times, as a fraction of the final time; and the largest and the
+least factor from one trust region to the next."""
 
 _CORRECTIONS = 2
 """Largest number of second-order corrections of waypoint times in one iteration."""
 
 _NEARBY = 1e-3
-"""Part of the final time by which corrected times may be others, if nothing else is said."""
+"""Default bound on corrections of times, as a fraction of the final time."""
 
 _FASTEST = 1e-8
-"""Least factor of the squared final time in one program. Values that are limited only by rows,
-which are added when a solution violates them, are finite in such a time."""
+"""Least factor on the squared final time in one program. It keeps quantities finite whose limits
+enter as rows, which are added only when a solution violates them."""
 
 _AT_ONCE = 1e-9
-"""Part of the step of the scenario, a guess, below which a step means that nothing bounds the
-time."""
+"""Fraction of the scenario's step, an initial guess, below which the time counts as unbounded."""
 
 _CURVATURES = 0.2, 5.0
-"""Least and largest part of the estimated curvatures."""
+"""Least and largest factor on the estimated curvatures."""
 
 
 class _Iteration(NamedTuple):
@@ -74,9 +73,9 @@ class _Iteration(NamedTuple):
     predicted: float
     """relative fall of the final time that the linearisation predicted"""
     moved: float
-    """largest change of a time, as a part of the final time"""
+    """largest change of a time, as a fraction of the final time"""
     bent: float = 0.0
-    """relative rise of the final time by the estimated curvatures, which `predicted` allows for"""
+    """relative rise of the final time by the estimated curvatures, subtracted in `predicted`"""
 
 
 class LeastTime:
@@ -85,8 +84,8 @@ class LeastTime:
     Args:
         backend: the solver and its settings.
         progress: called with the final time after each iteration.
-        steady: whether nothing but the motion depends on time.
-        final_time: whether the final time is free; if not, the cost of the motion falls instead.
+        steady: whether no constraint depends on time.
+        final_time: whether the final time is free; if not, the cost of the motion is minimised.
 
     Attributes:
         statistics: statistics of all programs.
@@ -107,12 +106,12 @@ class LeastTime:
     def around(
         self, timed: Timed, tolerance: float = CONVERGED, reach: float = _FIRST
     ) -> Timed | None:
-        """Return the motion in the least time that is found; None if none is found around `timed`.
+        """Return the minimum-time motion found from `timed`; None if no motion is found.
 
         Args:
-            timed: motion to linearise around first, which need not meet any constraint.
+            timed: motion to linearise around first; it may violate any constraint.
             tolerance: relative fall of the final time that ends the search.
-            reach: part of the final time by which times may change at first.
+            reach: first trust region, as a fraction of the final time.
 
         Raises:
             OutOfTimeError: time was up before a motion was found.
@@ -147,7 +146,7 @@ class LeastTime:
         return dataclasses.replace(best, converged=converged)
 
     def count(self, spent: Statistics) -> None:
-        """Add the statistics of work done for the same answer."""
+        """Add the statistics of other work for the same result."""
         self.statistics += spent
 
     @contextmanager
@@ -159,19 +158,19 @@ class LeastTime:
             self.statistics = dataclasses.replace(self.statistics, cut=True)
 
     def at_same_times(self, timed: Timed) -> Timed | None:
-        """Return a motion around another with the same times; None also if solvers fail."""
+        """Return a motion around another at the same times; None if none or solvers fail."""
         return self._tried(timed, self._same_times)
 
     def near(self, guess: Timed, reach: float = _NEARBY) -> Timed | None:
-        """Return a motion that meets every constraint, with times like those of a guess.
+        """Return a feasible motion with times close to those of a guess.
 
-        If the final time does not give way, the error of the linearisation may leave no motion with
-        exactly these times, however small it is: legs in the least time have none to spare. So
-        times of waypoints are corrected around the guess, in the same final time.
+        If the final time is fixed, any error of the linearisation may make exactly these times
+        infeasible, since minimum-time legs have no slack. Times of waypoints are then corrected
+        around the guess, in the same final time.
 
         Args:
             guess: motion to linearise around, such as the solution of a linearised program.
-            reach: part of the final time by which times of waypoints may change.
+            reach: bound on corrections of waypoint times, as a fraction of the final time.
         """
         after = self.at_same_times(guess)
         if self._same_times != NO_CHANGE or np.all(guess.passing.given):
@@ -190,12 +189,12 @@ class LeastTime:
     def linearised(self, timed: Timed, reach: float, curvature: float = 0.0) -> Timed | None:
         """Return the solution of one linearised program; None if there is none or solvers fail.
 
-        It meets constraints to first order in the changes of times.
+        It satisfies constraints to first order in the changes of times.
 
         Args:
             timed: motion to linearise around.
-            reach: part of the final time by which times may change.
-            curvature: part of the estimated curvatures that changes of times have.
+            reach: trust region on changes of times, as a fraction of the final time.
+            curvature: factor on the estimated curvatures of the final time.
         """
         final = ((1.0 - reach) ** 2, (1.0 + reach) ** 2)
         if self._steady or not self._final_time:
@@ -203,26 +202,26 @@ class LeastTime:
         return self._tried(timed, Change(final, reach * timed.duration, curvature))
 
     def check_bounded(self, timed: Timed) -> None:
-        """Check that something bounds how little time motions of a scenario may take.
+        """Check that the final time has a lower bound.
 
         Raises:
-            ScenarioError: nothing does.
+            ScenarioError: no limit or requirement bounds it.
         """
         programs = FreeTimePrograms(timed.problem, self._backend, LITTLE_EFFORT)
         if not _is_bounded(programs, timed.linearised()):
             raise nothing_bounds_the_time()
 
     def _again(self, best: Timed) -> _Iteration:
-        """Return the motion in least time around the best one."""
+        """Return the minimum-time motion around the best one."""
         return _Iteration(self._tried(best, self._same_times), 0.0, 0.0)
 
     def _with_moved_times(self, best: Timed, reach: float, curvature: float) -> _Iteration:
-        """Return a motion with other times of waypoints, and another final time.
+        """Return a motion with new times of waypoints and a new final time.
 
         Args:
-            best: motion that meets every constraint.
-            reach: part of the final time by which times may change.
-            curvature: part of the estimated curvatures that changes of times have.
+            best: a feasible motion.
+            reach: trust region on changes of times, as a fraction of the final time.
+            curvature: factor on the estimated curvatures of the final time.
         """
         guess = self.linearised(best, reach, curvature)
         if guess is None or not guess.passing.is_in_order:
@@ -240,9 +239,9 @@ class LeastTime:
         return _Iteration(after, predicted, moved, bent)
 
     def _with_same_times(self, timed: Timed) -> Timed | None:
-        """Return a motion around another that passes waypoints at the same parts of the time.
+        """Return a motion around another with waypoints at the same fractions of the final time.
 
-        In a final time that is far from that of the program its solution is too inexact.
+        Far from the program's final time a solution is too inexact, so it is then solved again.
         """
         change = self._same_times
         after = self._solve(timed, change)
@@ -252,13 +251,13 @@ class LeastTime:
         return kept
 
     def _kept(self, after: Timed | None, change: Change) -> Timed | None:
-        """Return the solution of a program; None if it misses a waypoint at a time that stays.
+        """Return the solution of a program; None if it misses a waypoint with a fixed time.
 
-        Solvers may take equations that contradict each other for met.
+        Solvers may accept contradictory equations as satisfied.
 
         Args:
             after: motion with the times of the solution; None without one.
-            change: by how much times might change.
+            change: bounds on the changes of times in the program.
         """
         if after is None:
             return None
@@ -269,7 +268,7 @@ class LeastTime:
         return None if exact and after.missed > _MISSED else after
 
     def _tried(self, timed: Timed, change: Change) -> Timed | None:
-        """Return the motion in least time around another; None also if solvers fail."""
+        """Return the minimum-time motion around another; None if there is none or solvers fail."""
         with suppress(SolverError):
             return self._kept(self._solve(timed, change), change)
         return None
@@ -290,7 +289,7 @@ class LeastTime:
         return f"cost {best.cost:.6g} m²/s⁴"
 
     def _solve(self, timed: Timed, change: Change) -> Timed | None:
-        """Return the motion in least time around another; None if there is none.
+        """Return the minimum-time motion around another; None if there is none.
 
         Rows are added until none is violated, at the knots first and then between them.
 
@@ -328,7 +327,7 @@ class LeastTime:
             if found is None:
                 self.statistics += Statistics(programs=1)
                 return None
-            if low == high:  # as solvers keep it only to their tolerance
+            if low == high:  # solvers satisfy it only to their tolerance
                 found = dataclasses.replace(found, factor=low)
             more = violated_rows(constraints, found, problem)
             self.statistics += Statistics(
@@ -351,6 +350,6 @@ def _is_bounded(programs: FreeTimePrograms, constraints: Sequence[Constraint]) -
 
 
 def nothing_bounds_the_time() -> ScenarioError:
-    """Return the error of a scenario in which a motion takes as little time as one likes."""
+    """Return the error of a scenario whose motions can be arbitrarily fast."""
     given = Description("none of velocities, accelerations or jerks that bounds the time")
     return ScenarioError("limits", given, "one, without which there is no least time")

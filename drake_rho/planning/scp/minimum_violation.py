@@ -29,9 +29,9 @@ violations, and make other constraints less exact."""
 def minimum_violation(problem: Problem, backend: Backend | None = None) -> Plan:
     """Return the plan with the least total violation of goals and constraints, each scaled.
 
-    Acceleration boxes stay hard if margins leave room in them, since they can then be met by
-    themselves. The separation of pairs is omitted. Obstacles are linearised around the plan that
-    violates the rest least.
+    Acceleration boxes stay hard if margins leave them feasible, as they can then always be met.
+    The separation of pairs is omitted. Obstacles are linearised around the plan of minimum
+    violation without them.
 
     Args:
         problem: the problem to solve.
@@ -62,7 +62,7 @@ def _least_around(problem: Problem, reference: Plan | None, backend: Backend | N
 
 
 def minimum_distance_violation(plan: Plan, backend: Backend | None = None) -> Plan:
-    """Return a plan that satisfies goals and limits, and violates distances as little as possible.
+    """Return a plan within goals and limits that violates distances as little as possible.
 
     Successive linearisations reduce the total violation over obstacles, pairs and instants, and of
     requirements. For vehicles that begin beyond limits of position or velocity, these are soft too.
@@ -112,9 +112,9 @@ def elastic(
 ) -> list[Constraint]:
     """Return the goals and some constraints, softened with penalties scaled by quantity.
 
-    The scale of a quantity is the largest of all vehicles. Acceleration boxes stay hard if margins
-    leave room in them. Other sets of accelerations do not: a requirement may contradict the boxes,
-    and tangent planes converge slowly where only violations have a cost.
+    The scale of a quantity is the largest of all vehicles. Acceleration boxes stay hard if
+    margins leave them feasible. Other sets of accelerations are soft: a requirement may contradict
+    the boxes, and tangent planes converge slowly where only violations have a cost.
     """
     hard = "acceleration" if has_room_for(problem.scenario, problem.margins, "acceleration") else ""
     fleet = problem.scenario.fleet

@@ -61,7 +61,7 @@ class Patience:
         self._steps = self._since_fewest = self._since_worst = 0
 
     def ends(self, plan: Plan) -> bool:
-        """Return whether the restoration stops after this plan, as another penalty is of no use."""
+        """Return whether the restoration stops after this plan, since it makes no progress."""
         found = self._subproblem.violations(plan)
         number, worst = len(found.vehicles), found.worst
         self._steps += 1

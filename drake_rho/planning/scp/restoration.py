@@ -20,7 +20,7 @@ from drake_rho.planning.scp.sequential_convex import progress_line
 from drake_rho.planning.scp.subproblem import Subproblem
 
 Follow = Callable[[Plan, Plan], Plan]
-"""Function that makes the next reference from a reference and the plan found around it."""
+"""Function that returns the next reference, given a reference and the plan found around it."""
 
 MAX_RESTORATIONS = 100
 """Largest number of penalties in one restoration."""
@@ -36,12 +36,12 @@ _PATH_FACTOR = 10.0
 Motions that deviate from it too far pass obstacles on other sides."""
 
 _ROUNDS_AMONG_OBSTACLES = 4
-"""Rounds of rows in the first steps of a restoration that has to bring vehicles round obstacles.
-With fewer rounds, motions end inside some obstacles and pass others on the wrong side."""
+"""Rounds of rows in the first steps of a restoration among obstacles. With fewer, motions end
+inside some obstacles and pass others on the wrong side."""
 
 _SEARCHES_IN_MAPS = 3
-"""Searches for worst instants among the parts of a map, which have rows only where a motion meets
-them: a motion that gives way to one part may meet another."""
+"""Searches for worst instants among the parts of a map, which have rows only where a motion enters
+them: a motion that avoids one part may enter another."""
 
 _RETRY = 0.5
 """Fraction of the last violation at which hard rows failed; below it they are tried again."""
@@ -178,7 +178,7 @@ def least_violating(
     follow: Follow | None = None,
     dead_ends: DeadEnds | None = None,
 ) -> Plan:
-    """Return the last plan of a restoration, which may still violate constraints.
+    """Return the last plan of a restoration; it may still violate constraints.
 
     The arguments are those of `restore_feasibility`.
     """

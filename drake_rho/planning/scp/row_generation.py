@@ -1,4 +1,4 @@
-"""Row generation for any programs: the loop that adds violated rows and solves again."""
+"""Row generation: the loop that adds violated rows and solves again."""
 
 from __future__ import annotations
 

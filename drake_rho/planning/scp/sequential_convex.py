@@ -58,7 +58,7 @@ def sequential_convex(
         subproblem: the convex subproblem of each iteration.
         plan: the initial plan, which satisfies every constraint.
         tolerance: the relative decrease of the cost at which a plan has converged. A fleet with a
-            separation converges as a whole, other vehicles each on their own.
+            separation converges as a whole, other vehicles individually.
         improve: one iteration; if not given, the subproblem is solved around the plan.
         labels: equal numbers for vehicles that converge together, shape (N,); if not given, as
             described for `tolerance`.
@@ -107,7 +107,7 @@ def progress_line(linearisations: int, cost: float) -> str:
 def _better(
     plan: Plan, after: Plan, labels: IntArray, falling: IntArray, tolerance: float
 ) -> tuple[Plan, IntArray]:
-    """Return the better plan of each set of vehicles that converge together, and who continues."""
+    """Return the better plan of each set that converges together, and the vehicles to continue."""
     differences = np.sum(plan.accelerations**2 - after.accelerations**2, axis=(1, 2))
     if (weights := plan.scenario.fleet.weights) is not None:
         differences = weights * differences

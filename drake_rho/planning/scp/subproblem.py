@@ -74,8 +74,7 @@ class Subproblem:
     def restarted(self) -> Subproblem:
         """Return this subproblem without the rows of earlier solutions, for another reference.
 
-        The choice of cones is inherited: it records the vehicles whose curved sets do not converge
-        as tangent planes.
+        The choice of cones stays: these vehicles' curved sets do not converge as tangent planes.
         """
         fresh = Subproblem(self.problem, self.coupling, self.backend)
         fresh._cones = self._cones

@@ -1,4 +1,4 @@
-"""Motion in a final time that may change, with the times of its waypoints: `Timed`."""
+"""Motion with a variable final time and the times of its waypoints: `Timed`."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.records import Grid, Scenario
 
 _AFTER = 1e-3
-"""Part of the least time between free waypoints for which a flight goes on after a requirement ends
-or a waypoint's given time: so little costs no time, but constraints hold at the end of a
-requirement as at any instant in it."""
+"""Least time of flight after a given waypoint time or a requirement's end, as a fraction of the
+least time between free waypoints. It is negligible, but constraints then hold at the end of a
+requirement as at any other instant."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Timed:
-    """Motion of a scenario in a final time, with the times of its waypoints."""
+    """Motion of a scenario with its final time and the times of its waypoints."""
 
     scenario: Scenario
-    """scenario without waypoints, in any final time"""
+    """scenario without waypoints; its final time may differ"""
     step: float
     """step of the motion [s]"""
     accelerations: FloatArray
@@ -42,11 +42,11 @@ class Timed:
     rows: Sequence[HalfSpaces] = ()
     """rows of the last program"""
     reference: Plan | None = None
-    """motion to linearise around, which need not be flown; this one if not given"""
+    """motion to linearise around, possibly dynamically inconsistent; this one if not given"""
     resting: IntArray | None = None
     """knots from which vehicles rest at their goals, shape (N,); None for the last"""
     converged: bool = False
-    """whether a search for the least time has ended here by itself"""
+    """whether a search for the least time has converged here"""
     short: float = 0.0
     """sum of the distances by which the last program missed free waypoints [m]"""
 
@@ -67,7 +67,7 @@ class Timed:
 
     @property
     def least_factor(self) -> float:
-        """Least factor of the squared final time: that of the smoothing and of given times."""
+        """Least factor on the squared final time, by the smoothing and given times."""
         smoothing = self.scenario.smoothing
         width = 0.0 if smoothing is None else smoothing.width
         least = max(width / self.step, latest(self.scenario, self.passing) / self.duration)
@@ -75,7 +75,7 @@ class Timed:
 
     @property
     def missed(self) -> float:
-        """Largest distance from a waypoint beyond that allowed, as a part of a motion's length."""
+        """Largest miss of a waypoint beyond its tolerance, as a fraction of a motion's length."""
         passing, fleet = self.passing_averaged, self.scenario.fleet
         lengths = np.maximum(fleet.lengths, passing.farthest_from(fleet.start_positions))
         at, _ = passing.states(self.motion)
@@ -84,12 +84,12 @@ class Timed:
 
     @property
     def passing_averaged(self) -> Passing:
-        """Waypoints that the smooth motion passes, if there is a smoothing."""
+        """Waypoints of the smooth motion, if there is a smoothing."""
         return dataclasses.replace(self.passing, averaged=self.scenario.smoothing)
 
     @property
     def passing_tightened(self) -> Passing:
-        """The same with distances that are less by the margins for a disturbance."""
+        """Waypoints of `passing_averaged`, tightened by the margins for a disturbance."""
         margins, passing = self.problem.margins, self.passing_averaged
         own = margins.steps if margins.convex is None else margins.convex
         radii = own.position_radius(passing.times)
@@ -97,7 +97,7 @@ class Timed:
 
     @property
     def cost(self) -> float:
-        """Cost of the motion [m²/s⁴], (13), and of missing free waypoints."""
+        """Cost of the motion [m²/s⁴], (13), with the penalty for missing free waypoints."""
         cost = cost_of(self.scenario.fleet, self.accelerations)
         return cost + self.passing.price * self.short if self.short > 0.0 else cost
 
@@ -107,7 +107,7 @@ class Timed:
         return Motion.from_starts(self.scenario.fleet, self.accelerations, self.step)
 
     def to_rounding(self) -> Timed:
-        """Return the motion with the least change that passes the waypoints despite rounding."""
+        """Return the motion with the least correction that passes the waypoints to rounding."""
         passing, goals = self.passing_tightened, self.problem.effort.goals
         accelerations = self.accelerations.copy()
         at, _ = passing.states(self.motion)
@@ -128,7 +128,7 @@ class Timed:
         return dataclasses.replace(self, accelerations=accelerations)
 
     def lasting(self, duration: float) -> Timed:
-        """Return the motion in another final time [s], with free waypoints at the same parts."""
+        """Return the motion scaled to another final time [s], with its free waypoints."""
         factor = duration / self.duration
         passing = self.passing.lasting(duration, self.duration)
         return dataclasses.replace(
@@ -152,7 +152,7 @@ class Timed:
         return Timed(scenario, self.step / ratio, accelerations, passing)
 
     def linearised(self) -> list[Constraint]:
-        """Return the constraints around the motion that programs impose by rows when violated."""
+        """Return the constraints, linearised around the motion, that enter by row generation."""
         reference = self.reference or Plan.from_motion(self.problem.scenario, self.motion)
         return [
             each
@@ -162,7 +162,7 @@ class Timed:
         ]
 
     def after(self, found: FreeTime, rows: Sequence[HalfSpaces]) -> Timed:
-        """Return the motion that a program around this one has found, in its own time."""
+        """Return the solution of a program around this motion, with its own final time."""
         root, passing = float(np.sqrt(found.factor)), self.passing
         times = np.where(passing.given, passing.times, (passing.times + found.changes) * root)
         passing = dataclasses.replace(passing, times=times, least=passing.least * root)
@@ -176,7 +176,7 @@ class Timed:
 
 
 def latest(scenario: Scenario, passing: Passing) -> float:
-    """Return the time before which no flight can end: those of waypoints and requirements [s].
+    """Return a lower bound on the final time, from times of waypoints and requirements [s].
 
     Args:
         scenario: the scenario.

@@ -1,4 +1,4 @@
-"""Violations of a motion that is not a plan yet: of distances, of limits and of the dynamics."""
+"""Violations of distances, limits and dynamics by a motion that is not yet a plan."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ _SMALL = 0.05
 obstacle's least extent."""
 
 _TOLERATED = 0.99
-"""Fraction of the verifier's tolerance up to which a distance counts as kept. Programs require a
-smaller violation and solvers reach about that one, so a stricter test would reject motions that
-further linearisation does not change."""
+"""Fraction of the verifier's tolerance up to which a distance counts as satisfied. Programs allow
+less and solvers reach about that much, so a stricter test would reject motions that further
+linearisation does not change."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Violations:
-    """Violations of a motion; those of distances at the worst instants of each time step."""
+    """Violations of a motion, with distances at the worst instants of each time step."""
 
     scenario: Scenario
     """scenario of the motion"""
