@@ -44,7 +44,7 @@ def rotation_of(value: Any) -> FloatArray:
     if not off <= _OFF or np.linalg.det(array) < 0.0:
         raise ScenarioError("", shown, f"{_EXPECTED}, orthogonal and of determinant 1")
     left, _, right = np.linalg.svd(array)
-    return read_only(array if off <= 1e-14 else left @ right)  # the package's own stay exact
+    return read_only(array if off <= _ROUNDING else left @ right)  # the package's own stay exact
 
 
 def from_angles(angles: npt.ArrayLike) -> FloatArray:

@@ -188,7 +188,7 @@ class FirstPlan:
             for group in groups
         ]
         if self.backend.executor is not None:  # workers cannot report progress
-            own = repeat(self.backend.here()), repeat(self.options)
+            own = repeat(self.backend.here()), repeat(self.options), repeat(self.thorough)
             found = list(self.backend.executor.map(_on_worker, alone, *own))
         else:
             parts = [within(self.progress, scenario.names[group[0]]) for group in groups]
@@ -211,10 +211,10 @@ class FirstPlan:
         return plan.with_statistics(spent + plan.statistics)
 
 
-def _on_worker(problem: Problem, backend: Backend, options: Options) -> PathResult:
+def _on_worker(problem: Problem, backend: Backend, options: Options, thorough: bool) -> PathResult:
     """Return the plan along paths of a problem, in a worker process."""
     with within_time(options.time_limit):
-        return plan_along_paths(problem, backend, options)
+        return plan_along_paths(problem, backend, options, perturbed=thorough)
 
 
 def brought_apart(
