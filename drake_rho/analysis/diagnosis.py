@@ -15,11 +15,10 @@ from drake_rho.scenario.records import Scenario
 from drake_rho.verification.check import Check
 
 _SHOWN = 4
-"""Largest number of vehicles of a printed diagnosis that are named with what they miss, and with
-their conflicts."""
+"""Largest number of vehicles that a printed diagnosis lists with violations, and with conflicts."""
 
 _APART = re.compile(r"separation from (.*?)(?: (?:at|from) [^ ]+ s.*)?")
-"""How a conflict names the other vehicle of a pair."""
+"""Name of a pair's constraint in a conflict, with the other vehicle."""
 
 _CUT = "time was up before everything was tried: smaller changes may suffice"
 
@@ -28,8 +27,8 @@ _CUT = "time was up before everything was tried: smaller changes may suffice"
 class Diagnosis(metaclass=Described):
     """Reason why a scenario has no plan, and changes that give one.
 
-    It prints what is missed by whom and by how much, then the constraints that cannot be met
-    together, then the changes.
+    It prints the violations of each vehicle, then the constraints that cannot be met together, then
+    the changes.
     """
 
     scenario: Scenario
@@ -114,7 +113,7 @@ class Diagnosis(metaclass=Described):
         return "\n".join([*self._disturbed(), *self._repairs(), *([_CUT] if self.cut else [])])
 
     def _missed(self) -> list[str]:
-        """Return a line for each vehicle, with all that it misses."""
+        """Return a line for each vehicle, with its violations."""
         lines = dict[str, list[str]]()
         for each in self.violations:
             lines.setdefault(each.vehicle, []).append(_told(each))
@@ -193,7 +192,7 @@ def _told(check: Check) -> str:
 
 
 def _some(lines: list[str], of: str) -> list[str]:
-    """Return the first lines, indented, and how many more there are."""
+    """Return the first lines, indented, and the number of further ones."""
     more = len(lines) - _SHOWN
     rest = [f"  and {more} more {of}"] if more > 0 else []
     return [*(f"  {line}" for line in lines[:_SHOWN]), *rest]
@@ -204,12 +203,12 @@ def _is_of_accelerations(numbers: NewNumbers) -> bool:
 
 
 def _rounded_up(value: float) -> str:
-    """Return a value rounded up to five digits, so that it is no less than what was found."""
+    """Return a value rounded up to five digits."""
     unit = 10.0 ** (np.floor(np.log10(value)) - 4)
     return f"{np.ceil(value / unit * (1 - 1e-12)) * unit:.5g}"
 
 
 def _rounded_down(value: float) -> str:
-    """Return a value rounded down to five digits, so that it is no more than what was found."""
+    """Return a value rounded down to five digits."""
     unit = 10.0 ** (np.floor(np.log10(value)) - 4)
     return f"{np.floor(value / unit * (1 + 1e-12)) * unit:.5g}"
