@@ -25,7 +25,7 @@ _SOFT_THRESHOLD = 1e3
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class EvaluatedValues:
-    """Values of a quantity that are required to be in their vehicles' sets."""
+    """Values of a quantity to keep in their vehicles' sets."""
 
     vehicles: IntArray
     """indices of the vehicles in increasing order, shape (R,)"""
@@ -59,8 +59,8 @@ class KeepInSets(Constraint):
     threshold: float = VIOLATED
     """violation, in tolerances, up to which no row is added"""
     roundings: FloatArray | float = 0.0
-    """bounds on the rounding errors of values, by which bounds are lower: else planes through one
-    point far from the origin may contradict each other, in the quantity's unit, shape (N,)"""
+    """bounds on the rounding errors of values, subtracted from the rows' bounds, in the quantity's
+    unit, shape (N,): else planes through one point far from the origin may contradict each other"""
 
     def margin(self, times: FloatArray) -> FloatArray:
         """Return margins of values at times since the first knot [s], in the quantity's unit."""
@@ -90,8 +90,8 @@ class KeepInSets(Constraint):
     def _with_faces(self, rows: HalfSpaces) -> HalfSpaces:
         """Return rows together with the faces of a polyhedron around the set at their instants.
 
-        Without these faces, a motion for which only violations are penalised may move far away in
-        a direction that no tangent plane bounds yet.
+        Without these faces, a motion with penalised violations only may move far away in a
+        direction that no tangent plane bounds yet.
         """
         outward = self.sets.around(rows.vehicles)
         every = np.tile(np.arange(len(rows)), len(outward))
