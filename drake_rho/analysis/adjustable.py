@@ -51,14 +51,14 @@ class Adjustable:
     changed: Callable[[Scenario, FloatArray], Scenario]
     """function that returns a scenario with other numbers"""
     without: Callable[[Scenario], Scenario]
-    """function that returns a scenario in which they bound nothing"""
+    """function that returns a scenario without the limit"""
     excess: Callable[[Plan], FloatArray]
     """function that returns by how much a motion exceeds the numbers, at least 0, shape (M,)"""
     bounds: tuple[float, float] = (-np.inf, np.inf)
     """least and largest value of a number"""
 
     def needed(self, plan: Plan) -> FloatArray:
-        """Return numbers with which a motion holds; none of them is tighter than now."""
+        """Return numbers that a motion satisfies, none tighter than the present ones."""
         return np.clip(self.now + (1.0 + _MORE) * self.excess(plan), *self.bounds)
 
 
@@ -179,7 +179,7 @@ def _evenly(box: Box, excess: FloatArray) -> FloatArray:
 def _violated(
     scenario: Scenario, kind: str, members: Sequence[str], name: str, plan: Plan
 ) -> FloatArray:
-    """Return by how much a motion violates a constraint of some vehicles, (1,)."""
+    """Return a motion's violation of a constraint of some vehicles, shape (1,)."""
     report = verify(Plan.from_accelerations(scenario, plan.accelerations))
     excess = [
         each.excess

@@ -276,7 +276,7 @@ def _told(adjustable: Adjustable, numbers: FloatArray) -> str:
 
 
 def _words(needed: Sequence[float], now: Sequence[float], unit: str) -> str:
-    """Return new numbers beside those before; of a box, on the axes that change."""
+    """Return new and old numbers as text; for a box, of the axes that change."""
     if len(needed) == 1:
         return f"{needed[0]:.5g} {unit} instead of {now[0]:.5g} {unit}"
     if len({*needed[3:], *(-each for each in needed[:3])}) == 1:

@@ -37,11 +37,11 @@ class Diagnosis(metaclass=Described):
     """for each vehicle without a plan, constraints that cannot be met together; empty if there is
     a plan"""
     violations: tuple[Check, ...]
-    """violations of the motion with the least total violation, missed goals first; of each vehicle
-    and constraint the worst one, and of each pair one"""
+    """violations of the motion with the least total violation, missed goals first; the worst one of
+    each vehicle and constraint, and of each pair"""
     changes: tuple[Change, ...]
-    """changes with each of which a plan was found, the least of each limit: of the duration, and of
-    the limits in every conflict, or else of all of them together"""
+    """least changes that each give a plan: of the duration, and of each limit in every conflict, or
+    else of all limits in conflicts together"""
     shortest_duration: float | None
     """least duration T for which a plan was found with everything else unchanged [s]; None if none
     was found"""
@@ -120,7 +120,7 @@ class Diagnosis(metaclass=Described):
         return [f"{vehicle}: {', '.join(parts)}" for vehicle, parts in lines.items()]
 
     def _conflicts(self) -> list[str]:
-        """Return a line for each vehicle with its conflict, in which a pair is named once."""
+        """Return a line for each vehicle with its conflict; a pair is named once."""
         lines, told = list[str](), set[tuple[str, str]]()
         for vehicle, names in self.conflicts.items():
             kept = list[str]()

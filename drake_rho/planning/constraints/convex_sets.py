@@ -43,11 +43,10 @@ class KeepInSets(Constraint):
     the inward normal at the point of C nearest to x, and h is the support function of C. For a
     ball of radius r around c the half-space is n · (value - c) >= -r.
 
-    Each round adds the tangent planes of all values that are still outside and divides the excess
-    by at least four: between two tangent planes at an angle of 2 φ the relative excess is at most
-    φ² / 2, and the next tangent plane halves the angle. For a single point, the ball of radius
-    zero, each plane is orthogonal to the active ones, so that three suffice if no other constraint
-    interferes.
+    Each round adds the tangent planes of all values outside, and divides the excess by at least
+    four: between two tangent planes at an angle of 2 φ the relative excess is at most φ² / 2, and
+    the next tangent plane halves the angle. For a single point, the ball of radius zero, each plane
+    is orthogonal to the active ones, so that three suffice if no other constraint interferes.
     """
 
     sets: ConvexSets

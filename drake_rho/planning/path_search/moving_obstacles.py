@@ -37,8 +37,8 @@ class MovingObstacle:
 
     Attributes:
         begins: first layer in which the obstacle is active.
-        layers: those in which it is active; if nothing changes, only the first two.
-        alike: those in which it blocks the same moves as in the last of `layers`.
+        layers: layers in which it is active; if nothing changes, only the first two.
+        alike: layers with the same blocked moves as the last of `layers`.
     """
 
     blocks = True
@@ -101,7 +101,7 @@ class MovingVehicle:
     blocks = False
     """colliding moves are possible at a cost"""
     begins = 0
-    """first layer in which it is avoided"""
+    """first layer with the vehicle as an obstacle"""
 
     def __init__(self, positions: FloatArray, separation: Separation) -> None:
         self.centers = positions

@@ -28,7 +28,7 @@ from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.records import Scenario
 
 _RAMP = 1.0 / 8.0
-"""Fraction of the duration in which the speed rises, and in which it falls, on space-time paths."""
+"""Fraction of the duration for acceleration, and for deceleration, on space-time paths."""
 
 _SLOWEST = 50.0
 """Largest ratio of a vehicle's speeds in the two directions of an axis. Beyond it, the slower

@@ -15,7 +15,7 @@ _WITHIN = 0.95
 """Fraction of a vehicle's speed limits that a path uses."""
 
 _GENTLE = 1.0 / 3.0
-"""Fraction of the duration in which the speed rises, and in which it falls, if speed limits allow.
+"""Fraction of the duration for acceleration, and for deceleration, if speed limits allow.
 With one third, a straight flight needs little more than the minimum effort."""
 
 

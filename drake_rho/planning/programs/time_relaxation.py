@@ -93,7 +93,7 @@ class TimeRelaxations(FreeTimePrograms):
 
         Args:
             shortest: lower end of the interval of final times [s].
-            places: sets in which the vehicle is at some instants.
+            places: sets that contain the vehicle at some instants.
 
         Raises:
             SolverError: Clarabel fails numerically.
