@@ -1,4 +1,4 @@
-"""Optimality certificates of plans, and diagnoses of scenarios that have none.
+"""Optimality certificates of plans, diagnoses of infeasible scenarios, and minimum-time plans.
 
 `certify` takes a plan and returns a lower bound on the cost of every plan. `diagnose`,
 `infeasible_subset` and `plan_minimum_time` take a scenario, or a planner's error, and return a

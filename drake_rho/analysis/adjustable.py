@@ -1,7 +1,7 @@
-"""Numbers of a scenario that bound its motions, which `adjustable_numbers` lists.
+"""Limits of a scenario as adjustable numbers: `adjustable_numbers`.
 
-Of each, the scenario is known in which it bounds nothing, the numbers that a motion of that
-scenario needs, and the scenario with any numbers between these and its own.
+Each can be removed from the scenario, measured on a motion without it, and set to any value in
+between.
 """
 
 from __future__ import annotations
@@ -22,24 +22,24 @@ from drake_rho.scenario.records import Box, HalfSpace, KeepIn, Limits, Scenario,
 from drake_rho.verification.verify import verify
 
 _MORE = 0.02
-"""Part by which the numbers that a motion needs are exceeded."""
+"""Relative allowance on the numbers that a motion needs."""
 
 _LARGEST_TILT = np.pi / 2.0 - 1e-6
-"""Largest tilt that is suggested [rad]."""
+"""Largest tilt to suggest [rad]."""
 
 _LITTLE = 1e-3
-"""Least distance or radius that is suggested, as a part of that in the scenario."""
+"""Least distance or radius to suggest, as a part of the scenario's."""
 
 _SAMPLES = 8
-"""Instants of a step at which positions are compared with the sides of a box."""
+"""Number of samples of a step at which positions are compared with the sides of a box."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Adjustable:
-    """Numbers that bound motions, in one place of a scenario."""
+    """Numbers of one limit of a scenario."""
 
     limit: str
-    """field in which they stand, such as 'max_speed', with its vehicle if it is a vehicle's"""
+    """name of the field, such as 'max_speed', with the vehicle if the limit is its own"""
     name: str
     """name of the constraint in conflicts"""
     vehicles: tuple[str, ...]
@@ -51,14 +51,14 @@ class Adjustable:
     changed: Callable[[Scenario, FloatArray], Scenario]
     """function that returns a scenario with other numbers"""
     without: Callable[[Scenario], Scenario]
-    """function that returns a scenario in which they bound nothing"""
+    """function that returns a scenario without the limit"""
     excess: Callable[[Plan], FloatArray]
-    """function that returns what a motion needs beyond the numbers, shape (M,), 0 for nothing"""
+    """function that returns by how much a motion exceeds the numbers, at least 0, shape (M,)"""
     bounds: tuple[float, float] = (-np.inf, np.inf)
     """least and largest value of a number"""
 
     def needed(self, plan: Plan) -> FloatArray:
-        """Return numbers with which a motion holds; none of them is tighter than now."""
+        """Return numbers that a motion satisfies, none tighter than the present ones."""
         return np.clip(self.now + (1.0 + _MORE) * self.excess(plan), *self.bounds)
 
 
@@ -77,7 +77,7 @@ def adjustable_numbers(scenario: Scenario, vehicles: Sequence[str]) -> list[Adju
 
 
 def _of_field(scenario: Scenario, field: str, vehicles: Sequence[str]) -> list[Adjustable]:
-    """Return a field of `Limits` of the scenario, and of each vehicle that has its own."""
+    """Return a field of `Limits`: the scenario's, and that of each vehicle with its own."""
     own, shared = list[Adjustable](), list[str]()
     for vehicle in scenario.vehicles:
         if vehicle.limits is None or getattr(vehicle.limits, field) is None:
@@ -124,7 +124,7 @@ def _numbers(limit: float | Box) -> FloatArray:
 def _with_limit(
     field: str, owner: str | None, scenario: Scenario, numbers: FloatArray | None
 ) -> Scenario:
-    """Return a scenario with another limit of its own or of a vehicle; None for no limit."""
+    """Return a scenario with a new limit, shared or of one vehicle; None for no limit."""
     limit: Box | float | None = None
     if numbers is not None:
         limit = Box(numbers[:3], numbers[3:]) if len(numbers) == 6 else float(numbers[0])
@@ -151,7 +151,7 @@ def _with_limit(
 def _outside_box(
     scenario: Scenario, field: Quantity, members: Sequence[str], plan: Plan
 ) -> FloatArray:
-    """Return how far a motion leaves each side of a box outwards, lower ones negative, (6,)."""
+    """Return the excursion beyond each side of a box, negative at lower sides, shape (6,)."""
     who, motion = np.array([scenario.index_of(name) for name in members]), plan.motion()
     box = getattr(scenario.limits_of(scenario.vehicles[who[0]]), field)
     if field == "position":
@@ -166,7 +166,7 @@ def _outside_box(
 
 
 def _evenly(box: Box, excess: FloatArray) -> FloatArray:
-    """Return how far sides move out, equal for axes that are symmetric and equally wide, (6,)."""
+    """Return moves of the sides, equal on axes that are symmetric and equally wide, (6,)."""
     further = np.maximum(-excess[:3], excess[3:])
     symmetric = -box.lower == box.upper
     for width in np.unique(box.upper[symmetric]):
@@ -179,7 +179,7 @@ def _evenly(box: Box, excess: FloatArray) -> FloatArray:
 def _violated(
     scenario: Scenario, kind: str, members: Sequence[str], name: str, plan: Plan
 ) -> FloatArray:
-    """Return by how much a motion violates a constraint of some vehicles, (1,)."""
+    """Return a motion's violation of a constraint of some vehicles, shape (1,)."""
     report = verify(Plan.from_accelerations(scenario, plan.accelerations))
     excess = [
         each.excess

@@ -1,4 +1,4 @@
-"""Maximisation of a Lagrangian's minimum over its multipliers, with its progress."""
+"""Dual ascent: maximisation of a Lagrangian's minimum over its multipliers."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from drake_rho.scenario.fields import FloatArray
 from drake_rho.system.numbers import percent
 
 CONVERGED = 1e-8
-"""Relative gap to a converged plan's cost at which a bound is not improved any more."""
+"""Relative gap to a converged plan's cost at which the ascent ends."""
 
 _MAX_ITERATIONS = 300
-"""Largest number of iterations of one maximisation of a bound over its multipliers."""
+"""Largest number of iterations of one maximisation."""
 
 
 class Ascent:
-    """Progress of the maximisations of a group's bound: the gap so far and an estimate of time."""
+    """Progress of a group's maximisations: the gap so far and the estimated remaining time."""
 
     def __init__(self, progress: Progress | None, task: str, cost: float, climbs: int) -> None:
         self._progress, self._task, self._cost = progress, task, cost
@@ -35,7 +35,7 @@ class Ascent:
         self._iterations, self._begun = 0, monotonic()
 
     def report(self, bound: float) -> None:
-        """Report the gap to the best bound [m²/s⁴] after an iteration, and the time left."""
+        """Report the gap to the best bound [m²/s⁴] after an iteration, and the remaining time."""
         self._iterations += 1
         self._best = max(self._best, bound)
         each = (monotonic() - self._begun) / self._iterations

@@ -32,12 +32,12 @@ _COLUMNS = (
 
 @dataclasses.dataclass(frozen=True)
 class VehicleCertificate(metaclass=Described):
-    """Certificate of one vehicle, or of a group of vehicles that separation constraints couple."""
+    """Certificate of one vehicle, or of a group of vehicles coupled by separation."""
 
     vehicle: str
-    """name of the vehicle; for a group, the name of the first and the number of the others"""
+    """name of the vehicle; for a group, that of the first and the number of the others"""
     cost: float
-    """part of the plan's cost that is due to this vehicle or group [m²/s⁴]"""
+    """cost of this vehicle or group [m²/s⁴]"""
     lower_bound: float
     """lower bound on this part of the cost of every plan [m²/s⁴]"""
     least_eigenvalue: float
@@ -62,9 +62,9 @@ class VehicleCertificate(metaclass=Described):
 
 @dataclasses.dataclass(frozen=True)
 class Certificate(metaclass=Described):
-    """Bound on how far a plan is from the optimum; prints as a short table.
+    """Lower bound on the cost of every plan, with a plan's gap to it; prints as a short table.
 
-    With a smoothing it is a bound for plans that meet the constraints themselves too.
+    With a smoothing it bounds plans that also meet the constraints before averaging.
     """
 
     scenario: Scenario
@@ -79,8 +79,8 @@ class Certificate(metaclass=Described):
     cut: bool = False
     """whether time was up before the bound had converged"""
     jumps: bool = False
-    """whether it is that of a flight that jumps to measured states, which may cost less than every
-    plan from the starts, and is none of these"""
+    """whether this is the certificate of a flight that jumps to measured states: it is not a plan
+    from the starts, and may cost less than each of these"""
 
     @property
     def cost(self) -> float:
@@ -101,7 +101,7 @@ class Certificate(metaclass=Described):
     def planned_gap(self) -> float:
         """Relative gap to the lower bound for plans that keep the planners' margins.
 
-        This is what the planner may have missed; the rest of `gap` is what its margins may cost.
+        It bounds the planner's suboptimality; the rest of `gap` is at most the cost of its margins.
         """
         known = [each.planned_bound for each in self.vehicles]
         bounds = [bound for bound in known if bound is not None]

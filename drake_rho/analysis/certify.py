@@ -1,17 +1,17 @@
-"""`certify`: lower bound on the cost of every plan, and the gap of a given plan to it.
+"""`certify`: lower bound on the cost of every plan, and the optimality gap of a given plan.
 
 The bound is the minimum of a Lagrangian (`drake_rho.analysis.lagrangian`), computed in closed form
 less a bound on rounding errors. So it does not depend on any solver's tolerance: solvers only
 propose the multipliers. A constraint that is left out only lowers the bound. So a bound computed
 with some instants of an obstacle is valid for plans that avoid it at every instant.
 
-The bound is valid for plans that satisfy their constraints exactly. A plan may violate them by the
-verifier's tolerance, a millionth, and then cost less than the bound by about as much.
+The bound is valid for plans that satisfy their constraints exactly. A plan that violates them by
+the verifier's tolerance, a millionth, may cost less than the bound by about as much.
 
 With a disturbance the bound is valid for every plan that satisfies its tightened constraints as
 `verify` checks them. Planners tighten a little more: they use the greatest error radius of a step
-throughout the step. A second bound is valid for plans with these margins, which separates what the
-plan may have missed from what the margins cost.
+throughout the step. A second bound is valid for plans with these margins: it separates the plan's
+own suboptimality from the cost of the margins.
 """
 
 from __future__ import annotations
@@ -86,23 +86,23 @@ def certify(
     progress: Progress | None = None,
     time_limit: float | None = None,
 ) -> Certificate:
-    """Compute a lower bound on the cost of every plan of a scenario, and the gap of this plan.
+    """Compute a lower bound on the cost of every plan of a scenario, and the gap of a given plan.
 
-    The multipliers come from plans iterated to convergence, from this plan and from the one
-    without obstacles. Where the Lagrangian is not convex there, the multipliers are scaled down and
-    the bound is then maximised over them. The bound is valid for any multipliers.
+    The multipliers come from iterations to convergence, from this plan and from the one without
+    obstacles. Where the Lagrangian is not convex, the multipliers are scaled down and the bound is
+    then maximised over them. The bound is valid for any multipliers.
 
     With a smoothing it is valid for plans that meet the constraints themselves, without margins, as
-    those of this package's planners do. Only waypoints are passed by the averages, and within the
-    margin for these by the plans. A disturbance does not raise this bound.
+    this package's planners ensure. Waypoints are an exception: the averages pass them, and the plan
+    passes within their margin. A disturbance does not raise this bound.
 
     Args:
         flown: any plan or flight of a scenario; it need not be optimal or satisfy its constraints.
-            A flight whose windows begin with thinner tubes than a plan has by then, or at measured
-            states, may cost less than any plan.
+            A flight may cost less than any plan, if its windows begin at measured states or with
+            thinner tubes than a plan's.
         solver: `"clarabel"`, `"daqp"` or `"osqp"`, or a Drake solver; Clarabel if not given.
         progress: called with a short description of the current step, as after each linearisation.
-        time_limit: seconds, above 0, after which the best bound so far is returned (`cut`): at
+        time_limit: seconds, above 0, after which the best bound so far is returned (`cut`), at
             least that of the minimum-effort motions.
 
     Raises:
@@ -170,10 +170,10 @@ def certify(
 
 
 def _before_averages(scenario: Scenario) -> Scenario:
-    """Return a scenario for plans that are not averaged, and which every plan of this one meets.
+    """Return a relaxation without smoothing or disturbance, which every plan satisfies.
 
-    Averages pass the waypoints, and are no further from a plan than the margin that limits bound.
-    Nothing is tightened for a disturbance, whose tube is around the averages.
+    The averages pass the waypoints, and a plan stays within the margin of its averages, which
+    follows from the limits. Nothing is tightened for a disturbance, whose tube is around them.
     """
     if scenario.smoothing is None:
         return scenario
@@ -222,10 +222,10 @@ def _converged(plan: Plan, solver: Solver | None, progress: Progress | None) -> 
 
 
 def _solved_around(plan: Plan, backend: Backend, progress: Progress | None) -> CuttingPlanes:
-    """Return the programs around a plan iterated on to the precision that a certificate needs.
+    """Return the programs around a plan, iterated to the precision that a certificate needs.
 
-    If they are infeasible, margins on a finer partition of the steps are used, where there are any:
-    the plan may satisfy its constraints with these only.
+    If they are infeasible, any margins on a finer partition of the steps are used instead: the plan
+    may satisfy its constraints with these only.
     """
     problem = Problem.of(plan.scenario)
     try:
@@ -239,7 +239,7 @@ def _solved_around(plan: Plan, backend: Backend, progress: Progress | None) -> C
 def _solved(
     problem: Problem, plan: Plan, backend: Backend, progress: Progress | None
 ) -> CuttingPlanes:
-    """Return the programs around a plan with the margins that a problem has."""
+    """Return the programs around a plan, with a problem's margins."""
     subproblem = Subproblem(problem, coupled, backend)
     everyone = np.zeros(len(problem), dtype=int)  # the multipliers of all are wanted
     sequential_convex(
@@ -252,7 +252,7 @@ def _solved(
 
 
 def _groups(vehicles: int, proposals: Sequence[CuttingPlanes]) -> list[IntArray]:
-    """Return the groups of vehicles that share a program in a proposal."""
+    """Return the groups of vehicles that share a program in any proposal."""
     label = np.arange(vehicles)
     for solved in proposals:
         for vehicle in range(vehicles):

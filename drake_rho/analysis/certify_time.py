@@ -1,8 +1,8 @@
-"""`certify_time`: lower bound of the final time of every plan, and the gap of a given plan to it.
+"""`certify_time`: lower bound on the final time of every plan, and the gap of a given plan.
 
-Every vehicle is bounded alone, by branch and bound (`drake_rho.analysis.time_bounds`), and the
-largest bound is that of all. What is left out only lowers it. Bounds are those of convex programs,
-which are solved to 1e-8, less a millionth.
+Each vehicle is bounded alone, by branch and bound (`drake_rho.analysis.time_bounds`), and the
+largest bound holds for the fleet. Constraints that are left out only lower it. Bounds are optimal
+values of convex programs solved to 1e-8, less a millionth.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from drake_rho.system.threads import single_threaded_blas
 from drake_rho.verification.verify import verify
 
 _MOST = 1000
-"""Largest number of relaxations beside the first of each vehicle."""
+"""Largest number of relaxations besides the first of each vehicle."""
 
 TREATMENT = {
     "dynamics": "exact in the relaxations, whose unknowns are accelerations",
@@ -52,10 +52,10 @@ def certify_time(
     progress: Progress | None = None,
     time_limit: float | None = None,
 ) -> TimeCertificate:
-    """Compute a lower bound of the final time of every plan, and the gap of this plan to it.
+    """Compute a lower bound on the final time of every plan, and the gap of a given plan.
 
-    The bound is for plans on as many knots with a uniform step, whichever sides of the obstacles
-    they take. It is that of the slowest vehicle alone. Waypoints may be passed at any times, in the
+    The bound holds for plans with the same number of knots and a uniform step, on any side of the
+    obstacles. It is that of the slowest vehicle alone. Waypoints may be passed at any times, in the
     order of this plan.
 
     Args:
@@ -115,7 +115,7 @@ def certify_time(
 
 
 def _left_out(scenario: Scenario, bounds: list[TimeBound]) -> tuple[str, ...]:
-    """Return what the bound of a scenario does not count."""
+    """Return the constraints that a scenario's bound leaves out."""
     several = len(scenario.vehicles) > 1
     present = {
         "the separation": several and scenario.separation is not None,

@@ -1,7 +1,7 @@
-"""Least changes of a scenario without a plan that give it one.
+"""Least changes that make an infeasible scenario feasible.
 
-Of each limit, a plan without it shows how much is enough; bisection then finds how little is. Every
-trial begins with the plan of a wider limit, so that only the first one is a search.
+For each limit, a plan without it shows a sufficient change, and bisection finds the least one.
+Every trial is warm-started with the plan of a wider limit, so that only the first one is a search.
 """
 
 from __future__ import annotations
@@ -25,30 +25,30 @@ LONGEST = 2.0**10
 """Largest multiple of a duration that is tried."""
 
 _WIDER = 1.0, 2.0, 4.0
-"""Multiples of what a plan without a limit needs beyond it that are tried."""
+"""Sizes of the change that are tried, as multiples of the excess of a plan without the limit."""
 
 _PRECISION = 2.0
 """Precision of a limit, in precisions of a duration."""
 
 _FINEST_CHANGE = 0.05
-"""Precision of a change that is itself small, as a part of what a plan without the limit needs."""
+"""Coarsest precision of a change, as a part of the excess of a plan without the limit."""
 
 _MOST_RESTARTS = 3
-"""Largest number of bisections, each begun beyond the boundary that the one before found."""
+"""Largest number of bisections; each begins beyond the boundary found by the last."""
 
 _DIGITS = 5
 """Digits of suggested numbers."""
 
 
 class _Trial(Protocol):
-    """Trial of a part of a change; `near` begins with the plan found before."""
+    """Trial of a part of a change; `near` warm-starts it with the last plan."""
 
     def __call__(self, part: float, near: bool = True) -> bool: ...
 
 
 @dataclasses.dataclass(frozen=True)
 class _Parts:
-    """Parts of a change, of which 0 is none, and trials of scenarios that have them."""
+    """Parts of a change, 0 for none, and trials of the changed scenarios."""
 
     trials: Trials
     changed: Callable[[float], Scenario]
@@ -61,7 +61,7 @@ class _Parts:
         return self.trials.has_plan(lambda: self.changed(part), self.words(part), near=near)
 
     def have_plans_alone(self, part: float, near: bool = True) -> bool:
-        """Return whether it gives plans of single vehicles, which keep no separation."""
+        """Return whether it gives plans of single vehicles, without separation."""
 
         def alone() -> Scenario:
             return self.changed(part).without_separation()
@@ -74,8 +74,8 @@ class NewNumbers(metaclass=Described):
     """New value of one limit; of a box, its lower and then its upper bounds."""
 
     limit: str
-    """field, such as 'max_speed' or 'duration'; with the vehicle or the part that it belongs to, as
-    in 'max_speed of scout'"""
+    """field, such as 'max_speed' or 'duration', with its vehicle or part if it has one, as in
+    'max_speed of scout'"""
     unit: str
     """SI unit of the numbers"""
     now: tuple[float, ...]
@@ -85,7 +85,7 @@ class NewNumbers(metaclass=Described):
 
     @property
     def factor(self) -> float:
-        """Largest ratio of a needed number and that in the scenario; 1 where none changes."""
+        """Largest ratio of a needed number to the scenario's; 1 where none changes."""
         pairs = zip(self.needed, self.now, strict=True)
         return max((new / old for new, old in pairs if new != old and old != 0.0), default=1.0)
 
@@ -115,9 +115,9 @@ class Change(metaclass=Described):
 def least_change(
     scenario: Scenario, adjustables: Sequence[Adjustable], trials: Trials
 ) -> Change | None:
-    """Return the least change of some limits together that gives a plan; None if none is found.
+    """Return the least joint change of some limits that gives a plan; None if none is found.
 
-    Limits change in proportion: each from its number towards what a plan without them needs.
+    Limits change in proportion, from their present values towards those of a plan without them.
     """
     limits = " and ".join(each.limit for each in adjustables)
     if not trials.has_plan(lambda: without(scenario, adjustables), f"no limit on {limits}"):
@@ -167,8 +167,8 @@ def without(scenario: Scenario, adjustables: Sequence[Adjustable]) -> Scenario:
 def least_duration(scenario: Scenario, trials: Trials) -> float | None:
     """Return the least duration with a plan [s], where motions can be flown more slowly.
 
-    A plan without limits of velocities, accelerations and jerks has them all if it is flown slowly
-    enough. None if there is no such plan.
+    A plan without limits on velocities, accelerations and jerks meets them all if it is flown
+    slowly enough. None if there is no such plan.
     """
     duration = scenario.grid.duration
     if not trials.has_plan(lambda: _unlimited(scenario), "no limit but obstacles and space"):
@@ -209,10 +209,10 @@ def _holds(plan: Plan | None, slower: Scenario) -> bool:
 
 
 def _least_of(scenario: Scenario, parts: _Parts, enough: float, precision: float) -> float:
-    """Return the least part of a change with a plan, up to `enough`.
+    """Return the least part of a change that gives a plan, up to `enough`.
 
-    In fleets a trial that fails takes long. What vehicles need each alone is found first, and they
-    seldom need more together.
+    In fleets a failed trial is slow. So the change that each vehicle needs alone is found first;
+    the fleet seldom needs more.
     """
     if scenario.separation is None:
         return _least(parts.have_plan, 0.0, enough, precision, confirm=bool(scenario.avoided))
@@ -232,9 +232,9 @@ def _least_of(scenario: Scenario, parts: _Parts, enough: float, precision: float
 def _least(
     has_plan: _Trial, least: float, enough: float, precision: float, *, confirm: bool
 ) -> float:
-    """Return the least value with a plan between one without and one with a plan, by bisection.
+    """Return the least value with a plan, by bisection from one without to one with a plan.
 
-    If it is to be confirmed, a search just below has to fail; else bisection goes on there.
+    To confirm it, a search just below has to fail; otherwise bisection goes on from there.
     """
     high = enough
     for _ in range(_MOST_RESTARTS):
@@ -276,7 +276,7 @@ def _told(adjustable: Adjustable, numbers: FloatArray) -> str:
 
 
 def _words(needed: Sequence[float], now: Sequence[float], unit: str) -> str:
-    """Return new numbers beside those before; of a box, on the axes that change."""
+    """Return new and old numbers as text; for a box, of the axes that change."""
     if len(needed) == 1:
         return f"{needed[0]:.5g} {unit} instead of {now[0]:.5g} {unit}"
     if len({*needed[3:], *(-each for each in needed[:3])}) == 1:

@@ -1,6 +1,6 @@
-"""`diagnose`: reason why a scenario has no plan, its least violation, and changes that give one.
+"""`diagnose`: why a scenario has no plan, its least violation, and changes that give one.
 
-Of a plan in the least time it is the limits that make it as long as it is.
+For a plan of least time: the sensitivity of that time to the limits.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from drake_rho.system.threads import single_threaded_blas
 from drake_rho.verification.check import Check
 
 _PENALTIES = 8
-"""Largest number of penalties in a trial of a change, which begins near a plan."""
+"""Largest number of penalties in a trial of a change; trials begin near a plan."""
 
 _LONGEST = 8.0
 """Largest multiple of a duration that is tried where motions cannot be flown more slowly."""
@@ -71,15 +71,15 @@ def diagnose(
     progress: Progress | None = None,
     time_limit: float | None = None,
 ) -> Diagnosis | TimeSensitivity:
-    """Find out why a scenario has no plan, or which limits make a plan of least time so long.
+    """Find out why a scenario has no plan, or which limits determine a plan's least time.
 
-    Of a scenario without a plan, it finds what is missed by how much, the constraints that cannot
-    be met together, and for each limit in every conflict the least change that gives a plan: its
-    number is bisected, between the present one and that which a plan without the limit needs. If
-    none suffices alone, all limits in the conflicts are changed together. Of a plan of
-    `plan_minimum_time`, it finds by how much the final time falls if each limit is relaxed by a
-    little: each is relaxed in turn, in a program with a free final time around the plan. Where
-    limits bend, the change is that to first order.
+    For a scenario without a plan, it finds the least violations, the constraints that cannot be
+    met together, and for each limit in every conflict the least change that gives a plan, by
+    bisection between the present number and the one that a plan without the limit needs. If none
+    suffices alone, all limits in the conflicts are changed together. For a plan of
+    `plan_minimum_time`, it finds the fall of the final time when each limit in turn is relaxed
+    slightly, in a program with a free final time around the plan. Where limits are curved, this is
+    the change to first order.
 
     Conflicts with obstacles are those of the first linearisation, around the plan without
     obstacles. Trials of changes begin near the plan found before: with obstacles or other vehicles,
@@ -87,24 +87,23 @@ def diagnose(
     shorter ones are tried as well.
 
     Args:
-        scenario: scenario to diagnose, or a planner's error about one, so that no plan is looked
-            for again if it is proved that there is none, or paths were searched; or plan of the
-            least time.
-        planned: for a plan, the scenario that it was planned for, whose times of waypoints are
-            kept. If not given, the times of all waypoints count as found.
+        scenario: scenario to diagnose; or a planner's error about one, which saves another search
+            if infeasibility is proved or paths were searched; or a plan of least time.
+        planned: for a plan, the scenario that it was planned for, whose waypoint times stay fixed.
+            If not given, all waypoint times are free.
         solver: `"clarabel"`, `"daqp"` or `"osqp"`, or a Drake solver; Clarabel if not given. Plans
             are diagnosed with Clarabel.
-        progress: called with a short description of the current step, as on each trial.
+        progress: called with a short description of the current step, such as a trial.
         time_limit: seconds, above 0, after which the findings so far are returned (`cut`).
 
     Returns:
         A `Diagnosis` of a scenario, the `TimeSensitivity` of a plan.
 
     Raises:
-        OutOfTimeError: time was up before a plan, or a reason why there is none, was found.
+        OutOfTimeError: time was up before a plan, or a proof that there is none, was found.
         ScenarioError: a waypoint of the scenario has no time, or no limit bounds a plan's time.
         SolverError: the solvers fail numerically.
-        ValueError: the plan is none of least time, or not one of the scenario `planned`.
+        ValueError: the plan is not of least time, or not a plan of the scenario `planned`.
 
     Examples:
         >>> scenario = rho.Scenario(
@@ -147,7 +146,7 @@ def diagnose(
 
 @dataclasses.dataclass(frozen=True)
 class _Search:
-    """Search for reasons and remedies."""
+    """Search for conflicts, violations and changes."""
 
     trials: Trials
     backend: Backend
@@ -208,7 +207,7 @@ class _Search:
     def _changes(
         self, scenario: Scenario, error: InfeasibleError, conflicts: Mapping[str, Names]
     ) -> list[Change]:
-        """Return the least changes of single limits that give a plan, or of all together."""
+        """Return the least change of each limit that gives a plan, or of all limits together."""
         numbers = adjustable_numbers(scenario, list(conflicts))
         alone = [each for each in numbers if _may_help(each, error, conflicts)]
         found = [least_change(scenario, [each], self.trials) for each in alone]
@@ -230,7 +229,7 @@ class _Search:
     def _durations(
         self, scenario: Scenario, error: InfeasibleError
     ) -> tuple[float | None, float | None]:
-        """Return the least duration with a plan, and the greatest if only shorter ones have one."""
+        """Return the least feasible duration; the greatest too, if only shorter ones are."""
         if _has_no_path(error):
             return None, None
         if can_be_slower(scenario):
@@ -243,13 +242,13 @@ def _names(numbers: list[Adjustable]) -> str:
 
 
 def _has_no_path(error: InfeasibleError) -> bool:
-    """Return whether paths were searched, and there is none however fast a vehicle may fly."""
+    """Return whether a path search has shown that there is no path, at any speed."""
     searched = error.statistics.searched
     return searched is not None and searched.ways == 0 and searched.layers == 0
 
 
 def _may_help(each: Adjustable, error: InfeasibleError, conflicts: Mapping[str, Names]) -> bool:
-    """Return whether numbers are in every conflict, so that changing them alone may give a plan."""
+    """Return whether a limit is in every conflict, so that changing it alone may give a plan."""
     if _has_no_path(error) and each.name not in ("obstacle", "position box"):
         return False
     return all(_is_in(each, vehicle, error, conflicts) for vehicle in conflicts)
@@ -258,7 +257,7 @@ def _may_help(each: Adjustable, error: InfeasibleError, conflicts: Mapping[str, 
 def _is_in(
     each: Adjustable, vehicle: str, error: InfeasibleError, conflicts: Mapping[str, Names]
 ) -> bool:
-    """Return whether numbers are named in the conflict of a vehicle.
+    """Return whether a limit is part of a vehicle's conflict.
 
     A conflict with linearised obstacles or pairs names only some of the limits that may help.
     """
@@ -271,23 +270,23 @@ def _is_in(
 
 
 def _is_named(each: Adjustable, conflicts: Mapping[str, Names]) -> bool:
-    """Return whether numbers are named in a conflict."""
+    """Return whether a limit is named in a conflict."""
     named = re.compile(re.escape(each.name) + r"(?!\d)")
     return any(named.match(name) for names in conflicts.values() for name in names)
 
 
 def is_monotone(scenario: Scenario) -> bool:
-    """Return whether a plan for one duration implies that one is found for every longer duration.
+    """Return whether planning succeeds for all durations longer than a feasible one.
 
     With obstacles or a separation this is False even where it is true of the problem
-    (`can_be_slower`), because the planner may miss the plan for one duration and find that for
+    (`can_be_slower`), because the planner may find a plan for one duration and miss it for
     another.
     """
     return can_be_slower(scenario) and not scenario.obstacles and scenario.separation is None
 
 
 def _undisturbed(error: InfeasibleError, scenario: Scenario, backend: Backend) -> InfeasibleError:
-    """Return the error without the disturbance, which is more telling, if there is one."""
+    """Return the error without the disturbance, if any, since it is more informative."""
     try:
         first_plan(Problem.of(scenario.with_disturbance(None)), backend=backend)
     except InfeasibleError as other:

@@ -15,11 +15,10 @@ from drake_rho.scenario.records import Scenario
 from drake_rho.verification.check import Check
 
 _SHOWN = 4
-"""Largest number of vehicles of a printed diagnosis that are named with what they miss, and with
-their conflicts."""
+"""Largest number of vehicles that a printed diagnosis lists with violations, and with conflicts."""
 
 _APART = re.compile(r"separation from (.*?)(?: (?:at|from) [^ ]+ s.*)?")
-"""How a conflict names the other vehicle of a pair."""
+"""Name of a pair's constraint in a conflict, with the other vehicle."""
 
 _CUT = "time was up before everything was tried: smaller changes may suffice"
 
@@ -28,8 +27,8 @@ _CUT = "time was up before everything was tried: smaller changes may suffice"
 class Diagnosis(metaclass=Described):
     """Reason why a scenario has no plan, and changes that give one.
 
-    It prints what is missed by whom and by how much, then the constraints that cannot be met
-    together, then the changes.
+    It prints the violations of each vehicle, then the constraints that cannot be met together, then
+    the changes.
     """
 
     scenario: Scenario
@@ -38,11 +37,11 @@ class Diagnosis(metaclass=Described):
     """for each vehicle without a plan, constraints that cannot be met together; empty if there is
     a plan"""
     violations: tuple[Check, ...]
-    """violations of the motion with the least total violation, missed goals first; of each vehicle
-    and constraint the worst one, and of each pair one"""
+    """violations of the motion with the least total violation, missed goals first; the worst one of
+    each vehicle and constraint, and of each pair"""
     changes: tuple[Change, ...]
-    """changes with each of which a plan was found, the least of each limit: of the duration, and of
-    the limits in every conflict, or else of all of them together"""
+    """least changes that each give a plan: of the duration, and of each limit in every conflict, or
+    else of all limits in conflicts together"""
     shortest_duration: float | None
     """least duration T for which a plan was found with everything else unchanged [s]; None if none
     was found"""
@@ -114,14 +113,14 @@ class Diagnosis(metaclass=Described):
         return "\n".join([*self._disturbed(), *self._repairs(), *([_CUT] if self.cut else [])])
 
     def _missed(self) -> list[str]:
-        """Return a line for each vehicle, with all that it misses."""
+        """Return a line for each vehicle, with its violations."""
         lines = dict[str, list[str]]()
         for each in self.violations:
             lines.setdefault(each.vehicle, []).append(_told(each))
         return [f"{vehicle}: {', '.join(parts)}" for vehicle, parts in lines.items()]
 
     def _conflicts(self) -> list[str]:
-        """Return a line for each vehicle with its conflict, in which a pair is named once."""
+        """Return a line for each vehicle with its conflict; a pair is named once."""
         lines, told = list[str](), set[tuple[str, str]]()
         for vehicle, names in self.conflicts.items():
             kept = list[str]()
@@ -193,7 +192,7 @@ def _told(check: Check) -> str:
 
 
 def _some(lines: list[str], of: str) -> list[str]:
-    """Return the first lines, indented, and how many more there are."""
+    """Return the first lines, indented, and the number of further ones."""
     more = len(lines) - _SHOWN
     rest = [f"  and {more} more {of}"] if more > 0 else []
     return [*(f"  {line}" for line in lines[:_SHOWN]), *rest]
@@ -204,12 +203,12 @@ def _is_of_accelerations(numbers: NewNumbers) -> bool:
 
 
 def _rounded_up(value: float) -> str:
-    """Return a value rounded up to five digits, so that it is no less than what was found."""
+    """Return a value rounded up to five digits."""
     unit = 10.0 ** (np.floor(np.log10(value)) - 4)
     return f"{np.ceil(value / unit * (1 - 1e-12)) * unit:.5g}"
 
 
 def _rounded_down(value: float) -> str:
-    """Return a value rounded down to five digits, so that it is no more than what was found."""
+    """Return a value rounded down to five digits."""
     unit = 10.0 ** (np.floor(np.log10(value)) - 4)
     return f"{np.floor(value / unit * (1 + 1e-12)) * unit:.5g}"

@@ -1,4 +1,4 @@
-"""Arrivals of vehicles at their goals as soon as each can, where they stay then."""
+"""Earliest arrival of each vehicle at its goal, then rest."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from drake_rho.scenario.fields import FloatArray
 def as_soon_as_each_can(
     together: Timed, alone: FloatArray, least: LeastTime, progress: Progress | None
 ) -> Timed:
-    """Return a motion in which vehicles arrive one by one, each at the earliest knot found.
+    """Return a motion in which each vehicle arrives at the earliest knot found.
 
-    The latest arrival stays where it is. The knot of each other one is bisected, those with most
-    time to spare first, around the motions of all others.
+    The latest arrival does not change. The knot of every other arrival is bisected around the
+    motions of all other vehicles, beginning with the vehicle of the shortest least time.
 
     Args:
         together: motion in which all arrive at the last knot.
-        alone: time that each vehicle takes at least [s], shape (N,).
+        alone: least time of each vehicle [s], shape (N,).
         least: search for motions in a given final time.
         progress: called with each arrival found.
     """
@@ -46,9 +46,9 @@ def as_soon_as_each_can(
 
 
 def _arriving(timed: Timed, number: int, knot: int) -> Timed:
-    """Return a motion with an earlier arrival of one vehicle, to be linearised around.
+    """Return a reference with an earlier arrival of one vehicle.
 
-    Its positions are passed faster, and its free waypoints are at the same parts of its time.
+    Its positions are passed faster, and its free waypoints keep their normalised times.
     """
     assert timed.resting is not None  # noqa: S101  # every vehicle arrives somewhere
     resting = timed.resting.copy()

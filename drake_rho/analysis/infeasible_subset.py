@@ -1,9 +1,8 @@
-"""Irreducible infeasible subsets: constraints that conflict, but do not if any one is dropped.
+"""Irreducible infeasible subsets: conflicting constraints, feasible if any one is dropped.
 
-Every row may be violated at a cost, and the least violation is sought. By Farkas' lemma its
-multipliers combine the constraints into a contradiction: constraints with zero multipliers are not
-needed for it. Each of the remaining constraints is then dropped in turn, and stays dropped if the
-others still conflict.
+An elastic program finds the least violation. By Farkas' lemma its multipliers combine the
+constraints into a contradiction: constraints with zero multipliers are not needed for it. Each of
+the remaining constraints is then dropped in turn, and stays dropped if the others still conflict.
 """
 
 from __future__ import annotations
@@ -32,9 +31,9 @@ def infeasible_subset(
 ) -> dict[str, Names]:
     """Narrow an error's conflicts down to irreducible sets of constraints.
 
-    This solves a program for each constraint in a conflict. Some conflicts are returned as they
-    are: those with other vehicles, those of a single step, and constraints that cannot be tightened
-    enough for the disturbance.
+    This solves a program for each constraint in a conflict. Conflicts with other vehicles, of a
+    single step, or with constraints that cannot be tightened enough for the disturbance are
+    returned as they are.
 
     Args:
         error: the error that a planner raised.
@@ -68,7 +67,7 @@ def _irreducible(
     constraints: Sequence[Constraint],
     backend: Backend,
 ) -> Names:
-    """Return one vehicle's subset, in words; empty if no violation exceeds its tolerance."""
+    """Return descriptions of one vehicle's subset; empty if all violations are tolerable."""
 
     def contradiction(names: Iterable[str]) -> dict[str, HalfSpaces]:
         """Return conflicting rows of the constraints with these names; {} if there is none."""

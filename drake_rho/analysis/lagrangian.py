@@ -72,7 +72,7 @@ class Lagrangian:
     Args:
         solved: converged program.
         group: indices of the vehicles, shape (G,).
-        as_planned: whether the bound is for plans that keep the planners' margins only, or for all
+        as_planned: whether the bound is for plans with the planners' margins only, or for all
             plans.
     """
 
@@ -97,7 +97,7 @@ class Lagrangian:
             elif not rows.constraint.linearised:  # linear in u without a linearisation
                 matrix, needed, _ = rows_of(effort.changes, group, about(effort.motion, [rows]))
                 affine.append((matrix, needed + matrix @ self._fixed.reshape(-1), y))
-            elif np.any(y > _NEGLIGIBLE * np.linalg.norm(self.solution)):  # has no such form
+            elif np.any(y > _NEGLIGIBLE * np.linalg.norm(self.solution)):  # not quadratic
                 self.left_out.add(rows.constraint.name)
         self._responses = np.concatenate([each.responses for each in curved])
         self._offsets = np.concatenate([each.offsets for each in curved])

@@ -1,4 +1,4 @@
-"""What a scenario without a plan misses at least, by whom and by how much."""
+"""Least violations of a scenario without a plan, by vehicle and constraint."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from drake_rho.verification.verify import verify
 _PAIR = "separation"
 
 _SLIGHT = 1e-3
-"""Excess of a limit, as a part of it, up to which it is left to the solver's tolerance."""
+"""Relative excess of a limit up to which it counts as the solver's tolerance."""
 
 
 def least_violations(
@@ -25,12 +25,12 @@ def least_violations(
 ) -> tuple[Check, ...]:
     """Return the violations of a motion with the least total violation, missed goals first.
 
-    Of each vehicle and constraint it is the worst one; a pair of vehicles is named once. Distances
-    of pairs count only if they are part of a conflict.
+    Each vehicle and constraint has its worst violation only; a pair of vehicles is named once.
+    Separations count only if they are part of a conflict.
 
     Args:
         scenario: scenario without a plan.
-        error: error that says so.
+        error: the planner's error.
         backend: solves the programs.
     """
     motion = minimum_violation(Problem.of(scenario), backend)
@@ -44,7 +44,7 @@ def least_violations(
 
 
 def _furthest_apart(motion: Plan, backend: Backend) -> Plan:
-    """Return a motion that violates distances less, if one is found."""
+    """Return a motion with smaller violations of distances, if one is found."""
     with suppress(InfeasibleError, SolverError):
         return minimum_distance_violation(motion, backend)
     return motion
@@ -63,7 +63,7 @@ def _worst(violations: tuple[Check, ...]) -> list[Check]:
 
 
 def _members(check: Check) -> frozenset[str]:
-    """Return the names of the vehicles that a check is about."""
+    """Return the names of a check's vehicles."""
     partner = partner_of(check)
     return frozenset([check.vehicle] if partner is None else [check.vehicle, partner])
 

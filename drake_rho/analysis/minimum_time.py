@@ -1,4 +1,4 @@
-"""`plan_minimum_time`: the least time in which vehicles reach their goals; `shortest_plan`."""
+"""Minimum-time planning: `plan_minimum_time` and `shortest_plan`."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from drake_rho.scenario.records import Grid, Scenario
 from drake_rho.system.threads import single_threaded_blas
 
 Arrival = Literal["together", "each"]
-"""How vehicles arrive."""
+"""Arrival at the goals: all together, or each vehicle as early as it can."""
 
 
 @checked
@@ -48,20 +48,19 @@ def plan_minimum_time(
     progress: Progress | None = None,
     options: Options | None = None,
 ) -> Plan:
-    """Return a plan of the least time in which all vehicles reach their goals.
+    """Return a minimum-time plan.
 
     The final time is free, and so is the time of every waypoint without one; a vehicle passes these
-    in their order. From rest to rest without obstacles, separation
-    and free waypoints the program is convex, and no plan on as many knots takes less time. With
-    these it is linearised anew until the time has converged: the least time near the motions from
-    which the search begins.
+    in their order. From rest to rest without obstacles, separation and free waypoints the program
+    is convex, and no plan with as many knots takes less time. Otherwise it is linearised until the
+    time has converged, to the least time near the initial motions of the search.
 
     Args:
-        scenario: scenario to plan for. Its step is a first guess of the answer's.
+        scenario: scenario to plan for. Its step is a first guess of the plan's.
         knots: number of knots of the plan; the scenario's if not given. With a smoothing no step is
             shorter than its width, so that fewer knots may take less time.
         arrival: "together", all at the last knot; or "each", every vehicle at the earliest knot
-            found, after which it stays at its goal. The last arrival is no later than together.
+            found, and then at rest at its goal. The last arrival is no later than "together".
         solver: solver of the first plans, as for `plan`. Programs with a free final time are
             solved by Clarabel.
         progress: called with a short description of the current step, as after each iteration.
@@ -69,13 +68,13 @@ def plan_minimum_time(
             (`statistics.cut`), and the bounds of the searches for first plans.
 
     Returns:
-        A plan that meets every constraint. The grid of its scenario has the final time, and its
-        waypoints the times that were found. It takes no longer than the scenario's own final time
-        if `plan` has a plan for that.
+        A plan that meets every constraint. Its scenario has the final time and the waypoint times
+        found. It takes no longer than the scenario's own final time if `plan` finds a plan for
+        that.
 
     Raises:
-        InfeasibleError: no plan was found for any final time that was tried, or vehicles cannot
-            hold at their goals from the least time on (`Scenario.hold_at_goal`).
+        InfeasibleError: no plan was found for any final time tried, or vehicles cannot hold at
+            their goals from the least time on (`Scenario.hold_at_goal`).
         OutOfTimeError: time was up before a plan was found.
         ScenarioError: no limit and no requirement bounds the time, or the scenario does not fit the
             number of knots.

@@ -1,4 +1,4 @@
-"""Outsides of convex sets as unions of polyhedra, for bounds that hold on every side of obstacles.
+"""Complements of convex sets as unions of polyhedra, for bounds valid on all sides of obstacles.
 
 A cone of directions from the centre of a convex set meets its surface in a triangle or beyond. For
 the gauge g of the set, g(p) >= 1 outside, and g is convex: if p = Σ λ_i q_i with λ >= 0 for the
@@ -19,7 +19,7 @@ from drake_rho.scenario.maps.parts import Parts, Triangles
 from drake_rho.scenario.shapes.base import Solid
 
 _FARTHEST = 1e4
-"""Largest distance of a surface from the centre, in sizes of the set; an endless set ends there."""
+"""Largest distance of a surface from the centre, in sizes of the set; truncates unbounded sets."""
 
 _HALVINGS = 60
 """Number of halvings of a ray that find the surface."""
@@ -27,12 +27,12 @@ _HALVINGS = 60
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Kept:
-    """Convex set that a vehicle keeps out of, with the distance that it keeps."""
+    """Convex set to keep out of, with the required distance."""
 
     distance: Callable[[FloatArray], FloatArray]
     """signed distances [m], (...), of positions relative to the middle, (..., 3)"""
     required: float
-    """distance that is kept [m]"""
+    """required distance [m]"""
     middle: FloatArray
     """point inside, relative to the centre of the obstacle [m], shape (3,)"""
     scales: FloatArray
@@ -90,12 +90,12 @@ def halves_of(cone: FloatArray) -> list[FloatArray]:
 
 
 def kept_out_of(solid: Solid, part: int, required: float) -> Kept:
-    """Return the convex set that a vehicle keeps out of: a shape, or a part of a map.
+    """Return the convex set to keep out of: a shape, or a part of a map.
 
     Args:
         solid: shape, or the cover of a map.
         part: number of the part, 0 for a shape.
-        required: distance that is kept from it [m].
+        required: required distance from it [m].
     """
     if not isinstance(solid, Parts):
         extent = np.where(np.isfinite(solid.extent), solid.extent, solid.size)

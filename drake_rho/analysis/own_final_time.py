@@ -1,4 +1,4 @@
-"""Motion of the plan that a scenario has in its own final time, as a known one to compare with."""
+"""Plan for a scenario's own final time, as a known motion for comparison."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def planned_in_own_final_time(
     options: Options,
     progress: Progress | None,
 ) -> Timed:
-    """Return the motion of the plan that `rho.plan` finds for a scenario's own final time.
+    """Return the motion that `rho.plan` finds for a scenario's own final time.
 
     Args:
         given: the scenario; its waypoints may have no time.
@@ -32,7 +32,7 @@ def planned_in_own_final_time(
 
     Raises:
         InfeasibleError: no plan was found.
-        OutOfTimeError: time was up before.
+        OutOfTimeError: time was up before a plan was found.
         SolverError: the solvers fail numerically.
     """
     grid = without.grid
@@ -49,7 +49,7 @@ def planned_in_own_final_time(
 
 
 def is_too_short(scenario: Scenario, alone: Timed | None, *, given: bool) -> bool:
-    """Return whether vehicles alone show that a scenario's own final time has no plan.
+    """Return whether a scenario's own final time is below a vehicle's least time alone.
 
     Args:
         scenario: the scenario without waypoints.

@@ -1,4 +1,4 @@
-"""Small relaxations of the limits of a motion, one by one: `relaxations_of`."""
+"""Small relaxations of each limit of a motion: `relaxations_of`."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from drake_rho.scenario.records import Box, Limits, Scenario
 from drake_rho.scenario.sets import ConvexSet
 
 _PART = 1e-3
-"""Part by which a limit is relaxed: so little that the final time changes in proportion."""
+"""Relative relaxation of a limit, small enough for the final time to change in proportion."""
 
 _OF_LENGTH = 1e-4
-"""Relaxation of a limit without a size of its own, as a part of a motion's scale."""
+"""Relaxation of a limit without its own scale, as a part of the motion's."""
 
 _LARGEST_TILT = np.pi / 2.0 - 1e-9
 """Largest tilt that a limit can have [rad]."""
@@ -34,19 +34,19 @@ class Relaxation:
     limit: str
     """name of the limit"""
     change: str
-    """words for a change of unit size, such as '1 % more'"""
+    """description of a change of unit size, such as '1 % more'"""
     size: float
     """size of the relaxation, in changes of unit size"""
     vehicles: IntArray
-    """indices of the vehicles that it concerns"""
+    """indices of the vehicles with this limit"""
     relaxed: Callable[[Timed, IntArray], Timed]
-    """function that relaxes the limit for some of these vehicles, around the same motion"""
+    """function that relaxes the limit for a subset of these vehicles, around the same motion"""
     for_each: bool = True
     """whether it can be relaxed for some of its vehicles alone"""
 
 
 def relaxations_of(timed: Timed) -> list[Relaxation]:
-    """Return the relaxations of everything that may make a motion as long as it is."""
+    """Return the relaxations of all limits that may determine a motion's final time."""
     scenario = timed.scenario
     return [*_of_limits(scenario), *_of_places(timed), *_of_scenario(scenario)]
 
@@ -70,7 +70,7 @@ def _of_limits(scenario: Scenario) -> list[Relaxation]:
 
 
 def _grown(limit: float | Box) -> float | Box:
-    """Return a limit that is wider by a part."""
+    """Return a limit widened by the relative relaxation."""
     if isinstance(limit, Box):
         low, high = limit.lower, limit.upper
         return Box(low - _PART * np.abs(low), high + _PART * np.abs(high))
@@ -78,7 +78,7 @@ def _grown(limit: float | Box) -> float | Box:
 
 
 def _moved(limit: Box, by: float) -> Box:
-    """Return a box with all sides further out [m]."""
+    """Return a box with all sides moved outwards by a distance [m]."""
     return Box(limit.lower - by, limit.upper + by)
 
 
@@ -99,7 +99,7 @@ def _with_limits(
 
 
 def _of_places(timed: Timed) -> list[Relaxation]:
-    """Return the relaxations of waypoints, and of the distances from obstacles."""
+    """Return the relaxations of waypoints and of obstacle distances."""
     scenario, passing, found = timed.scenario, timed.passing, list[Relaxation]()
     names, lengths = scenario.names, scenario.fleet.lengths
     for w, vehicle in enumerate(passing.vehicles.tolist()):
@@ -120,14 +120,14 @@ def _of_places(timed: Timed) -> list[Relaxation]:
 
 
 def _within(timed: Timed, vehicles: IntArray, *, number: int, by: float) -> Timed:
-    """Return a motion that may miss a waypoint by a little more [m]."""
+    """Return a motion with a larger waypoint tolerance [m]."""
     within = timed.passing.within.copy()
     within[number] += by
     return dataclasses.replace(timed, passing=dataclasses.replace(timed.passing, within=within))
 
 
 def _sooner(timed: Timed, vehicles: IntArray, *, number: int) -> Timed:
-    """Return a motion that has to pass a waypoint of given time a little sooner."""
+    """Return a motion with a slightly earlier waypoint time."""
     times = timed.passing.times.copy()
     times[number] *= 1.0 - _PART
     return dataclasses.replace(timed, passing=dataclasses.replace(timed.passing, times=times))
@@ -135,12 +135,12 @@ def _sooner(timed: Timed, vehicles: IntArray, *, number: int) -> Timed:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Nearer(Timed):
-    """Motion of which some vehicles may come nearer to an obstacle."""
+    """Motion with a smaller required distance of some vehicles from an obstacle."""
 
     number: int = 0
     """number of the obstacle"""
     by: FloatArray = dataclasses.field(default_factory=lambda: np.zeros(0))
-    """distance by which each vehicle may come nearer [m], shape (N,)"""
+    """reduction of each vehicle's required distance [m], shape (N,)"""
 
     def linearised(self) -> list[Constraint]:
         """Return the constraints with a smaller distance from the obstacle."""
@@ -153,7 +153,7 @@ class _Nearer(Timed):
 
 
 def _nearer(timed: Timed, vehicles: IntArray, *, number: int, by: float) -> Timed:
-    """Return a motion of which some vehicles may come a little nearer to an obstacle [m]."""
+    """Return a motion with a smaller distance of some vehicles from an obstacle [m]."""
     distances = np.zeros(len(timed.scenario.vehicles))
     distances[vehicles] = by
     fields = {each.name: getattr(timed, each.name) for each in dataclasses.fields(Timed)}
@@ -161,7 +161,7 @@ def _nearer(timed: Timed, vehicles: IntArray, *, number: int, by: float) -> Time
 
 
 def _of_scenario(scenario: Scenario) -> list[Relaxation]:
-    """Return the relaxations of what concerns several vehicles: separation to smoothing."""
+    """Return the relaxations of limits shared by vehicles, from separation to smoothing."""
     found = list[Relaxation]()
     every, smaller = np.arange(len(scenario.vehicles)), 1.0 - _PART
 
@@ -199,7 +199,7 @@ def _of_other(timed: Timed, vehicles: IntArray, *, scenario: Scenario) -> Timed:
 
 @dataclasses.dataclass(frozen=True)
 class _Wider:
-    """Convex set with everything that is within a small distance of it."""
+    """Convex set enlarged by a small distance."""
 
     inner: ConvexSet
     """the set"""

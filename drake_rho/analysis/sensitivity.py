@@ -1,4 +1,4 @@
-"""Sensitivity of the least time of a flight to its limits, with its printed form."""
+"""Record of the sensitivity of the least time to limits, with its printed form."""
 
 from __future__ import annotations
 
@@ -17,28 +17,28 @@ _CUT = "time was up before every limit was tried"
 
 @dataclasses.dataclass(frozen=True)
 class LimitEffect(metaclass=Described):
-    """Effect of one limit on the final time of a flight in the least time."""
+    """Sensitivity of the least time to one limit."""
 
     limit: str
     """name of the limit: a field of `Limits`, a waypoint, an obstacle, a requirement, ..."""
     change: str
     """change of the limit to which `less_time` refers, such as '1 % more' or '0.01 m nearer'"""
     less_time: float
-    """part of the final time that such a change saves, to first order"""
+    """part of the final time saved by this change, to first order"""
     vehicles: tuple[str, ...]
-    """names of the vehicles for which the limit counts"""
+    """names of the vehicles whose limit has this effect"""
 
     @property
     def rounded(self) -> float:
-        """`less_time` to two digits, of which the least time has no more."""
+        """`less_time` to two digits: the least time is no more precise."""
         return float(f"{self.less_time:.2g}")
 
 
 @dataclasses.dataclass(frozen=True)
 class TimeSensitivity(metaclass=Described):
-    """Limits that make a flight in the least time as long as it is; prints as a table.
+    """Sensitivity of the least time to each limit; prints as a table.
 
-    A small change of several limits saves the sum of what each of them saves.
+    Small changes of several limits save the sum of their savings.
     """
 
     scenario: Scenario
@@ -80,6 +80,6 @@ class TimeSensitivity(metaclass=Described):
 
 
 def _named(vehicles: tuple[str, ...]) -> str:
-    """Return the names of vehicles, of many the first ones."""
+    """Return the names of vehicles, or the first few of many."""
     more = len(vehicles) - _NAMED
     return ", ".join(vehicles[:_NAMED]) + (f" and {more} more" if more > 0 else "")

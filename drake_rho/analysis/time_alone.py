@@ -1,4 +1,4 @@
-"""Least time of each vehicle alone, by its limits and the requirements that it always has."""
+"""Least time of each vehicle alone, subject to its limits and permanent requirements."""
 
 from __future__ import annotations
 
@@ -25,20 +25,20 @@ from drake_rho.scenario.records import Grid, Scenario, State
 from drake_rho.scenario.waypoints import AllWaypoints
 
 _COARSE, _REFINED = 6, 1e-3
-"""Steps of a leg in a first search for the times of waypoints, and the part of the final time by
-which they may change at first in the second."""
+"""Steps of a leg in the coarse search for waypoint times, and the first step bound of the refined
+search, as a part of the final time."""
 
 _LONGER = 1.0, 1e3, 1e6
-"""Multiples of the scenario's step from which a motion is sought, should the guess be too small."""
+"""First guesses of the step, as multiples of the scenario's, tried in order."""
 
 _LATER = 1.0, 2.0, 4.0, 8.0
-"""Multiples of the scenario's final time in which a motion is sought, if waypoints have times."""
+"""First guesses of the final time, as multiples of the scenario's, if waypoints have times."""
 
 _AT_ONCE = 1e-6
-"""Part of the scenario's step that a vehicle takes for a step that stays where it is."""
+"""Step of a vehicle that stays where it is, as a part of the scenario's."""
 
 _ROUGHLY = 1e-3
-"""Relative fall of the final time that ends the first search."""
+"""Convergence tolerance of the coarse search on the final time."""
 
 
 class TimesAlone:
@@ -69,7 +69,7 @@ class TimesAlone:
 
     @property
     def bound(self) -> float | None:
-        """Time that every plan takes at least [s]; None if it is not known.
+        """Lower bound on the final time of every plan [s]; None if it is not known.
 
         From rest to rest without waypoints the least time of one vehicle is that of a convex
         program. Obstacles, other vehicles and a disturbance leave fewer motions.
@@ -81,13 +81,13 @@ class TimesAlone:
         return float(self.durations[without].max()) or None
 
     def motion(self, *, spare: bool = False) -> Timed:
-        """Return the motions in least time of vehicles by themselves (`of_each_alone`).
+        """Return the least-time motion of each vehicle alone (`of_each_alone`).
 
-        Vehicles that take less time than the slowest one fly slower. If waypoints have given times,
-        it is not the least time, but one in which there is such a motion.
+        All are scaled to the final time of the slowest one. If waypoints have given times, the
+        motion is a feasible one, not one of least time.
 
         Args:
-            spare: whether those that have time to spare reduce their effort.
+            spare: whether the faster vehicles reduce their effort in this time.
         """
         tell(self._progress, "looking for the least time of each vehicle alone")
         free = of_each_alone(self._scenario)
@@ -113,7 +113,7 @@ class TimesAlone:
         return Timed(free, slowest.step, accelerations, passing, converged=converged)
 
     def _with_given_times(self, free: Scenario) -> Timed:
-        """Return a motion that meets limits and passes waypoints at given times, if one is found.
+        """Return a motion within the limits through waypoints at given times, if one is found.
 
         Args:
             free: scenario without obstacles and other vehicles.
@@ -133,7 +133,7 @@ class TimesAlone:
         return starts[0]
 
     def _one(self, free: Scenario, passing: Passing, number: int) -> Timed:
-        """Return the motion of one vehicle in its least time.
+        """Return the least-time motion of one vehicle.
 
         Args:
             free: scenario without obstacles and other vehicles.
@@ -155,7 +155,7 @@ class TimesAlone:
         raise no_plan_alone(scenario, self._backend)
 
     def _from_guess(self, scenario: Scenario, passing: Passing) -> Timed | None:
-        """Return the motion of one vehicle in its least time, from a guess; None if there is none.
+        """Return the least-time motion of one vehicle from a guess; None if there is none.
 
         Args:
             scenario: scenario of the vehicle, with a guess of the step.
@@ -188,7 +188,7 @@ class TimesAlone:
 
 
 def at_rest(scenario: Scenario) -> Scenario:
-    """Return a scenario whose vehicles start and end at rest, whose least time is a guess."""
+    """Return a scenario with starts and goals at rest; its least time is a guess."""
     vehicles = tuple(
         dataclasses.replace(each, start=State(each.start.position), goal=State(each.goal.position))
         for each in scenario.vehicles
@@ -197,9 +197,9 @@ def at_rest(scenario: Scenario) -> Scenario:
 
 
 def coarsening(steps: int, legs: int) -> int:
-    """Return the number of steps that are one in a first search for the times of waypoints.
+    """Return the coarsening factor of the grid for the first search for waypoint times.
 
-    A coarse grid gives most of these times in a fraction of the time.
+    A coarse grid gives most of these times at a fraction of the cost.
 
     Args:
         steps: number of steps.
@@ -212,7 +212,7 @@ def coarsening(steps: int, legs: int) -> int:
 
 
 def no_plan_alone(scenario: Scenario, backend: Backend) -> Exception:
-    """Return the error for vehicles that have no motion in any time, even without obstacles."""
+    """Return the error for vehicles without a motion of any duration, even without obstacles."""
     grid = dataclasses.replace(scenario.grid, step=_LONGER[1] * scenario.grid.step)
     try:
         first_plan(Problem.of(scenario.ending_with(grid)), backend=backend)
@@ -226,13 +226,13 @@ def no_plan_alone(scenario: Scenario, backend: Backend) -> Exception:
 
 
 def in_no_time(errors: Sequence[InfeasibleError], backend: Backend) -> InfeasibleError:
-    """Return the error of a scenario that has no plan in any final time.
+    """Return the error of a scenario without a plan for any final time.
 
-    The conflict of the first final time that does not involve the goal is more telling than that
-    of one which may be too short.
+    The first conflict that does not involve the goal is the most informative: the others may only
+    show that the final time is too short.
 
     Args:
-        errors: errors of the final times that were tried, the longest last.
+        errors: errors of the final times tried, the longest last.
         backend: solver that reduces the conflicts.
     """
     for error in errors:

@@ -1,10 +1,10 @@
-"""Lower bound of the least time of one vehicle, by branch and bound.
+"""Lower bound on the least time of one vehicle, by branch and bound.
 
-Motions are split into sets, each with a convex relaxation whose least time bounds theirs
-(`planning/programs/time_relaxation.py`). A set is an interval of final times, in which a vehicle
-is in a cone beyond the surface of an obstacle at some instants (`analysis/outside.py`), and near
-each waypoint in the middle of an interval of parts of the final time. The set with the least bound
-is split where its relaxed motion is least like a motion of the scenario.
+Motions are split into sets, and the least time of a convex relaxation bounds that of each set
+(`planning/programs/time_relaxation.py`). A set has an interval of final times, a cone beyond the
+surface of an obstacle at some instants (`analysis/outside.py`), and an interval of the normalised
+time of each waypoint, in the middle of which the vehicle is near it. The set with the least bound
+is split where its relaxed motion violates the scenario most.
 """
 
 from __future__ import annotations
@@ -36,13 +36,13 @@ from drake_rho.scenario.smoothing import largest_accelerations
 from drake_rho.scenario.waypoints import in_order
 
 _LOOSE = 1e-3
-"""Looseness of a relaxation from which on its interval of final times is halved."""
+"""Looseness of a relaxation above which its interval of final times is halved."""
 
 _SHORT = 1e-5
-"""Part of a final time to which intervals of final times, and of waypoints, are halved."""
+"""Width, as a part of a final time, to which intervals of final and waypoint times are halved."""
 
 _DEEP = 1e-4
-"""Depth in an obstacle, as a part of the least of its size and its distance, that is ignored."""
+"""Penetration that is ignored, as a part of the least of an obstacle's size and distance."""
 
 _SAMPLES = 33
 """Number of instants of an interval at which a motion is compared with a waypoint."""
@@ -64,11 +64,11 @@ class _Set:
     windows: FloatArray
     """first and last part of the final time at which waypoints are passed, shape (W, 2)"""
     relaxed: Relaxed | None = None
-    """solution of its relaxation, or of that of a larger set"""
+    """solution of its relaxation, or of a larger set's"""
 
 
 class TimeBound:
-    """Lower bound of the least time of one vehicle that becomes better step by step.
+    """Lower bound on the least time of one vehicle, improved step by step.
 
     Args:
         scenario: the scenario with one vehicle.
@@ -100,7 +100,7 @@ class TimeBound:
 
     @property
     def bound(self) -> float:
-        """Time that the vehicle takes at least, or the largest final time [s]."""
+        """Lower bound on the vehicle's final time, at most the largest one [s]."""
         return (1.0 - PRECISION) * min(self._open[0][0] if self._open else np.inf, self._final)
 
     def improve(self) -> bool:
@@ -122,7 +122,7 @@ class TimeBound:
         return True
 
     def _add(self, one: _Set) -> None:
-        """Add a set of motions, unless its relaxation has none."""
+        """Add a set of motions, unless its relaxation is infeasible."""
         check_time()
         self.relaxations += 1
         beyond = [self._beyond(one, key, cone) for key, cone in one.cones.items()]
@@ -142,7 +142,7 @@ class TimeBound:
         heapq.heappush(self._open, (bound, next(self._numbers), one))
 
     def _relaxations(self, longest: float) -> TimeRelaxations:
-        """Return the relaxations of motions that take at most a final time [s]."""
+        """Return the relaxations of motions up to a final time [s]."""
         if longest not in self._programs:
             grid = self._free.grid
             grid = dataclasses.replace(grid, step=longest / (grid.knots - 1))
@@ -173,9 +173,9 @@ class TimeBound:
                 yield dataclasses.replace(one, cones={**one.cones, key: each})
 
     def _deepest(self, one: _Set, relaxed: Relaxed) -> tuple[float, _Key | None]:
-        """Return the largest depth of a relaxed motion in an obstacle [m], and where it is.
+        """Return the deepest penetration of an obstacle by a relaxed motion [m], and its key.
 
-        The index of the instant is -1 if the obstacle is there in a part of the interval only.
+        The index of the instant is -1 if the obstacle is active in a part of the interval only.
         """
         motion, deepest, key = relaxed.motion, 0.0, None
         times = relaxed.duration * self._parts
@@ -199,15 +199,15 @@ class TimeBound:
         return deepest, key
 
     def _required(self, obstacle: Obstacle) -> float:
-        """Return the distance that the vehicle keeps from an obstacle at all times [m]."""
+        """Return the distance required from an obstacle at all times [m]."""
         radius = float(self._scenario.fleet.radii[0])
         return radius + obstacle.deviation + obstacle.position_error
 
     def _present(self, one: _Set, obstacle: Obstacle) -> tuple[BoolArray, BoolArray]:
-        """Return at which instants an obstacle is there, and moves straight, for all final times.
+        """Return the instants at which an obstacle is active and moves straight.
 
         Returns:
-            Mask of these instants, and of those at which this holds for some final times.
+            Masks of the instants at which this holds for all final times, and for some.
         """
         first, last = self._parts * one.shortest, self._parts * one.longest
         corners, active = obstacle.corners, (obstacle.is_active(first), obstacle.is_active(last))
@@ -228,7 +228,7 @@ class TimeBound:
         return Place(float(self._parts[k]), last + kept.middle, velocity, *self._half_spaces[known])
 
     def _near(self, one: _Set, number: int) -> Place:
-        """Return the ball around a waypoint in which the vehicle is in the middle of its window."""
+        """Return the ball around a waypoint that contains the vehicle in mid-window."""
         waypoint, (first, last) = self._waypoints[number], one.windows[number]
         middle = (first + last) / 2.0
         away = max(
@@ -240,10 +240,10 @@ class TimeBound:
         return Place(middle, waypoint.position, np.zeros(3), *none, away + waypoint.within)
 
     def _farthest(self, longest: float, first: float, last: float) -> float:
-        """Return how far the vehicle flies at most between two parts of a final time [m].
+        """Return an upper bound on the distance flown between two parts of a final time [m].
 
-        Its speed is at most that of a start, or of a goal, with the largest acceleration. Of this
-        concave bound the maximum is taken, at which both are equal.
+        The speed is bounded by accelerating from the start, and by braking to the goal, at the
+        largest acceleration. The bound is the maximum of the smaller of both, where they meet.
         """
         start, goal, most, acceleration = self._speeds
         if np.isfinite(acceleration):
@@ -255,7 +255,7 @@ class TimeBound:
 
     @cached_property
     def _speeds(self) -> tuple[float, float, float, float]:
-        """Speeds at start and goal, the largest speed [m/s] and the largest acceleration [m/s²]."""
+        """Speeds at start and goal, largest speed [m/s] and largest acceleration [m/s²]."""
         fleet, most = self._free.fleet, np.inf
         start, goal = (
             float(np.linalg.norm(each[0]))

@@ -1,4 +1,4 @@
-"""Record of the gap of a plan's final time to a lower bound of that of every plan."""
+"""Record of a lower bound on the final time of every plan, and of a plan's gap to it."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from drake_rho.system.html import html_table
 from drake_rho.system.numbers import percent
 
 GLOBAL_TIME_GAP = 1e-4
-"""Relative gap up to which a final time counts as the least: searches for it end with gaps of about
-a tenth of this."""
+"""Relative gap up to which a final time counts as the least; searches converge to about a tenth of
+this."""
 
 _MAX_ROWS = 20
 """Largest number of vehicles that a printed certificate shows: those with the largest bounds."""
@@ -22,17 +22,17 @@ _HEADS = ("vehicle", "lower bound", "gap")
 
 @dataclasses.dataclass(frozen=True)
 class VehicleTimeBound(metaclass=Described):
-    """Lower bound of the time that one vehicle takes alone."""
+    """Lower bound on the final time of one vehicle alone."""
 
     vehicle: str
     """name of the vehicle"""
     bound: float
-    """time that it takes at least [s]; at most that of the plan"""
+    """lower bound [s], at most the plan's final time"""
 
 
 @dataclasses.dataclass(frozen=True)
 class TimeCertificate(metaclass=Described):
-    """Bound on how far a plan's final time is from the least; prints as a short table."""
+    """Lower bound on the final time of every plan, with a plan's gap to it; prints as a table."""
 
     scenario: Scenario
     """scenario of the plan"""
@@ -41,11 +41,11 @@ class TimeCertificate(metaclass=Described):
     holds: bool
     """whether the plan satisfies its constraints; one that does not may take less than the bound"""
     left_out: tuple[str, ...] = ()
-    """what the bound does not count; it may account for a part of the gap"""
+    """constraints that the bound leaves out; they may account for a part of the gap"""
     relaxations: int = 0
     """number of convex programs that were solved"""
     cut: bool = False
-    """whether the search ended before the gap was as small as wanted: by time or number"""
+    """whether a limit on time or programs ended the search before the wanted gap was reached"""
 
     @property
     def duration(self) -> float:
@@ -54,7 +54,7 @@ class TimeCertificate(metaclass=Described):
 
     @property
     def bound(self) -> float:
-        """Time that every plan takes at least [s]: the largest bound of a vehicle."""
+        """Lower bound on the final time of every plan [s]: the largest bound of a vehicle."""
         return max(each.bound for each in self.vehicles)
 
     @property
@@ -69,7 +69,7 @@ class TimeCertificate(metaclass=Described):
 
     @property
     def premise(self) -> str:
-        """For which plans the bound holds."""
+        """Plans for which the bound holds."""
         words = [f"plans on {self.scenario.grid.knots} knots"]
         if any(each.waypoints for each in self.scenario.vehicles):
             words.append("with waypoints at any times, in the order of this plan")

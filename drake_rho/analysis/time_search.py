@@ -1,4 +1,4 @@
-"""Search for the plan of least time: first motions, and how each of them gets faster."""
+"""Minimum-time search: first motions, and local optimisation around each of them."""
 
 from __future__ import annotations
 
@@ -31,42 +31,42 @@ from drake_rho.scenario.records import Grid, Scenario
 from drake_rho.scenario.waypoints import AllWaypoints
 
 _LONGER = 1.3, 2.0, 4.0, 8.0
-"""Multiples of the least time without obstacles and other vehicles in which a first plan is sought,
-around which both are linearised."""
+"""Durations of first plans, as multiples of the least time without obstacles and other vehicles;
+obstacles and pairs are linearised around these plans."""
 
 _LITTLE_LONGER = 1.05, 1.15
-"""Multiples in which motions near those of vehicles alone are sought before."""
+"""Multiples tried before these, for motions near those of vehicles alone."""
 
 _LESS = 0.02, 0.005
-"""Parts by which the time of a local optimum is reduced for another plan near it."""
+"""Relative reductions of the time of a local optimum, for another plan near it."""
 
 _SEARCHES = 2
-"""Number of searches for plans in less time than a local optimum."""
+"""Number of searches for plans faster than a local optimum."""
 
 _ROUGHLY = 3e-3
-"""Relative fall of the final time at which motions along different paths are compared."""
+"""Convergence tolerance on the final time when motions along different paths are compared."""
 
 _SPARE = 1e-3
-"""Part by which a time in which plans are sought first is longer than the least time of a vehicle
-alone: at that itself there is at most one motion, around which programs take very long."""
+"""Relative excess of the first duration tried over the least time of a vehicle alone: at the least
+time there is at most one motion, around which programs take very long."""
 
 _SAME = 1e-6
 """Relative difference of final times that counts as none."""
 
 _WORTHWHILE = 0.01
-"""Part of the final time that has to be possible to gain for another search."""
+"""Smallest possible gain, as a part of the final time, that is worth another search."""
 
 
 class TimeSearch:
-    """Search for the plan of least time of one scenario.
+    """Minimum-time search for one scenario.
 
     Args:
         scenario: scenario to plan for.
         grid: grid of the first motion, with the knots of the plan.
         backend: solver of first plans.
-        progress: called with descriptions of what is being done.
+        progress: called with a description of the current step.
         options: bounds of the searches.
-        each: whether vehicles arrive one by one, as soon as each can.
+        each: whether every vehicle arrives as early as it can, not all together.
     """
 
     def __init__(
@@ -92,7 +92,7 @@ class TimeSearch:
     def plan(self) -> Plan:
         """Return the plan of least time.
 
-        Where solvers are too inexact for the limits, it is the one that bisection finds.
+        Where solvers are too inexact for the limits, this is the plan found by bisection.
         """
         scenario = self._scenario
         alone = TimesAlone(scenario, self._waypoints, self._backend, self._progress)
@@ -119,12 +119,12 @@ class TimeSearch:
 
     @property
     def _apart(self) -> bool:
-        """Whether vehicles have to keep a distance or a link."""
+        """Whether the scenario has a separation or links."""
         return self._scenario.separation is not None or Problem.of(self._scenario).has_links
 
     @property
     def _binds_more(self) -> bool:
-        """Whether anything is required beside what each vehicle has to keep by itself."""
+        """Whether there are constraints besides those of each vehicle alone."""
         scenario = self._scenario
         own = of_each_alone(scenario).requirements
         more = scenario.smoothing is not None or len(own) < len(scenario.requirements)
@@ -133,10 +133,10 @@ class TimeSearch:
     def _no_later_than_known(
         self, best: Timed | None, alone: Timed | None, failure: Exception | None
     ) -> Timed:
-        """Return a motion that takes no longer than the scenario itself, if `rho.plan` has a plan.
+        """Return a motion no slower than the scenario's own final time, if `rho.plan` has a plan.
 
         Args:
-            best: motion found; None without one.
+            best: motion found so far, if any.
             alone: motion in the least time of each vehicle alone, if known.
             failure: error to raise if there is no motion at all.
         """
@@ -160,7 +160,7 @@ class TimeSearch:
         return self._shortest([partial(_same, known), partial(self._least.around, known)])
 
     def _arriving(self, best: Timed, alone: FloatArray) -> Timed:
-        """Return a motion in which vehicles arrive one by one, if that is asked for.
+        """Return a motion with the earliest arrival of each vehicle, if the search is for one.
 
         Args:
             best: motion in which all arrive at the last knot.
@@ -174,7 +174,7 @@ class TimeSearch:
         return best
 
     def _together(self, alone: Timed) -> Timed:
-        """Return the motion in the least time in which all arrive.
+        """Return the least-time motion in which all vehicles arrive together.
 
         Args:
             alone: motion of each vehicle alone.
@@ -197,12 +197,12 @@ class TimeSearch:
         return best
 
     def _least_of(self, alone: Timed) -> float:
-        """Return a time below which there is next to no plan, by a motion of vehicles alone [s]."""
+        """Return a near lower bound of the final time, by a motion of vehicles alone [s]."""
         given = self._waypoints.given.any()
         return latest(self._scenario, alone.passing) if given else alone.duration
 
     def _along_paths(self, alone: Timed) -> Timed | None:
-        """Return the motion in least time of one vehicle near paths around the obstacles."""
+        """Return the least-time motion of one vehicle near paths around the obstacles."""
         tell(self._progress, "looking for paths around the obstacles")
         timed = self._lasting(alone, _LONGER[0] * alone.duration)
         problem = self._problem(timed)
@@ -214,10 +214,10 @@ class TimeSearch:
         return best and self._shortest([partial(_same, best), partial(self._least.around, best)])
 
     def _by_bisection(self, alone: Timed, *, coupled: bool = True) -> Timed | None:
-        """Return the motion in least time near the plan that bisection of the final time finds.
+        """Return the least-time motion near the plan found by bisection of the final time.
 
         Args:
-            alone: motion with times of waypoints that are to be kept in proportion.
+            alone: motion whose waypoint times are scaled with the final time.
             coupled: whether one program of all vehicles is solved afterwards.
         """
         trials = Trials(self._backend, self._progress)
@@ -238,7 +238,7 @@ class TimeSearch:
         return self._shortest([partial(self._least.around, start), partial(_same, start)])
 
     def _around_alone(self, alone: Timed) -> Timed | None:
-        """Return a fleet's motion in least time near those of single vehicles, or None."""
+        """Return a fleet's least-time motion near those of its vehicles alone, or None."""
         least = self._least_of(alone)
         for longer in (1.0, 1.0 + _SPARE, *_LITTLE_LONGER, *_LONGER):
             near = partial(self._least.around, self._lasting(alone, longer * least))
@@ -247,7 +247,7 @@ class TimeSearch:
         return None
 
     def _from_first_plans(self, alone: Timed) -> Timed:
-        """Return a motion in least time near a first plan in more time."""
+        """Return a least-time motion near a slower first plan."""
         failures = list[Exception]()
         for longer in (1.0, *_LONGER) if self._waypoints.given.any() else _LONGER:
             try:
@@ -260,16 +260,16 @@ class TimeSearch:
         if infeasible := [each for each in failures if isinstance(each, InfeasibleError)]:
             raise in_no_time(infeasible, self._backend)
         refused = [each for each in failures if isinstance(each, ScenarioError)]
-        if refused:  # in every final time, by what is required of goals and waypoints then
+        if refused:  # a goal or a waypoint is not allowed in any of the final times
             because = f"in no final time that was tried; in the last, {refused[-1]}"
             raise InfeasibleError({}, because=because)
         none = SolverError("no motion was found around the first plans")
         raise failures[-1] if failures else none
 
     def _shorter(self, low: float, best: Timed) -> Timed:
-        """Return a motion that takes less time than a local optimum, if one is found.
+        """Return a faster motion than a local optimum, if one is found.
 
-        Plans are sought in a little less time near the motion, and then in much less time anywhere.
+        Slightly faster plans are sought near the motion first, then much faster ones anywhere.
 
         Args:
             low: time below which there is no motion [s].
@@ -291,7 +291,7 @@ class TimeSearch:
         return best
 
     def _shortest(self, searches: Iterable[Callable[[], Timed | None]]) -> Timed | None:
-        """Return the shortest result of several searches; None if none has any."""
+        """Return the fastest motion that several searches find; None if none finds any."""
         best: Timed | None = None
         for search in searches:
             found = None
@@ -306,10 +306,10 @@ class TimeSearch:
         return best
 
     def _lasting(self, like: Timed, duration: float) -> Timed:
-        """Return a motion of the scenario in another final time, or the least that it may take.
+        """Return a motion scaled to another final time, or to the least that is allowed.
 
         Args:
-            like: motion with times of waypoints that are to be kept in proportion.
+            like: motion whose waypoint times are scaled with the final time.
             duration: final time [s].
         """
         smoothing, steps = self._scenario.smoothing, self._scenario.grid.knots - 1
@@ -319,7 +319,7 @@ class TimeSearch:
         return dataclasses.replace(like.lasting(duration), scenario=self._scenario)
 
     def _problem(self, timed: Timed) -> Problem:
-        """Return the problem with all waypoints in the final time, and at the times, of a motion.
+        """Return the problem with the final time and the waypoint times of a motion.
 
         Raises:
             ScenarioError: a goal or a waypoint is not allowed then.
@@ -327,7 +327,7 @@ class TimeSearch:
         return Problem.of(self._plans.scenario(timed.grid, timed.passing.times))
 
     def _from_near(self, like: Timed, duration: float) -> Timed | None:
-        """Return a motion in the least time from a plan near another, in a given time [s]."""
+        """Return a least-time motion from a plan of given duration [s] near another motion."""
         timed = self._lasting(like, duration)
         problem = self._problem(timed)
         reference = Plan.from_motion(problem.scenario, timed.motion)
@@ -337,11 +337,11 @@ class TimeSearch:
     def _from_first_plan(
         self, like: Timed, duration: float, *, quick: bool = False
     ) -> Timed | None:
-        """Return a motion in the least time from a first plan in a given time; None if none.
+        """Return a least-time motion from a first plan of given duration; None if none.
 
         Args:
-            like: motion with times of waypoints that are to be kept in proportion.
-            duration: time of the first plan [s].
+            like: motion whose waypoint times are scaled with the final time.
+            duration: duration of the first plan [s].
             quick: whether few paths are tried.
         """
         timed = self._lasting(like, duration)
@@ -355,7 +355,7 @@ class TimeSearch:
         """Return a motion as a plan with the statistics of the whole search.
 
         Raises:
-            InfeasibleError: vehicles have to hold at their goals, and cannot from this time on.
+            InfeasibleError: vehicles cannot hold at their goals from this time on, as required.
             SolverError: the motion violates a constraint.
         """
         plan = self._plans.of(best)
@@ -365,5 +365,5 @@ class TimeSearch:
 
 
 def _same(timed: Timed) -> Timed:
-    """Return a motion that is known."""
+    """Return a known motion, in place of a search."""
     return timed

@@ -1,4 +1,4 @@
-"""What makes a flight in the least time as long as it is: each limit relaxed a little, in turn."""
+"""Sensitivity of the least time to limits, by relaxing each limit slightly in turn."""
 
 from __future__ import annotations
 
@@ -21,29 +21,29 @@ from drake_rho.scenario.records import Scenario
 from drake_rho.scenario.waypoints import AllWaypoints
 
 _REACH = 0.02
-"""Part of the final time by which times may change in a program with a relaxed limit."""
+"""Step bound on times in a program with a relaxed limit, as a part of the final time."""
 
 _LONGER = 0.01
-"""Relative fall of the final time near a plan from which on it is none of least time."""
+"""Relative fall of the final time above which a plan is not of least time."""
 
 _EFFECT = 1e-5
-"""Least effect that counts: the least time has not converged to more digits."""
+"""Least effect that counts: the least time has converged to no more digits."""
 
 _SHARE = 0.1
-"""Part of a limit's effect that is lost with a vehicle if the limit counts for it."""
+"""Part of a limit's effect that a vehicle has to contribute to be named."""
 
 
 class SensitivityAnalysis:
     """Sensitivity of the least time of one plan to each of its limits.
 
-    The program with a free final time around the plan is solved once with every limit as it is and
-    once for each limit relaxed by a little. At a local optimum the difference is the change of
-    the least time to first order: where limits and positions bend, the program's rows are tangents.
+    The program with a free final time around the plan is solved once with every limit as it is, and
+    once with each limit slightly relaxed. At a local optimum the difference is the change of the
+    least time to first order: the program's rows are tangents of curved limits and motions.
 
     Args:
         plan: plan in the least time.
-        planned: scenario that was planned for; waypoints without a time there are free. If not
-            given, all are.
+        planned: scenario that was planned for; waypoints without a time there are free. All are
+            free if not given.
         progress: called with a short description of the current step.
 
     Raises:
@@ -70,7 +70,7 @@ class SensitivityAnalysis:
         self._without = least
 
     def result(self) -> TimeSensitivity:
-        """Return the sensitivities, as far as there is time."""
+        """Return the sensitivities found within the time limit."""
         effects, cut = list[LimitEffect](), False
         scenario = self._timed.scenario
         try:
@@ -87,7 +87,7 @@ class SensitivityAnalysis:
         return TimeSensitivity(scenario, self._timed.duration, tuple(effects), cut)
 
     def _needing(self, relaxation: Relaxation, less: float) -> IntArray:
-        """Return the vehicles without which a part of a relaxation's effect is lost."""
+        """Return the vehicles that contribute to a relaxation's effect."""
         who = relaxation.vehicles
         if len(who) == 1 or not relaxation.for_each:
             return who
@@ -95,7 +95,7 @@ class SensitivityAnalysis:
         return who[lost > _SHARE * less]
 
     def _less(self, relaxation: Relaxation, vehicles: IntArray) -> float:
-        """Return the relative fall of the final time by a change of unit size."""
+        """Return the relative fall of the final time per change of unit size."""
         found = self._duration(relaxation.relaxed(self._timed, vehicles))
         if found is None:
             return 0.0
@@ -112,7 +112,7 @@ def timed_of(plan: Plan, planned: Scenario | None) -> Timed:
 
     Args:
         plan: the plan.
-        planned: scenario with the times that are given; if not given, none is.
+        planned: scenario with the given waypoint times; all are free if not given.
 
     Raises:
         ValueError: the scenario has other vehicles or waypoints.

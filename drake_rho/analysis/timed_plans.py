@@ -1,4 +1,4 @@
-"""Plans of motions whose times were found: every limit is met, despite rounding."""
+"""Plans from least-time motions, which meet every limit despite rounding."""
 
 from __future__ import annotations
 
@@ -20,21 +20,21 @@ from drake_rho.scenario.waypoints import AllWaypoints
 from drake_rho.verification.verify import verify
 
 _SLOWER = 0.0, 1e-8, 1e-7, 1e-6, 1e-5, 1e-4
-"""Parts by which a final time is increased until the motion meets every limit despite rounding."""
+"""Relative increases of a final time, tried until the motion meets every limit."""
 
 _ROUNDS = 3
-"""Number of programs that are solved to more digits. With a smoothing waypoints are exact in the
-time around which a program is written, and averages are as wide in any other."""
+"""Number of programs that are solved to more digits. With a smoothing, waypoints are exact only in
+the final time around which a program is linearised, since the width of averages is fixed."""
 
 
 class TimedPlans:
-    """Plans of one scenario in final times, and with times of waypoints, that were found.
+    """Plans of one scenario with optimised final and waypoint times.
 
     Args:
         scenario: scenario to plan for.
         waypoints: its waypoints.
-        progress: called with descriptions of what is being done.
-        steady: whether nothing but the motion depends on time.
+        progress: called with a description of the current step.
+        steady: whether only the motion depends on time.
 
     Attributes:
         statistics: statistics of all programs.
@@ -60,11 +60,11 @@ class TimedPlans:
     def of(self, best: Timed) -> Plan:
         """Return a motion as a plan.
 
-        Limits that rounding exceeds are met by a motion that is slower by a few roundings, or by
-        that of a program that is solved to more digits, with a little more time if there is none.
+        If rounding errors exceed limits, the motion is slowed by a few of them. If that does not
+        suffice, a program is solved to more digits, with slightly more time if necessary.
 
         Raises:
-            InfeasibleError: vehicles have to hold at their goals, and cannot from this time on.
+            InfeasibleError: vehicles cannot hold at their goals from this time on, as required.
             SolverError: the motion violates a constraint.
         """
         plan = self._met(best) or self._in_little_more_time(best)
@@ -73,7 +73,7 @@ class TimedPlans:
         return plan
 
     def _in_little_more_time(self, best: Timed) -> Plan:
-        """Return a motion near another as a plan, in as little more time as it takes.
+        """Return a plan near a motion, with as little more time as necessary.
 
         Raises:
             SolverError: it violates a constraint.
@@ -99,7 +99,7 @@ class TimedPlans:
         return plan
 
     def _met(self, best: Timed) -> Plan | None:
-        """Return a motion as a plan, slower by a few roundings if necessary; None if it is none."""
+        """Return a motion as a plan, slowed by a few rounding errors if necessary, or None."""
         for motion in (best, best.to_rounding()) if len(best.passing) > 0 else (best,):
             for slower in _SLOWER if self._steady else _SLOWER[:1]:
                 plan = self._plan(motion.lasting((1.0 + slower) * motion.duration))
@@ -108,7 +108,7 @@ class TimedPlans:
         return None
 
     def _plan(self, timed: Timed) -> Plan:
-        """Return the plan of a motion, with goals that are reached to rounding."""
+        """Return the plan of a motion, with goals reached to rounding."""
         problem = Problem.of(self.scenario(timed.grid, timed.passing.times))
         every = np.arange(len(problem))
         accelerations = problem.effort.goals.met_by(timed.accelerations, every)

@@ -1,4 +1,4 @@
-"""Trials whether variants of a scenario have a plan, and the factors at which they begin to."""
+"""Feasibility trials of variants of a scenario, and bisection of factors with them."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ PRECISION = 1e-4
 """Relative precision of the shortest duration and of the smallest relaxation."""
 
 PRECISION_WITH_OBSTACLES = 1e-3
-"""Relative precision with obstacles, where a trial may have to search for paths round them."""
+"""Relative precision with obstacles, where a trial may have to search for paths around them."""
 
 PRECISION_WITH_SEPARATION = 1e-2
 """Relative precision for fleets with a separation, where a trial that fails is a long search."""
@@ -32,7 +32,7 @@ LARGEST_FACTOR = 2.0**10
 
 
 _MAX_RESTARTS = 3
-"""Largest number of bisections, each begun beyond the boundary that local trials found before."""
+"""Largest number of bisections; each begins beyond the boundary that local trials found last."""
 
 
 SHORTER = 0.5**0.5
@@ -41,7 +41,7 @@ far below 1, because the range of feasible durations may be narrow."""
 
 
 class Trials:
-    """Sequence of trials whether variants of a scenario have a plan.
+    """Sequence of feasibility trials of variants of a scenario.
 
     The plan of one trial is the initial guess for the next.
 
@@ -67,11 +67,11 @@ class Trials:
         self._backend, self._progress = backend, progress
 
     def begin(self, plan: Plan | None) -> None:
-        """Begin with the plan of the original scenario, or with the knowledge that it has none."""
+        """Begin with the plan of the original scenario; None if it has none."""
         self.plan, self.feasible = plan, plan is not None
 
     def go_back_to(self, plan: Plan | None) -> None:
-        """Make an earlier plan the initial guess of the next trial again."""
+        """Make an earlier plan the initial guess of the next trial."""
         self.plan = plan
 
     def stop(self) -> None:
@@ -112,7 +112,7 @@ class Trials:
 
 
 class Trial(Protocol):
-    """Trial whether there is a plan with a factor; `near` searches near the last plan only."""
+    """Feasibility trial of a factor; `near` searches near the last plan only."""
 
     def __call__(self, factor: float, near: bool = False) -> bool:
         """Return whether there is a plan."""
@@ -142,7 +142,7 @@ def some_factor(
 
 
 def boundary(has_plan: Trial, one: float, other: float, precision: float) -> float:
-    """Return the last factor with a plan between `one`, which has a plan, and `other`.
+    """Return the last feasible factor between `one`, which is feasible, and `other`.
 
     The bisection searches near the plans found before, which takes a fraction of the time. At its
     end a full search is made just beyond the boundary; if it finds a plan, bisection goes on there.
@@ -165,14 +165,14 @@ def durations(
     variant: Callable[[float], Scenario] | None = None,
     largest: float = LARGEST_FACTOR,
 ) -> tuple[float | None, float | None]:
-    """Return the least duration with a plan, and the greatest if below the scenario's [s].
+    """Return the least feasible duration, and the greatest if below the scenario's [s].
 
-    Both are None if no plan is found. The greatest is None, too, if the scenario's own duration or
+    Both are None if no plan is found. The greatest is also None if the scenario's own duration or
     a longer one has a plan.
 
     Args:
-        scenario: of a duration of which others are multiples.
-        trials: makes the trials; its plan is one of the least duration in the end.
+        scenario: the scenario, whose duration is multiplied by factors.
+        trials: makes the trials; in the end its plan is one of the least duration.
         variant: returns the scenario with a multiple of its duration; `rescaled` if not given.
         largest: largest multiple that is tried.
     """
@@ -200,6 +200,6 @@ def durations(
 
 
 def precision_of(scenario: Scenario) -> float:
-    """Return the relative precision to which trials of a scenario are worth their time."""
+    """Return the relative precision to which a scenario's factors are bisected."""
     precision = PRECISION_WITH_OBSTACLES if scenario.obstacles else PRECISION
     return PRECISION_WITH_SEPARATION if scenario.separation is not None else precision

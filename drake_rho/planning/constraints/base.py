@@ -61,7 +61,7 @@ class Quadratic:
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class Constraint(abc.ABC):
-    """A constraint on all vehicles, in the only terms that programs and messages use."""
+    """Constraint on all vehicles, as programs and messages see it."""
 
     kind: str
     """kind of the requirement, one of `drake_rho.scenario.kinds.KINDS`"""
@@ -90,7 +90,7 @@ class Constraint(abc.ABC):
     active: tuple[float, float] | None = None
     """first and last active time since the first knot [s]; None if it is always active"""
     of_parts: bool = False
-    """true if sides are numbers of a map's parts, of which a motion meets one after the other"""
+    """true if sides are numbers of a map's parts, which a motion meets one after the other"""
     clock: Clock = EXACT
     """clock by which instants are compared with the active interval"""
     averaged: Smoothing | None = None
@@ -99,8 +99,8 @@ class Constraint(abc.ABC):
     """true if it bounds the jerk of averages: changes of acceleration over their width, which does
     not change with the step"""
     pieces: int = 1
-    """number of equal pieces of each step (`Motion.subdivided`), each with knots and a margin of
-    its own"""
+    """number of equal pieces of each step (`Motion.subdivided`), each with its own knots and
+    margin"""
 
     @abc.abstractmethod
     def violated_rows(
@@ -128,7 +128,7 @@ class Constraint(abc.ABC):
         return HalfSpaces(self, *_NONE)
 
     def renewed(self, rows: HalfSpaces) -> HalfSpaces:
-        """Return rows around another reference as this constraint writes them around its own."""
+        """Return rows of another reference, linearised around this constraint's own."""
         return dataclasses.replace(rows, constraint=self)
 
     def bounds_at(self, rows: HalfSpaces, times: FloatArray) -> FloatArray:

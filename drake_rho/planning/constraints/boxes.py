@@ -49,7 +49,7 @@ class KeepInBox(Constraint):
     def violated_rows(
         self, motion: Motion, vehicles: IntArray, *, between: bool = False, neighbours: int = 0
     ) -> HalfSpaces:
-        """Return rows of violated sides at the knots, or at turning points of a coordinate."""
+        """Return rows of violated sides at the knots, or at extrema of a coordinate."""
         motion = motion.subdivided(self.pieces)
         if between:
             return self._violated_between(motion, vehicles)
@@ -106,10 +106,10 @@ class KeepInBox(Constraint):
         return HalfSpaces(self, vehicles, vehicles, sides, times, _SIDES[sides], bounds, tolerances)
 
     def every_row(self, motion: Motion) -> HalfSpaces:
-        """Return the rows of all sides that a box has at all constrained knots.
+        """Return the rows of all bounded sides at all constrained knots.
 
         Args:
-            motion: the motion of all vehicles, which tells where jerks are unknown and so free.
+            motion: the motion of all vehicles; where its jerks are unknown, they are free.
         """
         count, knots = len(motion.before), len(self.times)
         vehicles, rest = np.divmod(np.arange(6 * count * knots), 6 * knots)

@@ -1,4 +1,4 @@
-"""Constraints of a scenario, and a table of how planners treat each kind of requirement."""
+"""Constraints of a scenario, and a table of the planners' treatment of each requirement kind."""
 
 from __future__ import annotations
 

@@ -40,7 +40,7 @@ class KeepOutOfShape(KeepOutOfObstacle):
             at = points.times[row : row + 1]
             velocity = self.reference.each_at("velocity", points.vehicles[row : row + 1], at)
             side = side_of(np.zeros(3), (velocity - self.obstacle.velocities(at))[0])
-            if np.isfinite(shape.local_support(side)):  # not along an endless cylinder's axis
+            if np.isfinite(shape.local_support(side)):  # not along an infinite cylinder's axis
                 directions[row] = side
         return directions
 
@@ -89,8 +89,8 @@ class KeepOutOfShape(KeepOutOfObstacle):
     def violated_at_knots(self, motion: Motion, vehicles: IntArray, neighbours: int) -> HalfSpaces:
         """Return violated rows at inner knots, together with the rows of neighbouring knots.
 
-        The reference is as far above the bound of a row as it is outside the required distance.
-        A motion can violate the row only if its distance from the reference is larger.
+        The reference's margin to a row is its clearance beyond the required distance. A motion can
+        violate the row only if its distance from the reference is larger.
         """
         checked = vehicles if len(vehicles) < len(self.required) else slice(None)
         moved = motion.positions[checked, 1:-1] - self.reference.positions[checked, 1:-1]

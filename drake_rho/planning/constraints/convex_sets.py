@@ -25,7 +25,7 @@ _SOFT_THRESHOLD = 1e3
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class EvaluatedValues:
-    """Values of a quantity that are required to be in their vehicles' sets."""
+    """Values of a quantity to keep in their vehicles' sets."""
 
     vehicles: IntArray
     """indices of the vehicles in increasing order, shape (R,)"""
@@ -43,11 +43,10 @@ class KeepInSets(Constraint):
     the inward normal at the point of C nearest to x, and h is the support function of C. For a
     ball of radius r around c the half-space is n · (value - c) >= -r.
 
-    Each round adds the tangent planes of all values that are still outside and divides the excess
-    by at least four: between two tangent planes at an angle of 2 φ the relative excess is at most
-    φ² / 2, and the next tangent plane halves the angle. For a single point, the ball of radius
-    zero, each plane is orthogonal to the active ones, so that three suffice if no other constraint
-    interferes.
+    Each round adds the tangent planes of all values outside, and divides the excess by at least
+    four: between two tangent planes at an angle of 2 φ the relative excess is at most φ² / 2, and
+    the next tangent plane halves the angle. For a single point, the ball of radius zero, each plane
+    is orthogonal to the active ones, so that three suffice if no other constraint interferes.
     """
 
     sets: ConvexSets
@@ -59,8 +58,8 @@ class KeepInSets(Constraint):
     threshold: float = VIOLATED
     """violation, in tolerances, up to which no row is added"""
     roundings: FloatArray | float = 0.0
-    """bounds on the rounding errors of values, by which bounds are lower: else planes through one
-    point far from the origin may contradict each other, in the quantity's unit, shape (N,)"""
+    """bounds on the rounding errors of values, subtracted from the rows' bounds, in the quantity's
+    unit, shape (N,): else planes through one point far from the origin may contradict each other"""
 
     def margin(self, times: FloatArray) -> FloatArray:
         """Return margins of values at times since the first knot [s], in the quantity's unit."""
@@ -90,8 +89,8 @@ class KeepInSets(Constraint):
     def _with_faces(self, rows: HalfSpaces) -> HalfSpaces:
         """Return rows together with the faces of a polyhedron around the set at their instants.
 
-        Without these faces, a motion for which only violations are penalised may move far away in
-        a direction that no tangent plane bounds yet.
+        Without these faces, a motion with penalised violations only may move far away in a
+        direction that no tangent plane bounds yet.
         """
         outward = self.sets.around(rows.vehicles)
         every = np.tile(np.arange(len(rows)), len(outward))

@@ -13,10 +13,10 @@ class Coupling:
     name: str
     """name of the coupling, for options and messages"""
     responsibility: float
-    """part of the distance between the vehicles of a reference that one row is responsible for: 1
-    for a single row about their difference, 1/2 for two rows, one for each vehicle"""
+    """responsibility of one row for the distance between the vehicles of a reference: 1 for a
+    single row about their difference, 1/2 for two rows, one for each vehicle"""
     in_groups: bool = False
-    """true if references are planned in which groups of vehicles are coupled"""
+    """true if references are planned with groups of coupled vehicles"""
 
     @property
     def together(self) -> bool:

@@ -1,7 +1,6 @@
 """Goal constraints (3) as rows, for problems in which goals may be missed.
 
-In all other problems goals hold exactly, because programs are written in the space of motions that
-reach them.
+In all other problems goals hold exactly, because programs only contain motions that reach them.
 """
 
 from __future__ import annotations
@@ -20,7 +19,7 @@ from drake_rho.scenario.shapes.base import TOLERANCE
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class ReachGoal(Constraint):
-    """Constraint on one axis of the position or the velocity at the last knot to equal the goal."""
+    """Goal constraint on one axis of the position or the velocity at the last knot."""
 
     axis: int
     """index of the axis, 0, 1 or 2"""

@@ -1,4 +1,4 @@
-"""Base class of collision avoidance: vehicles stay outside of a convex set, which may move.
+"""Base class of collision avoidance: vehicles keep out of a convex set, which may move.
 
 S is an obstacle (8) with a known trajectory c(t) of its centre, or a set around another vehicle.
 Let x be the position relative to the centre c, h the support function of S, and n a unit vector
@@ -89,7 +89,7 @@ class KeepOut(Constraint):
 
     @abc.abstractmethod
     def penetrations(self, motion: Motion, vehicles: IntArray) -> EvaluationPoints:
-        """Return points where a motion is inside S: worst instants, or knots if only they count."""
+        """Return points of a motion inside S: worst instants, or knots if only knots count."""
 
     @abc.abstractmethod
     def rows(self, points: EvaluationPoints) -> HalfSpaces:

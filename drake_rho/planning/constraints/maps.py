@@ -1,9 +1,8 @@
-"""Collision avoidance with maps: rows of the parts near a motion, found by their tree.
+"""Collision avoidance with maps: rows of the parts near a motion, found with a tree.
 
-A map has thousands of parts, of which a motion meets few. Rows are written for the parts that a
-motion is too close to, and for no others: their half-spaces exclude more than the parts do, so that
-a motion clear of all parts is a solution whether or not it obeys the half-spaces of parts it never
-meets. The number of a part is the side of its rows.
+A map has thousands of parts, of which a motion meets few. Only the parts that a motion is too close
+to have rows: a half-space excludes more than its part, and a motion clear of all parts need not
+satisfy the half-spaces of distant ones. The number of a part is the side of its rows.
 """
 
 from __future__ import annotations
@@ -41,8 +40,8 @@ class KeepOutOfMap(KeepOutOfObstacle):
         """Return the rows n · p >= n · c + h(n) + r of the parts at points.
 
         The normal n points from the nearest point of the part to the reference. Where the reference
-        is inside the map, all parts push it the same way, to the nearest point of the surface: each
-        by itself would push it into the next.
+        is inside the map, all parts have the normal towards the nearest point of the surface: with
+        its own normal, each would push the motion into the next part.
         """
         assert points.parts is not None  # noqa: S101  # points of maps have them
         shape, parts, x = self.shape, points.parts, self.offsets(self.reference, points)
@@ -71,10 +70,10 @@ class KeepOutOfMap(KeepOutOfObstacle):
         return self.most_violated(motion, rows)
 
     def penetrations(self, motion: Motion, vehicles: IntArray) -> EvaluationPoints:
-        """Return the deepest instant of each penetrating step, with the part that it is in.
+        """Return the deepest instant of each penetrating step, with its part.
 
-        A mesh may have hundreds of triangles beside one step. What is left of the others is found
-        once the motion keeps clear of this one.
+        A mesh may have hundreds of triangles near one step. Violations of the others are found in
+        later rounds, once the motion is clear of this one.
         """
         if not self.every_instant:
             return self._penetrating_knots(motion, vehicles)
@@ -103,10 +102,10 @@ class KeepOutOfMap(KeepOutOfObstacle):
         return _sorted(points.vehicles[which], parts, points.times[which])
 
     def violated_at_knots(self, motion: Motion, vehicles: IntArray, neighbours: int) -> HalfSpaces:
-        """Return violated rows of the parts that inner knots are too close to, one for each knot.
+        """Return the most violated row of each inner knot, and rows at neighbouring knots.
 
-        At neighbouring knots, rows are those of the part that is nearest to the reference there:
-        the parts that a motion meets on its way through a wall are too many.
+        Rows at neighbouring knots are those of the part nearest to the reference there, because a
+        motion through a wall meets too many parts.
         """
         points = self._penetrating_knots(motion, vehicles)
         if len(points) == 0:

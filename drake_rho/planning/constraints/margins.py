@@ -1,7 +1,7 @@
-"""Constraint tightening margins: for flights anywhere in an error tube, and for smooth motions.
+"""Constraint tightening margins, for error tubes and for smooth motions.
 
-Averages of a plan are in every convex set in which the plan is, so that a smoothing needs a margin
-only where something is kept out of (`scenario/smoothing.py`).
+Averages of a plan are in every convex set that contains the plan, so that a smoothing needs a
+margin only for sets to keep out of (`scenario/smoothing.py`).
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class Margins:
     closed steps hold at every instant. The radius of the feedback at a knot is that of the step
     that begins there.
 
-    If such margins leave too little slack, steps are those of a finer grid (`PlanMargins.inner`).
+    If the slack is too small with these margins, a finer grid is used (`PlanMargins.inner`).
     """
 
     grid: Grid
@@ -76,7 +76,7 @@ class PlanMargins:
     pieces: int
     """number of equal pieces of a step over which `inner` is constant"""
     convex: Margins | None = None
-    """margins of values in convex sets at all times, if others than `steps` and `inner`"""
+    """margins of values in convex sets at all times, if not `steps` and `inner`"""
 
     def of(self, quantity: Quantity) -> tuple[Margins, int]:
         """Return the margins of a quantity in convex sets, and the number of pieces of a step."""
@@ -94,8 +94,8 @@ def margins_of(
     Args:
         scenario: the scenario to plan.
         pieces: the number of pieces of each step for positions and velocities.
-        accelerations: largest norms in each step and those that its averages reach [m/s²], shape
-            (K-1,), for the margin of a smoothing; those that limits allow if not given.
+        accelerations: largest norms in each step and the neighbours within the averages' width
+            [m/s²], shape (K-1,), for the margin of a smoothing; from the limits if not given.
     """
     if scenario.smoothing is not None:
         margins = np.full(scenario.grid.knots - 1, scenario.smoothing_margin)
@@ -122,7 +122,7 @@ def _margins(scenario: Scenario, pieces: int) -> Margins:
 
 
 def without_errors(grid: Grid) -> Margins:
-    """Return the margins of quantities that have no errors: zero."""
+    """Return zero margins, for quantities without errors."""
     return _none(grid.step, grid.knots, grid.start)
 
 
@@ -135,7 +135,7 @@ def _none(step: float, knots: int, start: float) -> Margins:
 
 
 def _of_positions(none: Margins, margins: FloatArray) -> Margins:
-    """Return margins with those of positions in each step [m], shape (K-1,)."""
+    """Return zero margins except for positions in each step [m], shape (K-1,)."""
     steps = none.steps | {"position": margins}
     return Margins(none.grid, steps, none.knots | {"position": _greater(margins)})
 
@@ -162,18 +162,18 @@ def _around(tube: ErrorTube, start: float, count: int, pieces: int, between_knot
 
 @lru_cache(maxsize=64)
 def _reached(tube: ErrorTube, step: float, knots: int, start: float, lead: float) -> Margins:
-    """Return margins of a plan whose averages reach a time beyond it on both sides.
+    """Return margins of a plan for the tube around its averages.
 
-    Averages at a time have values of the plan up to `lead` before and after, each of which has to
-    be in the set that is tightened by the radius at that time. So a step has the largest radius of
-    all times that are at most so far from it.
+    An average depends on values of the plan up to `lead` before and after its time, and each of
+    these has to be in the set tightened by the radius at that time. So a step has the largest
+    radius over all times within `lead` of it.
 
     Args:
         tube: tube around the smooth motion.
         step: h [s].
         knots: K.
         start: time of the first knot [s].
-        lead: the time [s].
+        lead: half the total width of the averages [s].
     """
     grid = Grid(step, knots, start)
     begins, ends = grid.times[:-1] - lead, grid.times[1:] + lead

@@ -56,7 +56,7 @@ class KeepOutOfObstacle(KeepOut):
         return CloseApproaches(points.vehicles, points.partners, points.times, distances)
 
     def bounds_at(self, rows: HalfSpaces, times: FloatArray) -> FloatArray:
-        """Return bounds with the obstacle where it is at other times."""
+        """Return bounds with the obstacle's position at other times."""
         if not self.obstacle.changes:
             return rows.bounds
         moved = self.obstacle.centers(times) - self.obstacle.centers(rows.times)

@@ -1,4 +1,4 @@
-"""Slack that requirements (`KeepIn`) leave for errors: in their sets, at starts and at goals."""
+"""Slack of requirements (`KeepIn`) for errors: in their sets, at starts and at goals."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from drake_rho.scenario.shapes.base import Shape
 
 
 def sizes_of_requirements(scenario: Scenario, margins: Margins) -> Iterator[TighteningSlack]:
-    """Yield half the least side of every required shape, which the error tube has to fit into."""
+    """Yield half the least side of every required shape: the error tube has to fit into it."""
     for number, each in enumerate(scenario.requirements, start=1):
         if each.quantity != "jerk" and isinstance(each.set, Shape):
             half = np.full(len(scenario.vehicles), each.set.extent.min())
@@ -53,7 +53,7 @@ def _of_requirement(
     available: FloatArray,
     end: int | None = None,
 ) -> TighteningSlack:
-    """Return the slack of a requirement, half of it for each of two vehicles.
+    """Return the slack of a requirement, half of it for each vehicle of a pair.
 
     Args:
         scenario: the scenario.

@@ -1,4 +1,4 @@
-"""Requirements that keep a quantity, or a difference of two, in a convex set (`KeepIn`)."""
+"""Convex set constraints of requirements (`KeepIn`), on a quantity or a difference of two."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ from drake_rho.scenario.shapes.quadrics import Sphere
 
 _ACCEPTED = 0.25
 """Violation, in tolerances, up to which no row is added. Each round quarters the violation of a set
-with a round surface, at the knots and again between them, and linked vehicles have many rounds."""
+with a curved surface, at the knots and again between them, and linked vehicles need many rounds."""
 
 _SOFT_ROUNDS, _SOFT_THRESHOLD = 16, 1e3
 """Rounds that add rows of a soft requirement, and the violation, in tolerances, up to which none is
-added: successive solutions that pay for violations only differ widely."""
+added: where only violations are penalised, successive solutions differ widely."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -50,7 +50,7 @@ class KeepInSet(Constraint):
     requirement: KeepIn
     """requirement on a clock that is 0 at the first knot"""
     members: IntArray
-    """indices of the vehicles that it is about, ascending, shape (M,)"""
+    """indices of its vehicles, ascending, shape (M,)"""
     partner: int | None
     """index of the vehicle from which the difference is taken, if any"""
     grid: Grid
@@ -60,16 +60,16 @@ class KeepInSet(Constraint):
     tolerances: FloatArray
     """distances outside C that count as inside, in the quantity's unit, by vehicle, shape (N,)"""
     every_instant: bool
-    """whether it holds at every instant, not at the knots only"""
+    """whether it applies at every instant, not at the knots only"""
     curved: bool = True
     threshold: float = _ACCEPTED
     """violation, in tolerances, up to which no row is added"""
     roundings: FloatArray
-    """bounds on the rounding errors of values, by which bounds are lower: else planes through one
-    point far from the origin may contradict each other, in the quantity's unit, shape (N,)"""
+    """bounds on the rounding errors of values, subtracted from the rows' bounds, in the quantity's
+    unit, shape (N,): else planes through one point far from the origin may contradict each other"""
 
     def margin(self, times: FloatArray) -> FloatArray:
-        """Return r, the margin of all vehicles concerned and the deviation of a track, (R,)."""
+        """Return r: the margins of the vehicles plus the deviation of the track, shape (R,)."""
         vehicles = 2.0 if self.coupled else 1.0
         margin: FloatArray = vehicles * self.margins.at(self.quantity, times)
         return margin + self.requirement.deviation
@@ -113,7 +113,7 @@ class KeepInSet(Constraint):
         return always and self.quantity in ("velocity", "acceleration")
 
     def as_norm(self) -> KeepInNorm | None:
-        """Return the limit of a norm that is the same for C a ball; None for any other C."""
+        """Return the equivalent norm limit if C is a ball; None for any other C."""
         ball = self.requirement.set
         if not isinstance(ball, Sphere) or len(self.margins.grid.elapsed) > self.grid.knots:
             return None
@@ -132,9 +132,9 @@ class KeepInSet(Constraint):
         )
 
     def faces(self) -> HalfSpaces:
-        """Return the rows of the six sides of a box around C, at every instant of such rows.
+        """Return the rows of the six sides of a box around C, at every instant of `_instants`.
 
-        Sides on which C is not bounded are left out.
+        Sides on which C is unbounded are left out.
         """
         sides = np.concatenate([np.eye(3), -np.eye(3)])
         sides = sides[np.isfinite(np.asarray(self.requirement.set.support(sides)))]
@@ -158,17 +158,17 @@ class KeepInSet(Constraint):
 
     @property
     def _interval(self) -> tuple[float, float]:
-        """First and last time at which it holds, since the first knot [s]."""
+        """First and last active time since the first knot [s]."""
         return self.active or (0.0, self.grid.duration)
 
     @cached_property
     def _instants(self) -> FloatArray:
-        """Times of rows that are not sought between knots, since the first knot [s], (T,).
+        """Fixed times of rows, not searched between knots, since the first knot [s], (T,).
 
-        Accelerations are those of the steps that the interval meets, and so are jerks, each of the
-        change at the beginning of a step, with that at the last knot. Of averages jerks are those
-        at knots. Velocities are linear in a step, so that they also count at the ends of the
-        interval and at corners. The states at the first and the last knot are given.
+        Accelerations have one time for each step that meets the interval. So have jerks, which are
+        changes at the beginnings of steps, and one at the last knot; jerks of averages are those at
+        knots. Velocities are linear in a step, so that the ends of the interval and corners of the
+        track suffice beside the knots. The states at the first and the last knot are given.
         """
         (first, last), h, T = self._interval, self.grid.step, self.grid.duration
         knots = self.margins.grid.elapsed if self.every_instant else self.grid.elapsed
@@ -193,7 +193,7 @@ class KeepInSet(Constraint):
         return values - motion.each_at(self.quantity, np.full(len(who), self.partner), times)
 
     def _worst_between(self, motion: Motion, members: IntArray) -> tuple[IntArray, FloatArray]:
-        """Return vehicles and worst instants of pieces between knots in which positions violate."""
+        """Return vehicles and worst instants of the pieces of time with violating positions."""
         pieces, steps = self._pieces, motion.accelerations.shape[-2]
         if len(pieces) == 0:
             return members[:0], np.zeros(0)
@@ -214,7 +214,7 @@ class KeepInSet(Constraint):
         return who[inner], times[inner]
 
     def _distance(self, x: FloatArray, times: FloatArray) -> FloatArray:
-        """Return distances of positions (..., 3), less the partner's, outside C at times (...)."""
+        """Return distances outside C of positions (..., 3), less the partner's, at times (...)."""
         offset = self.requirement.offset(times.reshape(-1)).reshape(x.shape)
         return np.asarray(self.requirement.set.signed_distance(x - offset))
 
@@ -238,7 +238,7 @@ class KeepInSet(Constraint):
             who: indices of vehicles, shape (R,).
             times: since the first knot [s], shape (R,).
             outward: outward unit normals, shape (R, 3).
-            offset: what values exceed those in C by, in the quantity's unit, shape (R, 3).
+            offset: offset of values from C, in the quantity's unit, shape (R, 3).
         """
         support = np.asarray(self.requirement.set.support(outward))
         above = self.margin(times) - support - np.vecdot(outward, offset)
@@ -254,9 +254,9 @@ class KeepInSet(Constraint):
         )
 
     def _with_faces(self, rows: HalfSpaces) -> HalfSpaces:
-        """Return rows with faces of a polyhedron around C at their instants, where C is bounded.
+        """Return rows together with faces of a box around C at their instants, where C is bounded.
 
-        Without these, a motion for which only violations are penalised may move far away in a
+        Without these faces, a motion with penalised violations only may move far away in a
         direction that no row bounds yet.
         """
         supports = np.asarray(self.requirement.set.support(AROUND_BALL))
@@ -270,7 +270,7 @@ class KeepInSet(Constraint):
         return rows.union(self._rows(rows.vehicles[every], times, outward, offset))
 
     def bounds_at(self, rows: HalfSpaces, times: FloatArray) -> FloatArray:
-        """Return bounds with the offset of other times, by which a track moves on."""
+        """Return bounds with the track's offset at other times."""
         if self.requirement.track is None:
             return rows.bounds
         moved = self.requirement.offset(times) - self.requirement.offset(rows.times)
@@ -289,7 +289,7 @@ class KeepInSet(Constraint):
 
 
 def requirements_of(scenario: Scenario, margins: PlanMargins) -> list[Constraint]:
-    """Return the constraints of all requirements that are not over."""
+    """Return the constraints of all requirements, except those that have ended."""
     found, names, grid = list[Constraint](), scenario.names, scenario.grid
     for number, asked in enumerate(scenario.requirements, start=1):
         each, local = asked.since(grid).longer(scenario.lead), grid.beginning_at(0.0)

@@ -1,8 +1,8 @@
-"""Slack of goals at which vehicles hold after the end: a check before planning.
+"""Slack of vehicles that hold at their goals after the end: a check before planning.
 
-The radii of the error tube are the largest from the end on. Constraints are those of a vehicle at
-rest: distances from what stands are constant, and distances from what moves are least at an instant
-that is sought here, on straight pieces of its track.
+The radii of the error tube are the largest from the end on. The vehicles are at rest: distances
+from objects at rest are constant, and the least distances from moving objects are searched for on
+the straight pieces of their tracks.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _WHERE = "held goal"
 """Place of the comparison, as in 'obstacle 1 (held goal 0.1 m inside, of 0.2)'."""
 
 _FAR = 1e4
-"""Multiple of its distance that something moving on for ever moves while it is considered."""
+"""Distance over which an endless motion is considered, in multiples of its initial distance."""
 
 _GOLDEN = (np.sqrt(5.0) - 1.0) / 2.0
 
@@ -41,11 +41,11 @@ _ROUNDS = 60
 
 
 def slacks_at_rest(scenario: Scenario, tube: ErrorTube | None) -> Iterator[TighteningSlack]:
-    """Yield the slack of every constraint after the end, where vehicles have to hold at goals.
+    """Yield the slack of every constraint for vehicles that hold at their goals after the end.
 
     Args:
         scenario: the scenario.
-        tube: error tube that its plans have at their end; None without a disturbance.
+        tube: error tube of plans at their end; None without a disturbance.
     """
     if not scenario.hold_at_goal:
         return
@@ -81,7 +81,7 @@ def _limits(scenario: Scenario, radii: dict[Quantity, FloatArray]) -> Iterator[T
 
 
 def _obstacles(scenario: Scenario, radius: FloatArray) -> Iterator[TighteningSlack]:
-    """Yield the slack of obstacles that stand, move or are active after the end."""
+    """Yield the slack of obstacles after the end, at rest, moving or active for an interval."""
     fleet, end = scenario.fleet, scenario.grid.duration + scenario.lead
     for number, body in enumerate(scenario.bodies_in_flight, start=1):
         if body.active is not None and not scenario.grid.clock.after(body.active[1], end):
@@ -97,9 +97,9 @@ def _obstacles(scenario: Scenario, radius: FloatArray) -> Iterator[TighteningSla
 def _least_distances(
     body: Obstacle, points: FloatArray, begin: float, precision: float
 ) -> FloatArray:
-    """Return the least distances of points (N, 3) from where an obstacle may be later [m], (N,).
+    """Return the least distances of points (N, 3) from an obstacle's later positions [m], (N,).
 
-    Those from a map that moves may be too small by `precision` [m].
+    Distances from a moving map may be too small by `precision` [m].
     """
     if body.is_steady:
         return body.distances(points[:, None], np.zeros(1))[:, 0]
@@ -127,7 +127,7 @@ def _least_of_convex(
         shape: shape of the obstacle.
         x: beginnings of the segments relative to its centre [m], shape (N, 3).
         moved: their ends less their beginnings [m], shape (3,).
-        errors: how far the obstacle may be off at the beginning and at the end [m], shape (2,).
+        errors: position errors of the obstacle at the beginning and at the end [m], shape (2,).
     """
 
     def at(s: FloatArray) -> FloatArray:
@@ -174,7 +174,7 @@ def _least_of_map(shape: Solid, x: FloatArray, moved: FloatArray, precision: flo
 
 
 def _pieces(body: Obstacle, points: FloatArray, begin: float) -> Iterator[tuple[float, float]]:
-    """Yield pieces of time from `begin` on in which an obstacle is active and moves straight."""
+    """Yield intervals from `begin` on in which an obstacle is active and moves straight."""
     first, last = body.active or (begin, np.inf)
     first = max(first, begin)
     times = [each for each in body.corners.tolist() if first < each < last]
@@ -187,7 +187,7 @@ def _pieces(body: Obstacle, points: FloatArray, begin: float) -> Iterator[tuple[
 
 
 def _until_far(moving: Obstacle, points: FloatArray, time: float, size: float) -> float:
-    """Return the time in which what moves on or grows from a time on gets far [s]."""
+    """Return the duration after which an obstacle that moves or grows is far away [s]."""
     at = moving.centers(np.array([time, time + 1.0]))
     speed = float(np.linalg.norm(at[1] - at[0]))
     away = float(np.linalg.norm(points - at[0], axis=1).max()) + size + moving.deviation
@@ -218,7 +218,7 @@ def _pairs(scenario: Scenario, radius: FloatArray) -> Iterator[TighteningSlack]:
 def _requirements(
     scenario: Scenario, radii: dict[Quantity, FloatArray]
 ) -> Iterator[TighteningSlack]:
-    """Yield the slack of requirements that go on after the end, half of it for each of two."""
+    """Yield the slack of requirements after the end, half of it for each vehicle of a pair."""
     fleet, names = scenario.fleet, scenario.names
     end = scenario.grid.end + scenario.lead
     for number, asked in enumerate(scenario.requirements, start=1):
@@ -241,7 +241,7 @@ def _requirements(
 
 
 def _offsets(asked: KeepIn, values: FloatArray, end: float) -> FloatArray:
-    """Return the offsets of a requirement from the end on of which the worst is one, (M, 3).
+    """Return offsets of a requirement from the end on that include the worst one, (M, 3).
 
     On a straight piece of the moving point's track, a convex distance is largest at an end.
     """

@@ -59,7 +59,7 @@ class KeepApart(KeepOut):
     points: EvaluationPoints
     """points that always have rows, sorted by pair and time"""
     responsibility: float
-    """part s of a pair's distance for which one row is responsible, 1 (coupled) or 1/2"""
+    """responsibility s of one row for a pair's distance, 1 (coupled) or 1/2"""
     margins: Margins
     """margins of single vehicles; r is the sum of the margins of both vehicles of a pair"""
     one_normal: bool = False
@@ -131,7 +131,7 @@ class KeepApart(KeepOut):
         if len(at_centre) > 0:
             relative = self.shape.scaled(self.relative_velocities(points.select(at_centre)))
             directions[at_centre] = side_of(np.zeros_like(relative), relative)
-            x[at_centre] = 0.0  # where rounding says nothing about a side
+            x[at_centre] = 0.0  # where rounding errors would choose the side
         if self.one_normal:
             close = distances < self.required.distance
             rows, numbers = _encounters(points, close, self.reference.step)

@@ -1,4 +1,4 @@
-"""Slack of constraints: distances inside their boundaries that errors need."""
+"""Slack of constraints: available and needed distances inside their boundaries."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class TighteningSlack:
     where: str
     """place of the comparison: start, goal, or the middle of a set"""
     quantity: Quantity
-    """quantity whose error needs the distance"""
+    """quantity with the error"""
     available: FloatArray
     """distances of the vehicles inside the constraint's boundary, negative beyond it, in the
     quantity's unit, shape (N,)"""
@@ -32,7 +32,7 @@ class TighteningSlack:
     """tolerances of the constraint, in the quantity's unit, shape (1,) or (N,)"""
 
     def missing(self, tolerances: float) -> FloatArray:
-        """Return the slack missing beyond the tolerances allowed, at most 0 if none, shape (N,)."""
+        """Return the missing slack beyond a number of tolerances, at most 0 if none, shape (N,)."""
         missing: FloatArray = self.needed - self.available - tolerances * self.tolerances
         return missing
 

@@ -1,4 +1,4 @@
-"""Tightening slack: a check before planning that limits leave space for the error tube."""
+"""Tightening slack: a check before planning that limits have room for the error tube."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ from drake_rho.scenario.records import Scenario
 _QUANTITIES: tuple[Quantity, ...] = ("position", "velocity", "acceleration")
 
 CANNOT_HOLD = "vehicles cannot hold at their goals"
-"""Reason in messages why a scenario that requires it has no plan, if it is the only one."""
+"""Message for scenarios that are infeasible only because vehicles have to hold at their goals."""
 
 NO_SLACK = "no room for the errors that the disturbance leads to"
-"""Reason in messages why a scenario without sufficient tightening slack has no plan."""
+"""Message for scenarios that are infeasible because of insufficient tightening slack."""
 
 TREATMENT: dict[str, str] = {
     "dynamics": "exact: nothing to tighten",
@@ -54,14 +54,14 @@ TREATMENT: dict[str, str] = {
 """Comparison with the radii of the error tube, for every kind of requirement."""
 
 _MEASURED_START = 10.0
-"""Shortage of slack, in tolerances, that a measured start may have. A window starts at a state that
+"""Allowed shortage of slack at a measured start, in tolerances. A window starts at a state that
 meets its limits to one tolerance in the previous plan; after several windows it may be a few."""
 
 
 def missing_slack(
     scenario: Scenario, margins: PlanMargins, *, under_way: bool = False
 ) -> dict[str, tuple[str, ...]]:
-    """Return the constraints that leave vehicles too little slack, by the vehicles' names.
+    """Return the constraints with too little slack, by the vehicles' names.
 
     Args:
         scenario: the scenario to check.
@@ -72,7 +72,7 @@ def missing_slack(
 
 
 def missing_slack_at_rest(scenario: Scenario) -> dict[str, tuple[str, ...]]:
-    """Return what keeps vehicles from holding at their goals as required, by vehicles' names."""
+    """Return the constraints with too little slack for holding at goals, by vehicles' names."""
     tube = None if scenario.disturbance is None else tube_of(scenario)
     return _missing(scenario, slacks_at_rest(scenario, tube))
 
@@ -103,7 +103,7 @@ def has_room_for(scenario: Scenario, margins: PlanMargins, quantity: Quantity) -
 
 
 def without_wind(scenario: Scenario) -> Scenario:
-    """Return a disturbed scenario with the same feedback and no wind."""
+    """Return a disturbed scenario without wind, with the same feedback."""
     tube = tube_of(scenario)
     calm = unchecked(tube.disturbance, acceleration=0.0, tracking=tube.tracking)
     return scenario.with_disturbance(calm)
@@ -122,7 +122,7 @@ def largest_tolerable_wind(scenario: Scenario, margins: PlanMargins, calm: PlanM
     """
     part = 1.0
     for windy, still in zip(_slacks(scenario, margins), _slacks(scenario, calm), strict=True):
-        with np.errstate(invalid="ignore"):  # where errors are not bounded, in any wind
+        with np.errstate(invalid="ignore"):  # unbounded errors, in any wind
             more = windy.needed - still.needed
         left = windy.available + windy.tolerances - still.needed
         tolerable = np.divide(left, more, out=np.where(left < 0.0, 0.0, np.inf), where=more > 0.0)
@@ -149,7 +149,7 @@ def _end_slacks(scenario: Scenario, margins: PlanMargins, end: int) -> Iterator[
 
 
 def _limit_slacks(scenario: Scenario, margins: Margins) -> Iterator[TighteningSlack]:
-    """Yield the slack in the middle of boxes and balls, which the error tube has to fit into."""
+    """Yield the slack in the middle of boxes and balls: the error tube has to fit into them."""
     fleet = scenario.fleet
     for quantity in _QUANTITIES:
         needed = margins.steps[quantity].max(keepdims=True)
@@ -199,7 +199,7 @@ def _state_slacks(scenario: Scenario, margins: Margins, end: int) -> Iterator[Ti
 
 
 def _obstacle_slacks(scenario: Scenario, margins: Margins, end: int) -> Iterator[TighteningSlack]:
-    """Yield the slack of obstacles at start or goal: distances beyond those without disturbance."""
+    """Yield the slack of obstacles at start or goal, beyond distances without a disturbance."""
     fleet = scenario.fleet
     positions, time = fleet.start_positions, 0.0
     if end != 0:
@@ -232,11 +232,11 @@ def _pair_slacks(scenario: Scenario, margins: Margins, end: int) -> Iterator[Tig
 
 
 def enlarged_by_margins(scenario: Scenario, margins: PlanMargins) -> Scenario:
-    """Return a scenario with vehicles and separation enlarged by their margins, and without these.
+    """Return a scenario with margins replaced by larger vehicles and a larger separation.
 
-    It has neither disturbance nor smoothing.
-    Path search uses it, since margins over time are unknown for a path without times. Vehicles are
-    enlarged only as far as obstacles and other vehicles at their starts and goals permit.
+    It has neither disturbance nor smoothing. Path search uses it, since a path without times has no
+    margins over time. Vehicles are enlarged only as far as obstacles and other vehicles at their
+    starts and goals permit.
     """
     steps = margins.steps
     if steps.largest == 0.0:

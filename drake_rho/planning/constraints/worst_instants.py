@@ -1,10 +1,10 @@
 """Worst instants of a convex distance along motions, between the knots, by branch and bound.
 
-Where a position is quadratic in time with acceleration a, it is off the chord of a time w by
-norm(a) s (w - s) / 2, at the time s after it begins. A distance that is convex and 1-Lipschitz
-exceeds its own chord by no more. So the parabola through its values at both ends with this
-curvature is an upper bound, and intervals of time in which the bound exceeds the greatest value
-found are halved until the difference is negligible: no hump between samples is missed.
+In an interval of duration w with constant acceleration a, a position deviates from its chord by
+norm(a) s (w - s) / 2 at the time s after the beginning. A convex, 1-Lipschitz distance exceeds its
+own chord by no more. So the parabola through its values at both ends with this curvature is an
+upper bound, and intervals in which the bound exceeds the greatest value found are halved until the
+difference is negligible: no maximum between samples is missed.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 from drake_rho.scenario.fields import FloatArray, IntArray
 
 _PRECISION = 0.05
-"""Part of a violation, or of the threshold, by which a greater value may be missed."""
+"""Precision of the greatest value, relative to it or to the threshold, the larger of both."""
 
 _LEVELS = 30
 """Largest number of successive halvings: an interval is then 1e-9 of a piece of time."""
@@ -31,7 +31,7 @@ def worst_instants(
     thresholds: FloatArray,
     vehicles: IntArray,
 ) -> tuple[IntArray, FloatArray]:
-    """Return vehicles and instants at which a distance plus a margin exceeds a threshold most.
+    """Return the instants of the largest violations of a threshold by distance plus margin.
 
     Args:
         states: positions and velocities at the beginnings of steps and accelerations in them, each
@@ -41,7 +41,7 @@ def worst_instants(
         distance: convex and 1-Lipschitz function of positions (..., 3), with values of shape
             (...), at times (...), between which it moves linearly in each piece.
         margins: margin in each piece, shape (J,).
-        thresholds: largest value that is no violation, of each motion, above 0, shape (M,).
+        thresholds: largest allowed value of each motion, above 0, shape (M,).
         vehicles: index of the vehicle of each motion, ascending, shape (M,).
 
     Returns:
@@ -103,6 +103,6 @@ def _keep_greatest(
     most: FloatArray, times: FloatArray, each: IntArray, values: FloatArray, at: FloatArray
 ) -> None:
     """Change the greatest values and their times, in place, where one of `each` is greater."""
-    order = np.argsort(values, kind="stable")  # the greatest of several is last, and stays
+    order = np.argsort(values, kind="stable")  # the last assignment, the greatest, wins
     order = order[values[order] > most[each[order]]]
     most[each[order]], times[each[order]] = values[order], at[order]

@@ -2,8 +2,8 @@
 
 While penalties are small, a motion near a path may cut through a wall. Linearised around such a
 motion, the wall would push its parts to opposite sides, and the path would be lost. Here the
-reference follows the motion only as far as it stays collision-free. It keeps the sides on which
-obstacles are passed, and converges to a feasible time scaling of the path.
+reference follows the motion only as far as it stays collision-free. It keeps its side of each
+obstacle, and converges to a feasible time scaling of the path.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ _BETWEEN = (0.25, 0.5, 0.75)
 """Fractions of a time step at which clearance is checked between the knots."""
 
 _DEEP = 0.3
-"""Depth to which a reference may cut a corner of an obstacle between knots, as a fraction of the
-obstacle's least extent."""
+"""Allowed depth of a cut corner of an obstacle between knots, as a fraction of the obstacle's least
+extent."""
 
 _REPAIRS = 5
-"""Number of rounds in which steps that lead too deep are reset. A reset moves the ends of the
+"""Number of rounds that reset steps that penetrate too deep. A reset moves the ends of the
 neighbouring steps, which may then need one too."""
 
 
@@ -35,7 +35,7 @@ def continuation_step(reference: Plan, plan: Plan, *, margin: float) -> Plan:
     Args:
         reference: clear of obstacles at the knots.
         plan: a motion of the same vehicles, at the same knots.
-        margin: what is kept beside each vehicle's distance from obstacles [m].
+        margin: margin added to each vehicle's distance from obstacles [m].
     """
     scenario, here, there = plan.scenario, reference.positions, plan.positions
     displacement = there - here
@@ -66,7 +66,7 @@ def piecewise_linear(scenario: Scenario, positions: FloatArray) -> Plan:
 
 
 def _deep_steps(scenario: Scenario, positions: FloatArray, margin: float) -> BoolArray:
-    """Return which steps of a piecewise linear motion lead deep into an obstacle, (N, K-1)."""
+    """Return flags of the steps of a piecewise linear motion deep in an obstacle, (N, K-1)."""
     deep = np.zeros((len(positions), positions.shape[1] - 1), dtype=bool)
     times = scenario.grid.elapsed
     for part in _BETWEEN:
@@ -83,14 +83,14 @@ def _is_clear(
     margin: float,
     depth: float = 0.0,
 ) -> BoolArray:
-    """Return which positions, (N, M, 3), at times (M,), keep the required distances, (N, M).
+    """Return flags of positions (N, M, 3) at times (M,) with the required distances, (N, M).
 
     Args:
         scenario: with the obstacles.
         positions: of the vehicles [m].
         times: since the first knot [s].
         margin: added to each vehicle's required distance [m].
-        depth: by which a distance may fall short, as a fraction of an obstacle's least extent.
+        depth: allowed shortfall of a distance, as a fraction of an obstacle's least extent.
     """
     clear = np.ones(positions.shape[:2], dtype=bool)
     for _, body in scenario.avoided:

@@ -1,4 +1,4 @@
-"""Paths in space for each vehicle of a fleet independently, around obstacles at rest."""
+"""Independent paths in space for each vehicle of a fleet, around obstacles at rest."""
 
 from __future__ import annotations
 

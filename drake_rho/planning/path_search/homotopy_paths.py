@@ -1,9 +1,8 @@
-"""Paths in space around obstacles at rest that pass the obstacles on different sides.
+"""Paths in space in different homotopy classes: on different sides of obstacles at rest.
 
 The shortest path through a point joins the shortest path from the start to the point and that from
 the point to the goal. Two searches therefore give the shortest paths through all points. Further
-paths are led through points beside an obstacle that a known path passes closely, on sides of it on
-which no known path passes.
+paths are routed through points beside an obstacle close to a known path, on its other sides.
 """
 
 from __future__ import annotations
@@ -22,7 +21,7 @@ from drake_rho.scenario.records import Obstacle
 from drake_rho.scenario.shapes.base import Shape
 
 _TURNS = np.radians([90.0, -90.0, 180.0, 45.0, -45.0, 135.0, -135.0])
-"""Other sides of an obstacle: rotations about the direction of a path from its own side [rad]."""
+"""Other sides of an obstacle, as rotations of a path's own side about its direction [rad]."""
 
 _SAME_SIDE = 0.5
 """Least scalar product of two unit vectors that count as the same side."""
@@ -36,7 +35,7 @@ _SAMPLES = 33
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class SpacePath:
-    """A polyline from start to goal."""
+    """Polyline from start to goal."""
 
     positions: FloatArray
     """its corners [m], shape (P, 3)"""
@@ -111,7 +110,7 @@ class SpacePathSearch:
         return self._path(np.concatenate([self._start[None], points, self._goal[None]]))
 
     def _shortcut(self, path: SpacePath) -> SpacePath:
-        """Return a path without the corners that a collision-free shortcut skips."""
+        """Return a path shortened by collision-free shortcuts between corners."""
         corners, chosen = path.positions, [0]
         while (here := chosen[-1]) < len(corners) - 1:
             later = corners[here + 1 :]
@@ -133,7 +132,7 @@ class SpacePathSearch:
         reach = 2.0 * float(self._lattice.raster.spacing.max())
         points = []
         for obstacle, side in zip(self._obstacles, path.sides, strict=True):
-            if not isinstance(obstacle.shape, Shape):  # other sides of a map are not looked for
+            if not isinstance(obstacle.shape, Shape):  # other sides of a map are not searched
                 continue
             x = path.positions - obstacle.first_center
             required = required_distance(obstacle, self._radius)

@@ -1,9 +1,9 @@
 """Initial guesses along paths around obstacles and other vehicles, on successively finer grids.
 
-If no obstacle moves and no separation is required, the paths are paths in space, several of which
-pass obstacles on different sides. Otherwise space-time paths are planned for one vehicle after the
-other; each avoids those before it. A reference along paths need not respect limits: feasibility
-restoration finds a feasible motion near it.
+If no obstacle moves and no separation is required, the paths are paths in space, on different sides
+of obstacles. Otherwise space-time paths are planned for one vehicle after the other, each avoiding
+the previous ones. A reference along paths need not respect limits: feasibility restoration finds a
+feasible motion near it.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ _POINTS, _SPACE_TIME_POINTS = 3e4, 5e3
 resolve the obstacles and the separation."""
 
 _ORDERS = 5
-"""Bound on the priority orders that are tried for a fleet on one grid."""
+"""Bound on the priority orders tried for a fleet on one grid."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -43,10 +43,10 @@ class InitialGuesses:
     """References along paths of all vehicles."""
 
     references: tuple[Plan, ...]
-    """motions straight from knot to knot, which need not respect limits, with that along the
-    shortest paths first; none if a vehicle has no path on the grids searched"""
+    """piecewise linear motions, which need not respect limits, beginning with the shortest paths;
+    none if a vehicle has no path on the grids searched"""
     conflicts: int
-    """moves in which vehicles come too close to each other because no better paths were found"""
+    """number of moves with vehicles too close to each other, if no better paths were found"""
     searched: PathSearch
     """grid, and number of paths found"""
 
@@ -54,7 +54,7 @@ class InitialGuesses:
 def find_paths(
     scenario: Scenario, most: int = 1, max_memory: float = DEFAULTS.max_memory
 ) -> InitialGuesses:
-    """Return references that keep clear of known obstacles and, if possible, keep vehicles apart.
+    """Return references clear of known obstacles and, if possible, with vehicles separated.
 
     The search is resolution-complete for a single vehicle. A fleet with a separation is planned by
     priority, in a few orders: a vehicle whose path conflicts with others comes first in the next
@@ -63,21 +63,21 @@ def find_paths(
     Args:
         scenario: to be planned.
         most: bound on the number of references; a space-time search gives at most one.
-        max_memory: bound on the memory of the grids and of what is computed on them [bytes].
+        max_memory: bound on the memory of the grids and of the searches on them [bytes].
     """
     return next(paths_on_grids(scenario, most, max_memory))
 
 
 def paths_on_grids(scenario: Scenario, most: int, max_memory: float) -> Iterator[InitialGuesses]:
-    """Yield the references of `find_paths`, then those found on further grids, one grid at a time.
+    """Yield the references of `find_paths`, then those of further grids, one grid at a time.
 
-    If the first ones are paths in space alone, the further ones are space-time paths, which take
-    the speeds into account that vehicles can reach.
+    If the first ones are paths in space alone, the further ones are space-time paths, which respect
+    the reachable speeds of vehicles.
 
     Args:
         scenario: to be planned.
         most: bound on the references of one grid.
-        max_memory: bound on the memory of the grids and of what is computed on them [bytes].
+        max_memory: bound on the memory of the grids and of the searches on them [bytes].
     """
     moving = not all(body.is_steady for _, body in scenario.avoided)
     space_time = _in_space_and_time(scenario, max_memory)
@@ -92,9 +92,9 @@ def paths_on_grids(scenario: Scenario, most: int, max_memory: float) -> Iterator
 
 
 def _from_first_found(grids: Iterator[InitialGuesses]) -> Iterator[InitialGuesses]:
-    """Yield the guesses that have references, or the last if none has any.
+    """Yield the guesses with references; if there are none, yield the last guess.
 
-    If there are no grids, one without references is yielded.
+    If there are no grids, a guess without references is yielded.
     """
     last, found = InitialGuesses((), 0, PathSearch()), False
     for last in grids:

@@ -1,4 +1,4 @@
-"""A regular grid of points in space, with the collision-free moves between neighbours.
+"""Lattice: a regular grid of points in space, with collision-free moves between neighbours.
 
 A move leads from a point to one of its 26 neighbours, or stays at the point.
 """
@@ -50,7 +50,7 @@ BATCH_SIZE = 16_000
 
 
 class TooLargeError(MemoryError):
-    """A search that would exceed its memory limit."""
+    """Error of a search that would exceed its memory limit."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -82,7 +82,7 @@ class Raster:
         return positions
 
     def window(self, center: FloatArray, reach: FloatArray) -> tuple[IntArray, IntArray]:
-        """Return the index range of the points within `reach` of a position: first, past the last.
+        """Return the index range of the points within `reach` of a position: first, last + 1.
 
         Args:
             center: position [m], shape (3,).
@@ -168,7 +168,7 @@ class Lattice:
         return near
 
     def are_clear(self, one: FloatArray, other: FloatArray, samples: int = SAMPLES) -> BoolArray:
-        """Return which segments between positions, (E, 3), clear the obstacles at rest, (E,)."""
+        """Return flags of segments between positions (E, 3) clear of obstacles at rest, (E,)."""
         parts = np.linspace(0.0, 1.0, samples)[:, None, None]
         x, lengths = one + parts * (other - one), np.linalg.norm(other - one, axis=1)
         clear = np.ones(len(lengths), dtype=bool)
@@ -184,7 +184,7 @@ class Lattice:
         return clear
 
     def visible_from(self, position: FloatArray) -> IntArray:
-        """Return the numbers of nearby points that a collision-free segment joins to a position."""
+        """Return the numbers of nearby points joined to a position by a collision-free segment."""
         for steps in (1, 2):
             near = self.near(position, steps)
             near = near[self.are_clear(np.tile(position, (len(near), 1)), self.points[near])]
@@ -229,7 +229,7 @@ class ShortestPaths:
 def _block(
     raster: Raster, body: Obstacle, radius: float, free: BoolArray, clear: BoolArray
 ) -> None:
-    """Mark the points in collision with an obstacle at rest, and the moves, by their start.
+    """Mark the points and moves that collide with an obstacle at rest.
 
     Args:
         raster: grid of points.

@@ -1,8 +1,8 @@
 """Points and moves of a raster that collide with a map.
 
-Distances of the points leave most moves decided: the distance from a map changes by no more than
-the length of a move. The others are compared with the parts of the map that they come near, one by
-one, since the distance along a move is convex for a part, though not for the map.
+Distances of the points decide most moves: the distance from a map changes by no more than the
+length of a move. The others are compared with each nearby part of the map, since the distance along
+a move is convex for a part, though not for the map.
 """
 
 from __future__ import annotations
@@ -14,16 +14,16 @@ from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.maps.parts import Parts
 
 _PAIRS = 400_000
-"""Number of pairs of a move and a part that are compared at once, which bounds the memory."""
+"""Number of pairs of a move and a part compared at once, to bound the memory."""
 
 _SEGMENTS = 50_000
-"""Number of moves whose near parts are found at once."""
+"""Number of moves in one search for nearby parts."""
 
 
 def colliding(
     parts: Parts, required: float, x: FloatArray, moves: IntArray, spacing: FloatArray
 ) -> tuple[BoolArray, BoolArray]:
-    """Return which points of a block of a raster, and which moves between them, collide with a map.
+    """Return masks of the points and moves of a raster block that collide with a map.
 
     Args:
         parts: convex parts that cover the map.
@@ -59,7 +59,7 @@ def colliding(
 def segments_collide(
     parts: Parts, required: float, one: FloatArray, other: FloatArray, samples: int = SAMPLES
 ) -> BoolArray:
-    """Return which segments between positions relative to the centre, (E, 3), collide: (E,).
+    """Return flags of the colliding segments between positions relative to the centre, (E,).
 
     Args:
         parts: convex parts that cover the map.
@@ -90,7 +90,7 @@ def _come_near(
     other: FloatArray,
     samples: int,
 ) -> BoolArray:
-    """Return which segments (P, 3) come nearer to their parts (P,) than required, (P,)."""
+    """Return flags of the segments (P, 3) too close to their parts (P,), shape (P,)."""
     lengths = np.linalg.norm(other - one, axis=1)
     near = np.zeros(len(part), dtype=bool)
     unsure = np.arange(len(part))

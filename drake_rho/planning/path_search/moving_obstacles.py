@@ -1,9 +1,9 @@
-"""Moves of a lattice that collide with moving obstacles, or with vehicles planned before.
+"""Moves of a lattice that collide with moving obstacles or previously planned vehicles.
 
-Time is divided into layers, in each of which a vehicle makes one move. Within a layer, obstacles
-and other vehicles are taken to move along straight lines. The deviation of an obstacle's motion
-from its line is added to the distance required from it. Where its place is uncertain, the distance
-grows linearly within a layer.
+Time is divided into layers, and a vehicle makes one move in each. Within a layer, obstacles and
+other vehicles are assumed to move along straight lines. The deviation of an obstacle's motion from
+its line is added to the distance required from it. If its position is uncertain, the distance grows
+linearly within a layer.
 """
 
 from __future__ import annotations
@@ -18,17 +18,17 @@ from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.records import Obstacle, Separation
 
 _PARTS = np.array([0.0, 0.5, 1.0])
-"""Fractions of a layer at which the distance from an obstacle is computed first."""
+"""Fractions of a layer at which distances from an obstacle are computed first."""
 
 _ROUNDING = 1e-6
 """Rounding tolerance, as a fraction of the spacing of the lattice."""
 
 _FINE_PARTS = np.linspace(0.0, 1.0, 9)
-"""Fractions of a layer at which it is computed if the first ones leave the check undecided."""
+"""Fractions of a layer for distances if the first ones leave the check undecided."""
 
 
 class MovingObstacle:
-    """An obstacle that moves, grows or is active for a time, in the layers of a graph over time.
+    """Obstacle that moves, grows or is active for a time, in the layers of a time-expanded graph.
 
     Args:
         body: the obstacle, on a clock that is 0 at the first knot.
@@ -37,12 +37,12 @@ class MovingObstacle:
 
     Attributes:
         begins: first layer in which the obstacle is active.
-        layers: those in which it is active; if nothing changes, only the first two.
-        alike: those in which it blocks the same moves as in the last of `layers`.
+        layers: layers in which it is active; if nothing changes, only the first two.
+        alike: layers with the same blocked moves as the last of `layers`.
     """
 
     blocks = True
-    """moves that collide with it are impossible"""
+    """colliding moves are impossible"""
 
     def __init__(self, body: Obstacle, radius: float, times: FloatArray) -> None:
         self.centers = body.centers(times)
@@ -91,7 +91,7 @@ class MovingObstacle:
 
 
 class MovingVehicle:
-    """A vehicle whose path is known, in the layers of a time-expanded graph.
+    """Vehicle with a known path, in the layers of a time-expanded graph.
 
     Args:
         positions: of the vehicle at the layer boundaries [m], shape (M + 1, 3).
@@ -99,9 +99,9 @@ class MovingVehicle:
     """
 
     blocks = False
-    """moves that collide with it are possible at a cost"""
+    """colliding moves are possible at a cost"""
     begins = 0
-    """first layer in which it is avoided"""
+    """first layer with the vehicle as an obstacle"""
 
     def __init__(self, positions: FloatArray, separation: Separation) -> None:
         self.centers = positions
@@ -148,11 +148,11 @@ UNBOUNDED: Bounds = np.full((1, 3), -np.inf), np.full((1, 3), np.inf)
 
 
 def blocked_moves(lattice: Lattice, moving: Moving, reach: Bounds = UNBOUNDED) -> list[IntArray]:
-    """Return for each layer the codes of the moves that come too close to an obstacle or vehicle.
+    """Return the codes of each layer's moves that are too close to an obstacle or vehicle.
 
     Move u to the point with number i has the code u F + i. Only points near enough for a collision
     within the layer are checked. For an obstacle, moves from points that are too close when the
-    layer begins are left out, since the moves that lead to these points are blocked already.
+    layer begins are left out, since the moves to these points are blocked already.
 
     Args:
         lattice: with the moves.
@@ -215,7 +215,7 @@ def _near(lattice: Lattice, moving: Moving, bounds: Bounds) -> Iterator[tuple[In
     shifts = np.abs(np.diff(ends, axis=0)).max(axis=0, initial=0.0)
     reach = moving.reach + raster.spacing + shifts / 2.0
     middles = ((ends[:-1] + ends[1:]) / 2.0 - raster.lower) / raster.spacing
-    wide = reach / raster.spacing  # infinite along the axis of an endless shape
+    wide = reach / raster.spacing  # infinite along the axis of an unbounded shape
     width = np.minimum(np.floor(2.0 * wide) + 1.0, shape).astype(np.int64)
     meets = np.all((middles + wide >= 0.0) & (middles - wide <= shape - 1.0), axis=1)
     low = np.clip(np.ceil(middles - wide), 0, shape - width).astype(np.int64)

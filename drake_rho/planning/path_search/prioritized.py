@@ -1,4 +1,4 @@
-"""Prioritised planning: space-time paths of a fleet's vehicles, one after the other."""
+"""Prioritised planning: space-time paths of a fleet, one vehicle after the other."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.records import Scenario
 
 _RAMP = 1.0 / 8.0
-"""Fraction of the duration in which the speed rises, and in which it falls, on space-time paths."""
+"""Fraction of the duration for acceleration, and for deceleration, on space-time paths."""
 
 _SLOWEST = 50.0
 """Largest ratio of a vehicle's speeds in the two directions of an axis. Beyond it, the slower
@@ -38,12 +38,12 @@ _SEARCH_BYTES, _MOVES_BYTES = 4.0, 280.0
 """Memory [bytes] per point of the lattice: of each search, and of the moves of one layer."""
 
 _BLOCKED = 0.2
-"""Fraction of the memory that is reserved for the numbers of blocked moves."""
+"""Fraction of the memory reserved for the numbers of blocked moves."""
 
 
 @dataclasses.dataclass(frozen=True)
 class _SpaceTimeLeg:
-    """A leg of a flight, with the layers from `first` to before `last` in which it is flown."""
+    """Leg of a flight, flown in the layers from `first` to before `last`."""
 
     search: SpaceTimeSearch
     first: int
@@ -138,7 +138,7 @@ class FleetSpaceTimeSearch:
         return lower - spacing, upper + spacing
 
     def first_order(self) -> IntArray:
-        """Return the vehicles, longest path first; none if there is a vehicle without a path."""
+        """Return the vehicles, longest path first; none if any vehicle has no path."""
         lengths = np.array([sum(leg.search.length for leg in legs) for legs in self._legs])
         if not np.isfinite(lengths).all():
             return np.zeros(0, dtype=int)

@@ -21,7 +21,7 @@ _SAMPLES = 65
 """Number of times at which bounds are computed; between them they are nearly linear."""
 
 _UNLIMITED = 1e4
-"""Speed that stands for no limit, in characteristic lengths of the fleet per duration."""
+"""Speed in place of no limit, in characteristic lengths of the fleet per duration."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -82,7 +82,7 @@ def _fastest(scenario: Scenario, times: FloatArray, most: float, sign: float) ->
     Args:
         scenario: with the limits, starts and goals.
         times: since the first knot [s], shape (S,).
-        most: speed that stands for no limit [m/s].
+        most: speed in place of no limit [m/s].
         sign: 1 for the positive direction of the axes, -1 for the negative one.
 
     Returns:

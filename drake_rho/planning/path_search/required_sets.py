@@ -1,4 +1,4 @@
-"""Required sets of positions (`KeepIn`) in searches for paths: what is outside of them costs."""
+"""Penalties of path searches for positions outside required sets (`KeepIn`)."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from drake_rho.scenario.requirements import KeepIn
 
 
 class RequiredSets:
-    """Required sets of a scenario's positions at the layer boundaries of a search.
+    """Required sets of positions in a scenario, at the layer boundaries of a search.
 
     Args:
         scenario: the scenario.
@@ -28,7 +28,7 @@ class RequiredSets:
         self._active = [_active_layers(each, times, grid) for each in self._sets]
 
     def of(self, number: int, known: Mapping[int, FloatArray]) -> RequiredOfVehicle | None:
-        """Return what is required of a vehicle; None if nothing is.
+        """Return the required sets of a vehicle; None if it has none.
 
         Args:
             number: index of the vehicle.
@@ -47,12 +47,12 @@ class RequiredSets:
         return RequiredOfVehicle(found) if found else None
 
     def order(self, order: IntArray, legs: IntArray) -> IntArray:
-        """Return the vehicles such that each linked one follows one that it is linked to.
+        """Return the planning order, in which each linked vehicle follows one of its partners.
 
         Args:
-            order: the order of vehicles that are not linked.
-            legs: number of legs of each vehicle, shape (N,). Of linked vehicles, the one with most
-                is first.
+            order: the order without links.
+            legs: number of legs of each vehicle, shape (N,). Among linked vehicles, the one with
+                the most legs is first.
         """
         links = [
             (member, partner)
@@ -79,7 +79,7 @@ class RequiredOfVehicle:
         self._sets = sets
 
     def part(self, first: int, last: int) -> RequiredOfVehicle:
-        """Return what is required at the layer boundaries from `first` to `last`."""
+        """Return the required sets at the layer boundaries from `first` to `last`."""
         some = slice(first, last + 1)
         return RequiredOfVehicle([(each, on[some], at[some], s) for each, on, at, s in self._sets])
 
@@ -94,7 +94,7 @@ class RequiredOfVehicle:
 
 
 def _active_layers(each: KeepIn, times: FloatArray, grid: Grid) -> BoolArray:
-    """Return at which layer boundaries, (M + 1,), a requirement is active, or nearest to it."""
+    """Return flags of the layer boundaries, (M + 1,), in or nearest to a requirement's interval."""
     interval = each.interval(grid)
     if interval is None:
         return np.zeros(len(times), dtype=bool)

@@ -1,4 +1,4 @@
-"""Extent and resolution of the grids in space and time on which paths are searched."""
+"""Extent and resolution of the path search's grids in space and time."""
 
 from __future__ import annotations
 
@@ -31,15 +31,15 @@ _FASTER = 2.5
 """Speed on a path where no limit binds, as a multiple of that of the straight flight."""
 
 _FASTER_STILL, _IN_A_HURRY = 1.2, 1.6
-"""Factor by which it rises from one grid to the next: in general, and if an obstacle is active for
-a part of the flight, since most of the way may have to be flown before or after it."""
+"""Factor on a path's speed from one grid to the next: in general, and if an obstacle is active for
+a part of the flight, since most of the path may have to be flown before or after it."""
 
 _AHEAD = 1.15
 """Least speed on a path along an axis, as a multiple of that of the straight flight, so that the
 loss of a layer does not make the vehicle late. It may exceed the vehicle's limits slightly."""
 
 _ROUNDED = 1.06
-"""Factor by which a vehicle may climb faster than its limits, so that fewer levels are needed."""
+"""Factor by which climbs on the grid may exceed a vehicle's limits, to need fewer levels."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -81,14 +81,14 @@ class Size:
 def resolutions(
     scenario: Scenario, points: float, size: Callable[[Resolution], Size], most: float
 ) -> Iterator[Resolution]:
-    """Yield resolutions from a coarse grid, on which a search is quick, to the finest one tried.
+    """Yield resolutions from a coarse grid with a quick search to the finest one tried.
 
     The first grid is made coarser until it is small enough. If that fails, nothing is yielded.
 
     Args:
         scenario: to be planned.
         points: of the first grid; fewer if they resolve the obstacles and the separation.
-        size: predicts what a search would need, before any grid is made.
+        size: predicts the size of a search before any grid is made.
         most: bound on its memory [bytes].
     """
     where, scale = region(scenario), _scale(scenario)
@@ -135,8 +135,8 @@ def _resolution(scenario: Scenario, where: Region, length: float, speeds: FloatA
 def _layers(grid: Grid, layer: float) -> FloatArray:
     """Return the boundaries of layers of about the duration `layer` [s], shape (M + 1,).
 
-    Layers longer than a step begin at knots; shorter ones divide the steps evenly. Steps that do
-    not fill a layer are left over at the start and the end of the flight.
+    Layers longer than a step begin at knots; shorter ones divide the steps evenly. Remaining steps
+    at the start and the end of the flight have no layer.
     """
     steps = grid.knots - 1
     if layer > grid.step:
@@ -148,7 +148,7 @@ def _layers(grid: Grid, layer: float) -> FloatArray:
 
 
 def _levels(spacing: FloatArray, above: float, heights: FloatArray) -> FloatArray:
-    """Return a spacing along z of which a multiple is the vertical separation [m], shape (N,).
+    """Return a spacing along z that divides the vertical separation [m], shape (N,).
 
     Args:
         spacing: approximate spacing [m], shape (N,).

@@ -2,9 +2,9 @@
 
 The graph has the points of a lattice at M + 1 times. The interval between two of these times is a
 layer, in which a vehicle makes one move. The least cost of being at a point after a layer is the
-least over the 27 moves that lead there. A move costs its length; being ahead of schedule or late
-costs a little, so that speeds are even. Collisions with vehicles whose paths are known have a very
-high cost, collisions with obstacles an infinite one.
+least over the 27 moves that lead there. A move costs its length; a small cost of being early or
+late keeps the speed even. Collisions with vehicles of known paths have a very high cost, collisions
+with obstacles an infinite one.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _CONFLICT = 1e4
 """Cost of a move that comes too close to another vehicle, in spacings of the lattice."""
 
 _OUTSIDE = 30.0
-"""Cost of being outside a required set at a layer boundary, in path lengths per distance."""
+"""Penalty for being outside a required set at a layer boundary, in path lengths per distance."""
 
 _TIMING_COST = 8.0
 """Cost of a delay that lasts the whole flight, in path lengths per squared delay. The delay is a
@@ -37,7 +37,7 @@ _EQUALLY_FAST = np.ones((2, 3))
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class SpaceTimePath:
-    """A path with a position at each layer boundary."""
+    """Path with a position at each layer boundary."""
 
     positions: FloatArray
     """positions at the layer boundaries [m], shape (M + 1, 3)"""
@@ -46,7 +46,7 @@ class SpaceTimePath:
 
 
 class TimeExpandedGraph:
-    """A lattice repeated over time, with the moves that moving obstacles or vehicles block.
+    """Lattice repeated over time, with the moves blocked by moving obstacles or vehicles.
 
     Args:
         lattice: points and moves that are clear of the obstacles at rest.
@@ -101,7 +101,7 @@ class TimeExpandedGraph:
         return part
 
     def collisions(self, start: FloatArray, end: FloatArray) -> BoolArray:
-        """Return which segments collide in each layer, shape (M, E).
+        """Return flags of the segments that collide in each layer, shape (M, E).
 
         Args:
             start: starting positions of the segments [m], shape (E, 3).
@@ -167,7 +167,7 @@ class SpaceTimeSearch:
             progress: scheduled fraction of the path at the layer boundaries, shape (M + 1,).
             reach: lower and upper bounds on positions at the layer boundaries [m], shape
                 (M + 1, 3) each.
-            required: sets that positions should be in; outside of them every metre costs.
+            required: sets that should contain the positions, with a penalty per metre outside.
         """
         if not np.isfinite(self.length):
             return None
@@ -189,8 +189,8 @@ class SpaceTimeSearch:
         """Return the costs of leaving the start, entering the goal, and waiting at either.
 
         Returns:
-            Costs in each layer: from the start to its neighbours, from the neighbours of the goal
-            to it, and of staying at start and goal, shape (M, ...) each.
+            Costs in each layer: from the start to its neighbours, to the goal from its neighbours,
+            and of waiting at start and goal, shape (M, ...) each.
         """
         begin, end = self._at(self._begin), self._at(self._end)
         start, goal = ends = self._ends
@@ -283,7 +283,7 @@ class SpaceTimeSearch:
 
 
 def _among(numbers: IntArray, known: IntArray) -> BoolArray:
-    """Return which numbers are among known ones, which are sorted."""
+    """Return flags of the numbers that are among sorted known ones."""
     if len(known) == 0:
         return np.zeros(len(numbers), dtype=bool)
     places = np.minimum(np.searchsorted(known, numbers), len(known) - 1)

@@ -1,4 +1,4 @@
-"""Swept collision check: straight moves against a convex set, from distances at a few points.
+"""Swept collision check of straight moves against a convex set, from distances at a few points.
 
 The check covers the whole move, not only the sampled points: along a straight move the distance to
 a convex set is convex, and changes by no more than the length of the move.
@@ -13,13 +13,13 @@ from drake_rho.scenario.obstacles import Obstacle
 from drake_rho.scenario.shapes.base import Shape, Solid
 
 SAMPLES = 17
-"""Points along a move at which distances are computed if three points leave the check undecided."""
+"""Points along a move for distances if three points leave the check undecided."""
 
 
 def required_distance(body: Obstacle, radius: float) -> float:
     """Return the distance required between a vehicle's centre and an obstacle, less tolerance [m].
 
-    The growth of the space in which the obstacle may be is not included.
+    The growth of an uncertain obstacle is not included.
 
     Args:
         body: the obstacle.
@@ -29,7 +29,7 @@ def required_distance(body: Obstacle, radius: float) -> float:
 
 
 def convex_lower_bound(values: FloatArray, length: FloatArray) -> FloatArray:
-    """Return a lower bound of a convex function on a segment, from equally spaced values.
+    """Return a lower bound on a convex function on a segment, from equally spaced values.
 
     Between two neighbouring samples the function lies above the lines through the samples before
     and after them. The bound is the value at which these two lines meet.
@@ -49,9 +49,9 @@ def convex_lower_bound(values: FloatArray, length: FloatArray) -> FloatArray:
 
 
 def lower_bound(solid: Solid, values: FloatArray, length: FloatArray) -> FloatArray:
-    """Return a lower bound of the distance from a solid on a segment; see `convex_lower_bound`.
+    """Return a lower bound on the distance from a solid on a segment; see `convex_lower_bound`.
 
-    The distance from a map is not convex on a segment: it has only the Lipschitz constant.
+    The distance from a map is not convex on a segment, only Lipschitz.
     """
     if isinstance(solid, Shape):
         return convex_lower_bound(values, length)
@@ -62,7 +62,7 @@ def lower_bound(solid: Solid, values: FloatArray, length: FloatArray) -> FloatAr
 def moves_are_clear(
     shape: Shape, required: float, starts: FloatArray, step: FloatArray, clearances: FloatArray
 ) -> BoolArray:
-    """Return which of several parallel moves keep clear of a shape at rest, shape (...).
+    """Return flags of the parallel moves that keep clear of a shape at rest, shape (...).
 
     Args:
         shape: to keep clear of.

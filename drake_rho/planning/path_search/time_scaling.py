@@ -1,4 +1,4 @@
-"""Time scaling: the speed profile with which paths are followed."""
+"""Time scaling: the speed profile along paths."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _WITHIN = 0.95
 """Fraction of a vehicle's speed limits that a path uses."""
 
 _GENTLE = 1.0 / 3.0
-"""Fraction of the duration in which the speed rises, and in which it falls, if speed limits allow.
+"""Fraction of the duration for acceleration, and for deceleration, if speed limits allow.
 With one third, a straight flight needs little more than the minimum effort."""
 
 
@@ -36,7 +36,7 @@ def usable_speeds(scenario: Scenario) -> FloatArray:
 
 @dataclasses.dataclass(frozen=True)
 class Leg:
-    """A section of a flight between consecutive stops: the start, waypoints and the goal."""
+    """Section of a flight between consecutive stops: the start, waypoints and the goal."""
 
     begin: float
     """time at which it begins, since the first knot [s]"""
@@ -60,7 +60,7 @@ def legs_of(scenario: Scenario, number: int) -> list[Leg]:
 
 
 def time_scaled(path: FloatArray, elapsed: FloatArray, most: FloatArray) -> FloatArray:
-    """Return positions along a path at given times, with the gentlest ramps that speeds allow.
+    """Return positions along a path at given times, with the gentlest ramps within the speeds.
 
     Args:
         path: corners of a polyline [m], shape (P, 3).

@@ -53,8 +53,8 @@ class Backend:
     ) -> Backend:
         """Return the backend for a solver given as an object or by name.
 
-        Planners call this first: without obstacles they may not need a solver at all, and an
-        invalid one is refused all the same.
+        Planners call this first, so that an invalid solver is refused even where none is needed, as
+        without obstacles.
 
         Raises:
             NotInstalledError: the solver is DAQP, and its package is not installed.
@@ -69,7 +69,7 @@ class Backend:
 
     @property
     def is_dense(self) -> bool:
-        """Whether the solver is one of dense programs, which are written in a form of their own."""
+        """Whether the solver is for dense programs, which have their own form."""
         return isinstance(self.first, Daqp)
 
     def here(self) -> Backend:
@@ -94,7 +94,7 @@ def _checked(solver: Solver | SolverName) -> Solver:
 
 
 def _is_for_quadratic_programs(solver: SolverInterface) -> bool:
-    """Return whether a solver solves a small program: Drake tells no capabilities in advance."""
+    """Return whether a solver solves a small quadratic program, since Drake has no such query."""
     program = MathematicalProgram()
     x = program.NewContinuousVariables(2)
     program.AddQuadraticCost(np.eye(2), np.zeros(2), x, is_convex=True)

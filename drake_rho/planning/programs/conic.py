@@ -1,4 +1,4 @@
-"""Programs with curved sets as second-order cones, for sets whose tangent planes do not converge.
+"""Second-order cone programs, for curved sets whose tangent planes do not converge.
 
 Tangent planes find most solutions in a few small programs. Where a set is nearly empty, each round
 of planes only halves the violation, and thousands of nearly parallel planes make programs
@@ -43,7 +43,7 @@ class ConicAnswer:
     accelerations: FloatArray
     """u in units, shape (G, K-1, 3); meaningless if there is no solution"""
     feasible: bool
-    """whether there is a solution; if false, it is proved that there is none"""
+    """whether there is a solution; if false, infeasibility is proved"""
     exact: bool
     """whether the solution meets the solver's tolerances"""
     multipliers: FloatArray
@@ -56,7 +56,7 @@ class ConicAnswer:
     """time reported by the solver [s]"""
 
     def answers(self, group: IntArray, rows: Sequence[HalfSpaces]) -> Answers:
-        """Return the solution in the form of an answer to a program of rows only.
+        """Return the solution as an answer to a program of rows only.
 
         Args:
             group: the indices of the vehicles, shape (G,).
@@ -90,7 +90,7 @@ class ConicPrograms:
     take longest to write. Programs without rows are therefore stored and copied.
 
     Args:
-        effort: the minimum-effort motions, to which solutions are changes.
+        effort: the minimum-effort motions; solutions are changes from them.
 
     Attributes:
         needed: flags of vehicles whose sets enter as cones from the start, because their tangent
@@ -152,7 +152,7 @@ class ConicPrograms:
     def _program_without_rows(
         self, group: IntArray, rows: Sequence[Rows], sets: Sequence[KeepInSets]
     ) -> _ProgramWithoutRows:
-        """Return the program with its sets only; it has the variables that the rows need."""
+        """Return the program with its sets only, and with the variables that rows need."""
         quantities = frozenset(part.quantity for part in rows)
         key = *group.tolist(), quantities, *((each.key, each.penalty) for each in sets)
         if key not in self._without_rows:
@@ -212,7 +212,7 @@ class Cones:
 
     @classmethod
     def of(cls, constraint: KeepInSets, motion: Motion, group: IntArray) -> Self:
-        """Return the cones of some vehicles at all instants at which the constraint applies."""
+        """Return the cones of some vehicles at all instants of the constraint."""
         required = constraint.required_values(motion, group)
         matrices, constants = constraint.sets.cones(required.vehicles)
         limited = np.isfinite(constants)
@@ -231,7 +231,7 @@ class Cones:
 
     @cached_property
     def spare(self) -> FloatArray:
-        """Half-widths of balls at zero, perpendicular to the origins; 0 beyond them, shape (R,)."""
+        """Half-widths of balls at zero, perpendicular to the origins; 0 outside, shape (R,)."""
         product = (self.constants - self.away) * (self.constants + self.away)
         return np.asarray(np.sqrt(np.maximum(product, 0.0)))
 

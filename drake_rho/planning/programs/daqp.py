@@ -1,4 +1,4 @@
-"""DAQP, an active-set solver for small dense programs, beside Drake's solvers.
+"""DAQP, an active-set solver for small dense programs, as an alternative to Drake's solvers.
 
 DAQP solves programs with hard rows directly, and programs with soft rows by their dual
 (`drake_rho.planning.programs.dual`). Answers are checked: a solution has to meet the optimality

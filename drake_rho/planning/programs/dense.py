@@ -1,4 +1,4 @@
-"""Small dense programs as arrays, with slacks of soft rows; Drake's type where Drake solves."""
+"""Small dense programs as arrays, with slacks of soft rows, and conversion to Drake's type."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class DenseProgram:
     slacks: IntArray
     """index of each row's slack, which several soft rows can share, shape (R,)"""
     linear: bool = False
-    """whether only slacks cost anything"""
+    """whether only slacks have a cost"""
 
     @property
     def soft(self) -> bool:
@@ -53,7 +53,7 @@ Program = MathematicalProgram | DenseProgram
 
 @lru_cache(maxsize=64)
 def _common(size: int, linear: bool) -> tuple[MathematicalProgram, np.ndarray]:
-    """Return the part that all programs with `size` variables share, and the variables."""
+    """Return the common part of all programs with `size` variables, and the variables."""
     program = MathematicalProgram()
     x = program.NewContinuousVariables(size)
     if not linear:
@@ -62,7 +62,7 @@ def _common(size: int, linear: bool) -> tuple[MathematicalProgram, np.ndarray]:
 
 
 def add_cost(to: MathematicalProgram, x: np.ndarray) -> None:
-    """Add (13), f minus that of minimum effort in squared units: the sum of squares."""
+    """Add (13), f minus the minimum effort in squared units: the sum of squares."""
     for first in range(0, len(x), _BLOCK):
         block = x[first : first + _BLOCK]
         hessian, linear = _sum_of_squares(len(block))

@@ -14,8 +14,8 @@ from drake_rho.planning.programs.solution import Solution
 from drake_rho.scenario.fields import FloatArray
 
 _RIDGE = 1e-13
-"""Addition to the diagonal of the Gram matrix, relative to its largest entry: linearly dependent
-rows then have a Cholesky factor too."""
+"""Regularisation of the Gram matrix's diagonal, relative to its largest entry, which gives linearly
+dependent rows a Cholesky factor too."""
 
 _REFINEMENTS = 2
 """Number of refinements, which remove the residual that the ridge leaves in active rows."""

@@ -1,14 +1,14 @@
-"""Programs with a free final time: the least time in which a linearisation can be flown.
+"""Programs with a free final time: the least time of a linearised problem.
 
-A motion with step h0 is flown in another time with the step h = h0 sqrt(y): positions at the knots
-stay, velocities become v / sqrt(y), accelerations a / y, and jerks j / y^1.5. In terms of the
-motion with step h0, positions and dynamics (1)-(2) do not depend on y, a limit C of accelerations
-is a in y C, and one of velocities v in s C with s² <= y. So from rest to rest the least y is the
-solution of one convex program, in which y and s are two more variables. A limit of jerks has
-j in (1 + 1.5 (y - 1)) C, which lies inside of y^1.5 C.
+Time scaling replaces a motion's step h0 by h = h0 sqrt(y): positions at the knots do not change,
+velocities become v / sqrt(y), accelerations a / y, and jerks j / y^1.5. In terms of the motion with
+step h0, positions and dynamics (1)-(2) do not depend on y, a limit C of accelerations is a in y C,
+and one of velocities v in s C with s² <= y. So from rest to rest the least y is the solution of one
+convex program, in which y and s are two more variables. A limit of jerks has
+j in (1 + 1.5 (y - 1)) C, which is inside y^1.5 C.
 
-The time of a waypoint that is free is a variable too, and its position is linearised: a change of
-the time by d adds d v. Velocities that are given at the start or at the goal are linearised in y.
+The time of a free waypoint is a variable too, and its position is linearised: a change of the time
+by d adds d v. Given velocities at the start or the goal are linearised in y.
 """
 
 from __future__ import annotations
@@ -34,32 +34,32 @@ from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.parts import Quantity
 
 POWERS: dict[Quantity, float] = {"position": 0.0, "velocity": 0.5, "acceleration": 1.0, "jerk": 1.5}
-"""Power of y by which values of a quantity are divided in the time of a program's solution."""
+"""Power of y by which time scaling divides the values of a quantity."""
 
 
 def power_of(constraint: Constraint) -> float:
-    """Return the power of y by which values that a constraint bounds are divided.
+    """Return the power of y by which time scaling divides a constraint's values.
 
-    A change of the acceleration over the width of an average is divided by y like the acceleration.
+    A change of the acceleration over the width of an average scales like the acceleration.
     """
     return POWERS["acceleration" if constraint.per_width else constraint.quantity]
 
 
 LITTLE_EFFORT = 1e-7
-"""Weight of the effort with which y is next to the least: where vehicles have time to spare, it
-chooses between motions that take as long."""
+"""Small effort weight that breaks ties between motions of equal duration; y stays near its least
+value."""
 
 
 class FreeTimePrograms:
     """Programs of one problem with a free final time.
 
     Boxes of velocities, accelerations and jerks enter at all knots, norms and waypoints with given
-    times as cones, and other constraints by rows that are given.
+    times as cones, and other constraints as the rows passed to `solve`.
 
     Args:
         problem: the problem, on a grid with the step h0.
         backend: the solver and its settings.
-        effort: weight of the mean of squared accelerations, in units, beside y.
+        effort: weight of the mean squared acceleration, in units, relative to y.
     """
 
     def __init__(self, problem: Problem, backend: Backend, effort: float = LITTLE_EFFORT) -> None:
@@ -82,14 +82,15 @@ class FreeTimePrograms:
 
     @property
     def bound_time(self) -> bool:
-        """Whether a velocity, an acceleration or a jerk is limited, so that a motion takes time."""
+        """Whether a limit on velocity, acceleration or jerk bounds the time from below."""
         return len(self._boxes) > 0 or len(self._cones) > 0
 
     def _limit(self) -> float:
         """Return the largest limit of accelerations [m/s²]; 0 without any.
 
-        Motions in the least time are often at their limits. In this unit their values are about 1.
-        Of a ball around an origin away from zero, as of thrusts, it is that perpendicular to it.
+        Least-time motions are often at their limits, so that values in this unit are about 1. For a
+        ball around an origin away from zero, as for thrusts, it is the half-width perpendicular to
+        the origin.
         """
         limits = [0.0]
         for rows in self._boxes:
@@ -108,13 +109,13 @@ class FreeTimePrograms:
         change: Change,
         resting: IntArray | None = None,
     ) -> FreeTime | None:
-        """Return the solution with some rows; None if there is none.
+        """Return the solution subject to given rows; None if there is none.
 
         Args:
             rows: rows of all other constraints, around the step of the program.
             passing: the waypoints.
             velocities: velocities of the reference at their times [m/s], shape (W, 3).
-            change: by how much times may change.
+            change: bounds on the changes of times.
             resting: indices of the knots from which vehicles rest, shape (N,); None for the last.
 
         Raises:

@@ -1,4 +1,4 @@
-"""One program with a free final time while it is written (`free_time.py` has the equations)."""
+"""Builder of one program with a free final time; the equations are in `free_time.py`."""
 
 from __future__ import annotations
 
@@ -44,17 +44,17 @@ _CLOSE = 0.9
 """Least g / f for which a cone is transformed."""
 
 _PART = 1e-6
-"""Part of a time by which it is changed to differentiate bounds."""
+"""Relative change of a time for finite differences of bounds."""
 
 
 class FreeTimeProgram:
-    """Program while it is written, with rows matrix @ x - by_time @ (y, s) >= needed.
+    """Builder of a program with rows matrix @ x - by_time @ (y, s) >= needed.
 
     Args:
-        effort: the minimum-effort motions, to which solutions are changes.
+        effort: the minimum-effort motions; x is the change from them.
         unit: unit of accelerations in the program [m/s²].
         drift: derivative of these motions by y.
-        limits: rows that have to hold.
+        limits: hard rows.
         cones: limits of norms.
         passing: the waypoints.
         velocities: velocities of the reference at their times [m/s], shape (W, 3).
@@ -109,7 +109,7 @@ class FreeTimeProgram:
         self._parts = [slice(*each) for each in pairwise(ends[len(limits) :].tolist())]
 
     def add_costs(self, effort: float) -> None:
-        """Add the cost: y and the mean of squared accelerations with a weight."""
+        """Add the cost: y, and the mean squared acceleration with a weight."""
         program, (y, s) = self.program, self._time
         program.AddLinearCost(np.ones(1), 0.0, np.array([y]))
         u = self._x[: 3 * self._steps * len(self._effort.units)]
@@ -127,7 +127,7 @@ class FreeTimeProgram:
         program.AddLorentzConeConstraint(root, np.array([0.5, 0.0, -0.5]), np.array([y, s]))
 
     def add_times(self, change: Change) -> None:
-        """Add by how much the final time and the times of free waypoints may change."""
+        """Add the bounds on the final time and on the times of free waypoints."""
         passing, program, T = self._passing, self.program, self._effort.grid.duration
         least, most = change.final
         ends = np.array([least, np.sqrt(least)]), np.array([most, np.sqrt(most)])
@@ -147,7 +147,7 @@ class FreeTimeProgram:
                 curvatures, np.zeros(len(earliest)), self._changes, is_convex=True
             )
         if len(later := passing.ordered) > 0:
-            # a given time t is by t (y - 1) / 2 earlier with the step of the program
+            # on the program's time scale, a given time t is earlier by t (y - 1) / 2
             by_y = np.where(passing.given, passing.times, 0.0) / 2.0
             both = np.eye(len(reach), 1 + len(reach), 1)
             both[:, 0] = -by_y
@@ -159,7 +159,7 @@ class FreeTimeProgram:
             program.AddLinearConstraint(both, needed, above, variables)
 
     def add_rests(self, resting: IntArray) -> None:
-        """Add that vehicles do not accelerate from a knot on.
+        """Constrain accelerations to zero from a knot on.
 
         Args:
             resting: index of that knot for each vehicle, shape (N,).
@@ -174,8 +174,8 @@ class FreeTimeProgram:
     def _unit_of(self, quantity: Quantity) -> float:
         """Return the unit of a quantity in rows.
 
-        Positions and velocities are in units of the motion's length, to which tolerances refer. A
-        motion at its limits would reach a multiple of it in a straight line.
+        Positions and velocities are in units of the motion's length, to which tolerances refer. In
+        a straight line, a motion at its limits would be several times as long.
         """
         grid = self._effort.grid
         if quantity in ("position", "velocity"):
@@ -183,16 +183,16 @@ class FreeTimeProgram:
         return self._unit * scale_of(quantity, grid.step)
 
     def _finer(self, quantity: Quantity) -> float:
-        """Return the unit of a quantity in sparse rows, in that of this program."""
+        """Return the unit of a quantity in sparse rows, relative to this program's."""
         own = self._unit * scale_of(quantity, self._effort.grid.step)
         return own / self._unit_of(quantity)
 
     def slopes_of(self, constraint: Constraint) -> tuple[float, float]:
-        """Return the growth of a constraint's limit; that of changes over a width is constant."""
+        """Return the growth of a constraint's limit with y and s."""
         return self.slopes["acceleration" if constraint.per_width else constraint.quantity]
 
     def _by_time(self, rows: HalfSpaces) -> FloatArray:
-        """Return by how much bounds rise with y and s, in units of the program, shape (R, 2)."""
+        """Return the derivatives of bounds by y and s, in units of the program, shape (R, 2)."""
         quantity = rows.constraint.quantity
         slopes = self.slopes_of(rows.constraint)
         by_time = np.outer(rows.bounds, slopes)
@@ -203,7 +203,7 @@ class FreeTimeProgram:
         return scaled
 
     def _rise(self, rows: HalfSpaces) -> FloatArray:
-        """Return by how much values rise with y at y = 1 while x is kept, shape (R,)."""
+        """Return the derivatives of values by y at y = 1 for constant x, shape (R,)."""
         drift, quantity = self._drift, rows.constraint.quantity
         if drift is None:
             return np.zeros(len(rows))
@@ -214,9 +214,9 @@ class FreeTimeProgram:
         return rise
 
     def _passing_by_time(self, velocities: FloatArray) -> FloatArray:
-        """Return the same for the axes of waypoints, shape (3 W, 2).
+        """Return the derivatives by y and s for the axes of waypoints, shape (3 W, 2).
 
-        A given time t is by t (y - 1) / 2 earlier with the step of the program.
+        On the program's time scale, a given time t is earlier by t (y - 1) / 2.
         """
         passing, drift = self._passing, self._drift
         earlier = np.where(passing.given, passing.times, 0.0) / 2.0
@@ -231,14 +231,14 @@ class FreeTimeProgram:
         return np.concatenate([self._x, self._time])
 
     def add_limits(self) -> None:
-        """Add the rows that have to hold."""
+        """Add the hard rows."""
         if (first := self._first) > 0:
             above = np.full(first, np.inf)
             matrix = csc_matrix(self._matrix[:first])
             self.program.AddLinearConstraint(matrix, self._needed[:first], above, self._variables)
 
     def add_cones(self, number: int) -> None:
-        """Add the limits of a norm, norm(B z) <= a · z + c, with c as many times as y or s says."""
+        """Add the limits of a norm, norm(B z) <= a · z + c, with c scaled by y or s."""
         cones, own = self._cones[number], self._parts[number]
         quantity, count = cones.constraint.quantity, len(cones)
         unit = self._unit_of(quantity)
@@ -254,7 +254,7 @@ class FreeTimeProgram:
         self._add_lorentz(boosts @ matrix, boosts @ constant, self._variables)
 
     def add_passing(self) -> None:
-        """Add that vehicles pass the waypoints."""
+        """Add the waypoint constraints."""
         passing, program, d = self._passing, self.program, self._changes
         unit = self._unit_of("position")
         moves = block_diag([each[:, None] / unit for each in self._velocities], format="csc")
@@ -279,7 +279,7 @@ class FreeTimeProgram:
             self._add_lorentz(balls, constant, variables)
 
     def _add_lorentz(self, matrix: csc_array, constant: FloatArray, variables: np.ndarray) -> None:
-        """Add that each four values of matrix @ variables + constant are in a cone."""
+        """Add a Lorentz cone for every four values of matrix @ variables + constant."""
         rows = matrix.tocsr()
         number = np.repeat(np.arange(len(constant)), np.diff(rows.indptr))
         for first in range(0, len(constant), 4):
@@ -306,12 +306,12 @@ class FreeTimeProgram:
 
 
 def boosts_of(cones: Cones) -> FloatArray:
-    """Return Lorentz transformations of cones, (R, 4, 4), after which balls begin at zero.
+    """Return Lorentz transformations of cones, (R, 4, 4), that centre balls at zero.
 
-    A ball of radius f around an origin at the distance g < f from zero, as that of thrusts, is a
-    cone of values of the size of f, beside which accelerations may be small. In the frame that
-    moves with g / f the value zero is the middle of the cone, whose height is (f² - g²)^½. Others
-    stay as they are.
+    A ball of radius f around an origin at the distance g < f from zero, as for thrusts, is a cone
+    whose values are of the size of f, while accelerations may be much smaller. In the frame that
+    moves with g / f the value zero is the middle of the cone, whose height is (f² - g²)^½. Other
+    cones do not change.
     """
     boosts: FloatArray = np.tile(np.eye(4), (len(cones), 1, 1))
     origins, away = cones.constraint.sets.origins[cones.vehicles], cones.away
@@ -326,7 +326,7 @@ def boosts_of(cones: Cones) -> FloatArray:
 
 
 def bound_rates(rows: HalfSpaces) -> FloatArray:
-    """Return by how much bounds rise with y at y = 1 as obstacles and tracks move on, (R,)."""
+    """Return the derivatives of bounds by y at y = 1, due to moving obstacles and tracks, (R,)."""
     constraint, times = rows.constraint, rows.times
     later = constraint.bounds_at(rows, times * (1.0 + _PART))
     earlier = constraint.bounds_at(rows, times * (1.0 - _PART))

@@ -1,4 +1,4 @@
-"""Times that a program may change, and what it finds."""
+"""Variable times of a program, its waypoints, and its solution."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _SLOWEST = 1e6
 
 
 class Change(NamedTuple):
-    """By how much a program may change times."""
+    """Bounds on the changes of times in a program."""
 
     final: tuple[float, float] = (0.0, _SLOWEST)
     """least and largest y"""
@@ -35,7 +35,7 @@ NO_CHANGE = Change((1.0, 1.0))
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Passing:
-    """Waypoints that vehicles pass, at given times or at times that are found."""
+    """Waypoints of vehicles, at given or free times."""
 
     vehicles: IntArray
     """index of the vehicle of each waypoint, in increasing order, shape (W,)"""
@@ -52,21 +52,20 @@ class Passing:
     averaged: Smoothing | None = None
     """moving averages that pass the waypoints; None if motions themselves do"""
     in_proportion: BoolArray | None = None
-    """mask of the waypoints whose times are always the same part of the final time, shape (W,);
-    None for none"""
+    """mask of the waypoints with times at a constant part of the final time, shape (W,); None for
+    none"""
     allowed: FloatArray | None = None
-    """first and last time since the first knot at which each may be passed [s], shape (W, 2); None
-    for any. A program in another final time does not know them"""
+    """first and last allowed time of each since the first knot [s], shape (W, 2); None for any.
+    They are exact only in the final time of the linearisation"""
     price: float = np.inf
-    """cost of each metre by which a program may miss a free waypoint [m/s⁴]; infinite if it passes
-    all"""
+    """penalty per metre for missing a free waypoint [m/s⁴]; infinite if all have to be passed"""
 
     def __len__(self) -> int:
         """Return the number of waypoints, W."""
         return len(self.vehicles)
 
     def of(self, mask: BoolArray) -> Passing:
-        """Return the waypoints of one vehicle, whose index is 0 then.
+        """Return the waypoints of one vehicle, with index 0.
 
         Args:
             mask: mask of its waypoints, shape (W,).
@@ -97,14 +96,14 @@ class Passing:
 
     @property
     def may_change(self) -> BoolArray:
-        """Mask of the waypoints whose part of the final time a program may change, shape (W,)."""
+        """Mask of the waypoints with normalised times that a program may change, shape (W,)."""
         free = ~self.given
         return free if self.in_proportion is None else free & ~self.in_proportion
 
     def lasting(self, duration: float, before: float) -> Passing:
-        """Return the waypoints of another final time, with free ones at the same parts of it.
+        """Return the waypoints for another final time, with the free times scaled.
 
-        Those between given times are at the same parts of the time between these.
+        Free times are scaled between the given times around them.
 
         Args:
             duration: the other final time [s].
@@ -121,23 +120,23 @@ class Passing:
 
     @property
     def ordered(self) -> IntArray:
-        """Indices of waypoints that come after the one before, as one of both is free."""
+        """Indices of waypoints with an ordering constraint: they or their predecessors are free."""
         same = self.vehicles[1:] == self.vehicles[:-1]
         later: IntArray = 1 + np.flatnonzero(same & ~(self.given[1:] & self.given[:-1]))
         return later
 
     @property
     def is_in_order(self) -> bool:
-        """Whether all waypoints come after the ones before."""
+        """Whether the times of all waypoints are in order."""
         return bool(np.all(np.diff(self.times)[self.ordered - 1] > 0.0))
 
     def curvatures(self, duration: float) -> FloatArray:
         """Return estimates of the second derivatives of y by changes of the times [1/s²], (W,).
 
-        A leg of a motion with a largest speed that is flown in t - d instead of t takes
-        1 / (1 - d/t) of that speed, and with the speed kept the final time T grows by d + d²/t. So
-        for legs of t and t' before and after a waypoint, T grows by d² (1/t + 1/t'), and y by 2 / T
-        times as much. With a largest acceleration it is half as much again.
+        Flying a leg in t - d instead of t takes 1 / (1 - d/t) of the speed; at the same largest
+        speed, the final time T grows by d + d²/t. So for legs of t and t' before and after a
+        waypoint, T grows by d² (1/t + 1/t'), and y by 2 / T times as much. With a largest
+        acceleration it is half as much again.
 
         Args:
             duration: T, the final time [s].
@@ -151,7 +150,7 @@ class Passing:
         return values
 
     def axes(self, effort: MinimumEffort) -> Rows:
-        """Return rows with the positions less the waypoints, three for each, as their values."""
+        """Return rows whose values are the positions less the waypoints, three for each."""
         who, times = np.repeat(self.vehicles, 3), np.repeat(self.times, 3)
         normals = np.tile(np.eye(3), (len(self), 1))
         at, _ = self.states(effort.motion)
@@ -181,10 +180,10 @@ class FreeTime:
     factor: float
     """y, the square of the final time over that of the program"""
     changes: FloatArray
-    """changes of the times of the free waypoints, with the step of the program [s], shape (W,)"""
+    """changes of the times of the free waypoints, on the program's time scale [s], shape (W,)"""
     solver: str
     """name of the solver"""
     seconds: float
     """time reported by the solver [s]"""
     missed: float = 0.0
-    """sum of the distances by which it misses free waypoints [m]"""
+    """sum of the distances from missed free waypoints [m]"""

@@ -1,4 +1,4 @@
-"""Fast, approximate solution of the programs of groups of vehicles by their duals.
+"""Fast, approximate dual solution of the programs of groups of vehicles.
 
 The unknowns are the accelerations of a group minus those of minimum effort. The dual
 (`drake_rho.planning.programs.dual`) needs only the Gram matrix of the rows.
@@ -28,7 +28,7 @@ from drake_rho.scenario.smoothing import Smoothing
 from drake_rho.system.threads import single_threaded_blas
 
 _RIDGE = 1e-9
-"""Addition to the squared length of rows, which have length one: rows of neighbouring instants are
+"""Regularisation of the squared length of rows, which is one: rows of neighbouring instants are
 almost equal and may contradict each other."""
 
 _FIXED = 1e-9
@@ -42,12 +42,12 @@ does not depend on the number of workers, so that results are equal to the last 
 _QUANTITIES: tuple[Quantity, ...] = get_args(Quantity)
 
 _AVERAGED = len(_QUANTITIES)
-"""Number of averaged positions beside the quantities."""
+"""Index of averaged positions, after the quantities."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Duals:
-    """Rows of several groups, sorted by group, in a form that can be sent to processes."""
+    """Rows of several groups, sorted by group, in a picklable form."""
 
     changes: Changes
     """changes of minimum-effort motions that rows refer to"""
@@ -140,7 +140,7 @@ class Duals:
         return unit * scales * y, np.concatenate(vehicles), np.concatenate(added)
 
     def _responses(self) -> tuple[FloatArray, IntArray, FloatArray]:
-        """Return different projected responses (U, K-1), the index of each row's, and its length.
+        """Return distinct projected responses (U, K-1), the index of each row's, and its length.
 
         Responses are projected onto the null space of the goals. A row whose value the goals alone
         determine has length zero.
@@ -179,13 +179,13 @@ class Duals:
 
 
 class GroupDuals:
-    """Motions of least cost subject to rows, to which further rows can be added.
+    """Minimum-effort motions subject to rows, with rows added over time.
 
     Args:
         effort: the minimum-effort motions of the scenario.
         groups: the number of each vehicle's group, shape (N,).
         motion: the motions of vehicles without rows; minimum-effort motions if not given.
-        backend: its executor is used, and DAQP if this is the solver.
+        backend: provides the executor, and DAQP if this is the solver.
 
     Attributes:
         motion: latest motions of all vehicles.
@@ -219,7 +219,7 @@ class GroupDuals:
         return len(self._rows)
 
     def add(self, rows: HalfSpaces) -> None:
-        """Add rows; two vehicles that a row couples are in the same group."""
+        """Add rows; vehicles coupled by a row are in the same group."""
         constraint = rows.constraint
         quantity = _QUANTITIES.index(constraint.quantity)
         self._parts.append(rows)

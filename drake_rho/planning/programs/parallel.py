@@ -1,4 +1,4 @@
-"""Programs of many vehicles in blocks, solved in this process or in others."""
+"""Blockwise solution of the programs of many vehicles, in this process or in others."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Answers:
     accelerations: FloatArray
     """u in units, shape (B, G, K-1, 3); meaningless if there is no solution"""
     feasible: BoolArray
-    """whether there is a solution; if false, it is proved that there is none, shape (B,)"""
+    """whether there is a solution; if false, infeasibility is proved, shape (B,)"""
     exact: BoolArray
     """whether the solution meets the solver's tolerances, shape (B,)"""
     weights: Sequence[Callable[[], FloatArray]]
@@ -50,14 +50,14 @@ class Answers:
         return y
 
     def sent(self) -> Answers:
-        """Return the answers in a form that can be sent to another process."""
+        """Return the answers in a picklable form."""
         found = [partial(np.asarray, weights()) for weights in self.weights]
         return dataclasses.replace(self, weights=found)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Block:
-    """Block of vehicles in a form that can be sent to another process."""
+    """Block of vehicles in a picklable form."""
 
     changes: Changes
     rows: Sequence[Rows]
@@ -69,7 +69,7 @@ class _Block:
 
     @single_threaded_blas()
     def solved(self) -> list[Answers]:
-        """Solve all programs one after the other; other workers solve other blocks."""
+        """Solve all programs of the block in sequence."""
         answers = list[Answers]()
         for batch in self.batches():
             found = solve(batch.programs, self.backend)
@@ -82,7 +82,7 @@ def solve_all(
 ) -> list[Answers]:
     """Write and solve the programs of all vehicles that have rows.
 
-    Answers do not depend, to the last digit, on the process that computes them.
+    Answers do not depend on the process that computes them, to the last digit.
 
     Args:
         changes: the changes of minimum-effort motions that rows refer to.

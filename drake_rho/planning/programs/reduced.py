@@ -45,7 +45,7 @@ _SPARSE = 2000
 of two. A program of R rows in the reduced space needs about R² (3 K + 5 R) operations."""
 
 _DENSE = 8.0
-"""Number of these operations that a solver of dense programs does in the time of one."""
+"""Speed of a solver of dense programs, as a multiple of Clarabel's in these operations."""
 
 Templates = dict[tuple[int, int], tuple[MathematicalProgram, np.ndarray]]
 """Sparse programs without rows, and their variables, by the numbers of vehicles and variables."""
@@ -93,7 +93,7 @@ def programs_of(
     Args:
         changes: the changes of minimum-effort motions that rows refer to.
         rows: the rows, constraint by constraint; their order within a group remains.
-        dense: whether the solver is one of dense programs, such as `Daqp`. It needs no basis of the
+        dense: whether the solver is for dense programs, such as `Daqp`. It needs no basis of the
             rows' span, and the sparse form pays off for more rows only.
     """
     groups = groups_of(len(changes.units), [part for part in rows if part.coupled])
@@ -120,7 +120,7 @@ def _cheaper_sparse(steps: int, vehicles: IntArray, rows: IntArray, operations: 
         steps: the number of steps, K - 1.
         vehicles: the number of vehicles of each group.
         rows: the number of rows of each group.
-        operations: how many operations in the reduced space take the time of one with Clarabel.
+        operations: number of reduced-space operations in the time of one with Clarabel.
     """
     many: BoolArray = rows > _FEW
     if not many.any():
@@ -260,7 +260,7 @@ def _in_span(
 ) -> Batch:
     """Return programs in coordinates of an orthonormal basis of the span of their rows.
 
-    For DAQP no basis is computed, because this would take longer than to solve without one.
+    DAQP gets no basis, because computing one would take longer than solving without it.
 
     Args:
         groups: the vehicles of each group, shape (B, G).
@@ -268,7 +268,7 @@ def _in_span(
         needed: b, shape (B, R).
         penalties: penalties of a violation by one, shape (B, R).
         slacks: the index of each row's slack, shape (B, R).
-        free: whether only violations cost anything.
+        free: whether only violations have a cost.
         dense: as in `programs_of`.
     """
     basis: FloatArray | None = None
@@ -281,7 +281,7 @@ def _in_span(
 
 
 def _sparse(changes: Changes, group: IntArray, rows: Sequence[Rows], templates: Templates) -> Batch:
-    """Return the program whose variables are accelerations and the states that rows refer to.
+    """Return the program in accelerations and the states that rows refer to.
 
     Variables, cost and dynamics take longer to write than rows and are the same in many programs:
     they are copied from `templates`, to which new ones are added.

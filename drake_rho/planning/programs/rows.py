@@ -1,4 +1,4 @@
-"""Rows of programs: arrays that refer to changes of a motion and can be sent to processes."""
+"""Rows of programs: picklable arrays that refer to changes of a motion."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Rows:
     penalty: float
     """cost of each unit of slack; infinite if there is no slack"""
     coupled: bool
-    """whether rows bound the change of a vehicle's quantity minus that of its partner's"""
+    """whether rows bound the change of a vehicle's quantity minus that of its partner"""
     vehicles: IntArray
     """index of each row's vehicle, shape (R,)"""
     partners: IntArray

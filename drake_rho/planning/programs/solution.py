@@ -15,16 +15,16 @@ class Solution:
     x: FloatArray
     """values of the program's variables; meaningless unless `feasible`"""
     feasible: bool
-    """whether there is a solution; if false, the solver has proved that there is none"""
+    """whether there is a solution; if false, the solver has proved infeasibility"""
     solver: str
     """name of the solver"""
     seconds: float
     """time reported by the solver [s]"""
     multipliers: Callable[[], FloatArray]
-    """function, since most are not needed, that returns multipliers of the linear constraints in
-    their order, at least 0 for rows M x >= b, followed by those of cones. Bounds of variables and
-    equalities are omitted. If there is no solution, they are weights with which rows contradict
-    each other (Farkas), provided the solver returns any"""
+    """function that returns multipliers on demand: of the linear constraints in their order, at
+    least 0 for rows M x >= b, then of cones. Bounds of variables and equalities are omitted. If
+    there is no solution, they are the weights of a contradiction (Farkas), provided the solver
+    returns any"""
     exact: bool = True
     """whether the solution meets the solver's tolerances; an inexact one only indicates where rows
     may be missing"""

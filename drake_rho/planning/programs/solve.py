@@ -1,4 +1,4 @@
-"""Solution of programs, hard or soft, by a solver, and by others where it fails numerically."""
+"""Solution of programs, with fallback solvers after numerical failures."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ _CHUNK = 40_000
 milliseconds of work. Less work is done in the calling thread, since starting another takes time."""
 
 MAX_RETRIES = 1
-"""Number of times that programs are solved again if solutions violate their rows."""
+"""Number of repeated solutions if solutions violate their rows."""
 
 _INFEASIBLE = {SolutionResult.kInfeasibleConstraints, SolutionResult.kInfeasibleOrUnbounded}
 
@@ -81,7 +81,7 @@ def solve(programs: Sequence[Program], backend: Backend | None = None) -> list[S
 
     Args:
         programs: convex quadratic programs, or linear ones.
-        backend: its executor is not used; Clarabel to full accuracy if not given.
+        backend: solver and accuracy, without its executor; Clarabel to full accuracy if not given.
 
     Raises:
         SolverError: no solver found a solution or a proof that there is none.

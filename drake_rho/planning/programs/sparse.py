@@ -26,7 +26,7 @@ from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.parts import Quantity
 
 _Term = tuple[IntArray, FloatArray]
-"""Indices of the vectors of variables at which rows have entries (-1 for none), and factors."""
+"""Indices of the vectors of variables with entries in rows (-1 for none), and factors."""
 
 
 class SparseRows:

@@ -1,10 +1,10 @@
-"""Relaxations that bound the least time of one vehicle from below, over an interval of final times.
+"""Relaxations for lower bounds on one vehicle's least time, over an interval of final times.
 
 In units of the longest final time T1, with s = T / T1 in [s0, 1] and y = s², a motion's positions
 are affine in accelerations and s, and limits of accelerations and velocities grow with y and s
 (`free_time.py`). Nothing is linearised around a reference. Only y = s² is relaxed, to s² <= y and
 the chord y <= (1 + s0) s - s0, and limits of jerks grow with the chord of y^1.5, which is above it.
-So every motion that takes a time of the interval is a point of the program with the same y.
+So every motion with a final time in the interval is a feasible point with the same y.
 """
 
 from __future__ import annotations
@@ -34,16 +34,16 @@ from drake_rho.planning.programs.sparse import SparseRows
 from drake_rho.scenario.fields import FloatArray
 
 PRECISION = 1e-6
-"""Part of a final time to which solvers tell that there is no motion in less."""
+"""Relative precision to which solvers prove a lower bound on the final time."""
 
 _LONGER = 4.0
-"""Multiple of the longest final time that programs allow where nothing but the motion depends on
-time. Most of them have a solution then, which solvers tell more reliably than that there is none.
+"""Multiple of the longest final time that programs allow if only the motion depends on time. Most
+programs are then feasible, which solvers detect more reliably than infeasibility.
 """
 
 
 class Place(NamedTuple):
-    """Set in which the vehicle is at one instant: a polyhedron, or a ball."""
+    """Set that contains the vehicle at one instant: a polyhedron or a ball."""
 
     part: float
     """instant as a part of the final time"""
@@ -63,15 +63,15 @@ class Relaxed(NamedTuple):
     """Solution of a relaxation."""
 
     duration: float
-    """final time that no motion of the relaxation undercuts [s]"""
+    """lower bound on the final time of the relaxation's motions [s]"""
     motion: Motion
-    """motion of the relaxation in that time"""
+    """the relaxation's motion with this final time"""
     looseness: float
-    """part of y by which it exceeds s², or by which a limit of jerks exceeds its value"""
+    """relative excess of y over s², or of a limit of jerks over its true value"""
 
 
 class TimeRelaxations(FreeTimePrograms):
-    """Relaxations of one vehicle's motions that take at most the final time of a problem.
+    """Relaxations of one vehicle's motions up to the final time of a problem.
 
     Args:
         problem: problem of the vehicle alone, in the longest final time.
@@ -93,7 +93,7 @@ class TimeRelaxations(FreeTimePrograms):
 
         Args:
             shortest: lower end of the interval of final times [s].
-            places: sets in which the vehicle is at some instants.
+            places: sets that contain the vehicle at some instants.
 
         Raises:
             SolverError: Clarabel fails numerically.
@@ -123,7 +123,7 @@ class TimeRelaxations(FreeTimePrograms):
         return Relaxed(grid.duration * float(np.sqrt(y)), motion, looseness)
 
     def _without_places(self, first: float) -> _Relaxation:
-        """Return the program with limits only, for s of at least `first`; it is written once."""
+        """Return the program with limits only, for s >= `first`; cached."""
         first = first if self._has_jerks else 0.0
         if first not in self._written:
             chord = (1.0 - first**3) / (1.0 - first**2)
@@ -138,13 +138,13 @@ class TimeRelaxations(FreeTimePrograms):
 
 
 class _Relaxation(FreeTimeProgram):
-    """One relaxation while it is written.
+    """Builder of one relaxation.
 
     Args:
         effort: the minimum-effort motion in the longest final time.
         unit: unit of accelerations in the program [m/s²].
         rates: derivative of this motion by s, and of given accelerations outside of it by y.
-        limits: rows that have to hold.
+        limits: hard rows.
         cones: limits of norms.
         chord: slope of the chord of y^1.5.
     """
@@ -169,7 +169,7 @@ class _Relaxation(FreeTimeProgram):
         )
 
     def copied(self) -> _Relaxation:
-        """Return a copy to which more can be added."""
+        """Return a copy for further constraints."""
         other = copy.copy(self)
         other.program = self.program.Clone()
         return other
@@ -188,7 +188,7 @@ class _Relaxation(FreeTimeProgram):
             self.program.AddLinearConstraint(chord, below, np.full(1, -first), self._time)
 
     def add_polyhedra(self, places: Sequence[Place]) -> None:
-        """Add that the vehicle is in polyhedra."""
+        """Constrain the vehicle to polyhedra."""
         if places:
             matrix, needed = self._axes(places)
             normals = block_diag([each.normals for each in places], format="csc")
@@ -198,7 +198,7 @@ class _Relaxation(FreeTimeProgram):
             self.program.AddLinearConstraint(matrix, needed, above, self._variables)
 
     def add_balls(self, places: Sequence[Place]) -> None:
-        """Add that the vehicle is in balls."""
+        """Constrain the vehicle to balls."""
         if places:
             matrix, needed = self._axes(places)
             shifted = kron(eye_array(len(places)), np.eye(4, 3, -1)).tocsc()
@@ -231,7 +231,7 @@ class _Relaxation(FreeTimeProgram):
         return csc_array(every), finer * needed - by_s
 
     def _by_time(self, rows: HalfSpaces) -> FloatArray:
-        """Return by how much bounds rise with y and s, in units of the program, shape (R, 2)."""
+        """Return the derivatives of bounds by y and s, in units of the program, shape (R, 2)."""
         quantity, rates = rows.constraint.quantity, self._rates
         by_time = np.outer(rows.bounds, self.slopes_of(rows.constraint))
         if rates is not None:
@@ -251,7 +251,7 @@ _NONE = np.zeros((0, 3))
 
 
 def _passing(effort: MinimumEffort, places: Sequence[Place]) -> Passing:
-    """Return instants at which a vehicle's positions are needed, in the form of waypoints."""
+    """Return the instants of places, in the form of waypoints."""
     times = effort.grid.duration * np.array([each.part for each in places])
     centers, zeros = np.array([each.center for each in places]), np.zeros(len(times))
     none = zeros.astype(int)
