@@ -148,7 +148,7 @@ class ByPlanRho(Method):
 
 @record
 class ByPlanMinimumTime(Method):
-    """Planning in the least time by `drake_rho.plan_minimum_time`."""
+    """Minimum-time planning by `drake_rho.plan_minimum_time`."""
 
     name: Name
     """name of the method in tables and figures"""
@@ -240,7 +240,7 @@ class ByFunction(Method):
         if not isinstance(planned, Flown):
             kind = type(planned).__name__
             raise TypeError(f"{self.function}: got {kind}, expected a plan, flight or simulation")
-        if planned.scenario != scenario:  # else it would be verified against another scenario
+        if planned.scenario != scenario:  # otherwise it would be verified against another scenario
             raise ValueError(f"{self.function}: got a plan of another scenario, expected of this")
         return _evaluated(planned, seconds, self.certify)
 
