@@ -97,7 +97,7 @@ def map(
         typer.Option(metavar="FILE", help="Draw the map to this file (.png, .pdf or .svg)."),
     ] = None,
 ) -> int:
-    """Say what the file of a map holds, and draw it."""
+    """Describe the file of a map, and draw it."""
     check_writable(figure, _FIGURES, "--figure")
     leaves = None
     with working("reading") as work:

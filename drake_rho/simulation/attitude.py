@@ -24,7 +24,7 @@ UP = np.array([0.0, 0.0, 1.0])
 """Direction against gravity."""
 
 WIDTH = 0.1
-"""Time over which the thrust changes after a jump of the command [s]."""
+"""Duration of the thrust's change after a jump of the command [s]."""
 
 LAG = WIDTH / 2.0
 """Mean delay from a commanded acceleration to the actual one [s]."""
@@ -36,7 +36,7 @@ _LEAST_LIFT = 0.2
 """Least vertical part of the commanded thrust, in weights."""
 
 _BANDWIDTH, _DAMPING = 40.0, 1.0
-"""Natural frequency [rad/s] and damping ratio with which errors of the attitude decay."""
+"""Natural frequency [rad/s] and damping ratio of the attitude error."""
 
 _APART = 1e-3
 """Time step of finite differences for rates and angular accelerations [s]."""
@@ -56,7 +56,7 @@ class SmoothCommand:
         return self
 
     def followed_by(self, command: FloatArray, time: float) -> Self:
-        """Return this command switched to another value at a time, which may equal the last."""
+        """Return this command after a possible change of its value at a time."""
         if np.array_equal(command, self.value):
             return self
         jumps = [jump for jump in self.jumps if time - jump[0] < WIDTH]

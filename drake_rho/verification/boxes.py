@@ -71,7 +71,7 @@ class _Extremes:
     """Least and greatest value on each axis, error radii included; arrays of shape (N, 2, 3)."""
 
     times: FloatArray
-    """on the scenario's clock [s]"""
+    """times on the scenario's clock [s]"""
     values: FloatArray
     """values at these times without the error radii, in the quantity's unit"""
     errors: FloatArray
@@ -120,7 +120,7 @@ def _extremes_at_all_times(
     Args:
         trajectory: the trajectory to verify.
         bounds: the box whose tolerances the precision follows.
-        order: of the derivative.
+        order: order of the derivative.
     """
     steps = trajectory.steps if order == 0 else trajectory.derivatives(order)
     signs = np.array([1.0, -1.0])[:, None, None]

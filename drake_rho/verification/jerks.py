@@ -18,8 +18,8 @@ class Jerks:
     """Jerks of a plan, which has no errors, at its knots."""
 
     values: FloatArray
-    """change of acceleration at each knot divided by the step, at the ends from and to the
-    accelerations before the start and after the goal [m/s³], shape (N, K, 3)"""
+    """change of acceleration at each knot over the step, including the accelerations before the
+    start and after the goal [m/s³], shape (N, K, 3)"""
     free: BoolArray
     """mask of unknown jerks, which are not limited, shape (N, K)"""
 
@@ -47,7 +47,7 @@ class Jerks:
 
 
 def _unknown(scenario: Scenario) -> tuple[BoolArray, BoolArray]:
-    """Return masks of vehicles with unknown acceleration before the start, after the goal, (N,)."""
+    """Return masks of unknown accelerations before the start and after the goal, (N,) each."""
     fleet = scenario.fleet
     outside = fleet.accelerations_before, fleet.accelerations_after
     before, after = (np.asarray(np.isnan(each).any(axis=1)) for each in outside)

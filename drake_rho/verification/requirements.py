@@ -30,7 +30,7 @@ def check_requirements(trajectory: PiecewiseTrajectory, jerks: Jerks) -> Iterato
     """Yield the checks of every requirement that is active in the flight.
 
     Args:
-        trajectory: of all vehicles.
+        trajectory: trajectory of all vehicles.
         jerks: jerks of the plan.
     """
     scenario = trajectory.scenario
@@ -52,7 +52,7 @@ def check_positions(trajectory: PiecewiseTrajectory, number: int) -> Iterator[Co
     """Yield the checks of a requirement of positions, at the knots and at every instant.
 
     Args:
-        trajectory: of all vehicles.
+        trajectory: trajectory of all vehicles.
         number: number of the requirement, from 1; it is active in the flight.
     """
     check = _Check.of(trajectory, trajectory.scenario.requirements[number - 1], number)

@@ -46,7 +46,7 @@ def trajectory_of(simulation: Simulation) -> PiecewiseTrajectory:
 
 
 def _knots(simulation: Simulation, elapsed: FloatArray) -> BoolArray:
-    """Return which of the times are knots of the grid."""
+    """Return flags of the times that are knots of the grid."""
     step = simulation.scenario.grid.step
     return Clock.of(step).same(elapsed, step * np.rint(elapsed / step))
 

@@ -71,7 +71,7 @@ class Steps:
 
         Args:
             order: 1 for velocities, 2 for accelerations, 3 for jerks.
-            durations: of the steps [s], shape (M,).
+            durations: durations of the steps [s], shape (M,).
         """
         c = self._coefficients
         for _ in range(order):

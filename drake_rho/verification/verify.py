@@ -148,7 +148,7 @@ def verify(flown: Flown) -> Report:
 
 
 def _beginnings(flown: Flown) -> dict[int, FloatArray]:
-    """Return the states (N, 6) to which a motion jumps, by knot: those of its windows, if any.
+    """Return the states (N, 6) after jumps of a motion, by knot: those of its windows, if any.
 
     A plan without windows, such as that of a flight, has them itself.
     """

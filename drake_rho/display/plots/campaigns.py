@@ -40,7 +40,7 @@ def write_campaign_figures(
         results: results of the campaign.
         folder: folder of the files, created if it does not exist.
         file_format: png, pdf or svg.
-        width: of each figure [in]; in IEEE journals 3.5 for one column, 7.16 for two.
+        width: width of each figure [in]; in IEEE journals 3.5 for one column, 7.16 for two.
 
     Returns:
         Paths of the files.

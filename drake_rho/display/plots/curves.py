@@ -57,7 +57,7 @@ def draw_separation(ax: Axes, plan: Drawn) -> list[Line2D]:
     Distances are measured as for the separation: z is divided by its downwash factor.
 
     Args:
-        ax: where to draw.
+        ax: axes to draw in.
         plan: motion to draw.
 
     Returns:
@@ -116,7 +116,7 @@ def draw_norm(ax: Axes, plan: Drawn, norm: Norm) -> list[Line2D]:
     """Draw the quantity of a limit on a norm over time, for each vehicle, with the limits.
 
     Args:
-        ax: where to draw.
+        ax: axes to draw in.
         plan: motion to draw.
         norm: the field of `Limits`; at least one vehicle has such a limit.
     """

@@ -71,7 +71,7 @@ def draw_distances(
     """Draw each vehicle's distance from an obstacle, less its uncertainty, and the limits.
 
     Args:
-        ax: where to draw.
+        ax: axes to draw in.
         plan: motion to draw.
         obstacle: obstacle to measure from.
         radius: radius of a sphere, for distances from its centre; if 0, from the surface.

@@ -69,7 +69,7 @@ def add_below(figure: Figure, handles: Sequence[Artist]) -> float:
     """Add a legend at the bottom, in as many columns as fit.
 
     Args:
-        figure: where to draw.
+        figure: figure to draw in.
         handles: labelled artists, one for each entry.
 
     Returns:

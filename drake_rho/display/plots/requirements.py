@@ -114,7 +114,7 @@ def draw_left(
     deviation of a moving point from its track. Curves are drawn while the requirement is active.
 
     Args:
-        ax: where to draw.
+        ax: axes to draw in.
         plan: motion to draw.
         kept: requirements; of several, each minimum is labelled with its name.
         title: title of the axes.

@@ -141,7 +141,7 @@ def draw_paths(ax: Axes3D, plan: Drawn, shown: Sequence[Snapshot] = ()) -> list[
     knots are not marked, and starts and goals are smaller.
 
     Args:
-        ax: where to draw.
+        ax: axes to draw in.
         plan: motion to draw.
         shown: obstacles drawn by `draw_obstacles`, behind which paths are faint.
 
@@ -203,7 +203,7 @@ def draw_windows(ax: Axes3D, plan: Drawn, shown: Sequence[Snapshot] = ()) -> lis
     """Draw the flown part of each window in its grey, and its whole prediction as a thin line.
 
     Args:
-        ax: where to draw.
+        ax: axes to draw in.
         plan: motion of a flight or simulation to draw.
         shown: obstacles drawn by `draw_obstacles`, behind which paths are faint.
 

@@ -74,7 +74,7 @@ def draw_errors(ax: Axes, simulation: Simulation, quantity: Quantity) -> list[Li
     """Draw each vehicle's error over time, and the radius of the error tube.
 
     Args:
-        ax: where to draw.
+        ax: axes to draw in.
         simulation: simulation to draw.
         quantity: position, velocity, or acceleration for the feedback.
 
