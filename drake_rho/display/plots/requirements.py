@@ -44,7 +44,7 @@ from drake_rho.display.plots.lines3d import draw_line
 _MAX_LABELLED = 8
 """Largest number of sets, or of links, that are labelled in space."""
 _ABOVE = 1.5
-"""Upper end of axes with several requirements, over the largest of their minima."""
+"""Upper end of axes with several requirements, over the peak of their smallest margin."""
 _PARTS = 24
 """Number of parts of a link, each in front of or behind an obstacle."""
 
@@ -147,7 +147,7 @@ def draw_left(
 
 
 def _highest(plan: Drawn, kept: Sequence[Kept]) -> float | None:
-    """Return the upper end of axes with several requirements [m], above all their minima."""
+    """Return the upper end of axes with several requirements [m]: above their smallest margin."""
     if len(kept) == 1:
         return None
     times = dense_times(plan)
