@@ -31,8 +31,8 @@ _AT_ONCE = 256
 """Number of chunks submitted at a time to an executor without an attribute `at_once`."""
 
 _DEATHS_TOGETHER, _DEATHS = 2, 4
-"""Numbers of dead worker processes after which a run that was under way in them is tried with no
-other run under way, to see whether it is the cause, and after which it is not tried again."""
+"""Number of worker deaths after which a run that they were computing is tried alone, to see
+whether it is the cause, and number of deaths after which it is given up."""
 
 
 class CampaignError(DrakeRhoError):
@@ -46,7 +46,7 @@ class SoFar:
     done: int
     """number of runs in the store"""
     failed: int
-    """number of these that were not solved or violate a constraint"""
+    """number of these runs that were not solved or violate a constraint"""
     total: int
     """number of runs of the study"""
 
@@ -70,11 +70,11 @@ def campaign(
 
     Args:
         study: scenarios, methods, repetitions and seed.
-        store: path of an SQLite file, made if it does not exist. A study to which runs were added
-            continues in its store.
+        store: path of an SQLite file, created if it does not exist. An extended study continues in
+            its store.
         executor: executor (PEP 3148) whose workers can import this package, such as
             `drake_rho.campaigns.workers.Workers`, or Dask's from `Client.get_executor()`. If not
-            given, runs are carried out in this process, one after another.
+            given, runs are carried out sequentially in this process.
         progress: called with the progress so far whenever runs were written; `print` will do.
 
     Returns:
@@ -109,7 +109,7 @@ def campaign(
 
 
 class _ThisThread(Executor):
-    """Executor that does immediately, in this thread, what is submitted."""
+    """Executor that runs tasks immediately, in this thread."""
 
     at_once = 1
 
@@ -124,7 +124,7 @@ Returned = tuple[Chunk, "Future[list[Done]]"]
 
 
 class _Campaign:
-    """State of a campaign: runs under way, and those that have to be repeated."""
+    """State of a campaign: runs under way, and runs to repeat."""
 
     def __init__(
         self, store: Store, executor: Executor, watch: Watch | None, progress: SoFar
@@ -151,7 +151,7 @@ class _Campaign:
             raise
 
     def _submit(self, chunks: Iterator[Chunk]) -> bool:
-        """Send chunks as long as more can be under way; return whether any was sent."""
+        """Send chunks until enough are under way; return whether any was sent."""
         sent = False
         while len(self.under_way) < self.at_once:
             chunk = next(chunks)
@@ -207,7 +207,7 @@ class _Campaign:
         self.seconds[row.scenario, row.method] = 0.9 * before + 0.1 * (row.run_seconds or 0.0)
 
     def _died(self, chunk: Chunk) -> None:
-        """Handle the death of a chunk's worker process, which a run may or may not have caused."""
+        """Handle the death of a chunk's worker process, possibly caused by one of its runs."""
         for run in chunk:
             self.deaths[run.key] += 1
             if self.deaths[run.key] >= _DEATHS:
@@ -220,7 +220,7 @@ class _Campaign:
                 self.again.append(run)
 
     def _chunks(self, runs: Iterator[Run]) -> Iterator[Chunk]:
-        """Yield chunks of about `CHUNK` seconds, runs to repeat one by one, at last empty lists."""
+        """Yield chunks of about `CHUNK` seconds, repeated runs singly, then empty lists."""
         chunk, seconds = list[Run](), 0.0
         for run in runs:
             while self.again:
@@ -237,7 +237,7 @@ class _Campaign:
             yield [self.again.popleft()] if self.again else []
 
     def _keep_returned(self) -> None:
-        """Write results that have come back but were not handled, as far as possible."""
+        """Write results that were returned but not handled yet, as far as possible."""
         while not self.returned.empty():
             _, future = self.returned.get()
             if not future.cancelled() and future.exception() is None:

@@ -1,4 +1,4 @@
-"""Columns of a store from which results are summarised."""
+"""Columns of a store for the summary of results."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Columns:
-    """Columns from which the summary is computed, run by run, each of shape (M,)."""
+    """Columns for the summary, run by run, each of shape (M,)."""
 
     pair: IntArray
     """index of the source times the number of methods, plus index of the method"""
     repetition: IntArray
     """number of the repetition"""
     verified: BoolArray
-    """true where a plan holds"""
+    """true where the plan satisfies every constraint"""
     cost: FloatArray
     """cost of the plan [m²/s⁴]; NaN without a plan"""
     duration: FloatArray

@@ -37,7 +37,7 @@ Pair = Annotated[
 
 
 class Distribution(ABC):
-    """Distribution of values as they may stand in a file."""
+    """Distribution of values in the form of a file's entries."""
 
     @abstractmethod
     def draw(self, rng: np.random.Generator) -> Any:
@@ -112,7 +112,7 @@ class Choice(Distribution):
     """Choice from a list, each entry with the same probability."""
 
     choice: Annotated[tuple[Any, ...], Field(min_length=1)]
-    """values as they may stand in the field"""
+    """values, in the form that the field takes"""
 
     def draw(self, rng: np.random.Generator) -> Any:
         """Draw one of the values."""
@@ -134,7 +134,7 @@ _KINDS: dict[str, type[Distribution]] = {
 
 
 def _kind(value: object) -> str:
-    """Return the name of the record that a value is, or that a mapping's key denotes."""
+    """Return the name of a value's record type, or of the type that a mapping's key denotes."""
     if isinstance(value, Mapping):
         found = next((_KINDS[key] for key in value if key in _KINDS), None)
         if found is None:

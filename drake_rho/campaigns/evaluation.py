@@ -31,7 +31,7 @@ class Evaluation:
     """largest ratio of position error to tube radius; None for a plan or a flight, or without a
     disturbance"""
     without_contingency: int | None = None
-    """number of windows without a contingency; None if none was asked for"""
+    """number of windows without a contingency; None if contingencies are off"""
     programs: int
     """number of quadratic programs solved"""
 
@@ -70,7 +70,7 @@ def _share_of_tube(simulation: Simulation) -> float | None:
 
 
 def _without_contingency(flown: Flown) -> int | None:
-    """Return the number of windows without a contingency; None if none was asked for."""
+    """Return the number of windows without a contingency; None if contingencies are off."""
     windows = () if flown.flight is None else flown.flight.windows
     missing = [window.contingency is None for window in windows]
     asked = not all(missing) or any(window.no_contingency for window in windows)

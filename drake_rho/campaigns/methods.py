@@ -1,4 +1,4 @@
-"""Methods by which the scenarios of a study are planned or flown."""
+"""Methods for planning or flying the scenarios of a study."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ class ByPlan(Method):
     solver: SolverName = "clarabel"
     """solver of the quadratic programs"""
     certify: bool = False
-    """whether to compute a lower bound of the cost, too, which takes longer than the plan"""
+    """whether to compute a lower bound of the cost, too, which takes longer than planning"""
 
     def run(self, scenario: Scenario, rng: np.random.Generator) -> Found:
         """Plan one scenario."""
@@ -103,7 +103,7 @@ class ByPlanConvex(Method):
     solver: SolverName = "clarabel"
     """solver of the quadratic programs"""
     certify: bool = False
-    """whether to compute a lower bound of the cost, too, which takes longer than the plan"""
+    """whether to compute a lower bound of the cost, too, which takes longer than planning"""
 
     def run(self, scenario: Scenario, rng: np.random.Generator) -> Found:
         """Plan one scenario."""
@@ -131,13 +131,13 @@ class ByPlanRho(Method):
     solver: SolverName = "clarabel"
     """solver of the quadratic programs"""
     contingencies: bool = DEFAULTS["contingencies"]
-    """whether windows have contingencies, flown where something seen late leaves no plan"""
+    """whether windows have contingencies, flown if a late sighting leaves no plan"""
     bounded_cost: bool = DEFAULTS["bounded_cost"]
-    """whether no window costs more than the rest of the one before, moved to the measured states"""
+    """whether no window costs more than the rest of the previous, moved to the measured states"""
     certify: bool = False
     """whether to compute a lower bound of the cost, too, which takes longer than the flight"""
     latency: Margin | None = None
-    """time that planning a window takes [s], at most the time for which one is flown"""
+    """planning time of a window [s], at most the time for which it is flown"""
     options: Options | None = None
     """tolerances, bounds, and the time limit of the flight"""
 
@@ -148,7 +148,7 @@ class ByPlanRho(Method):
 
 @record
 class ByPlanMinimumTime(Method):
-    """Planning in the least time by `drake_rho.plan_minimum_time`."""
+    """Minimum-time planning by `drake_rho.plan_minimum_time`."""
 
     name: Name
     """name of the method in tables and figures"""
@@ -190,11 +190,11 @@ class BySimulate(Method):
     estimates: bool = True
     """whether estimated states have errors, within the bounds of the scenario's disturbance"""
     contingencies: bool = DEFAULTS["contingencies"]
-    """whether windows have contingencies, flown where something seen late leaves no plan"""
+    """whether windows have contingencies, flown if a late sighting leaves no plan"""
     bounded_cost: bool = DEFAULTS["bounded_cost"]
-    """whether no window costs more than the rest of the one before, moved to the measured states"""
+    """whether no window costs more than the rest of the previous, moved to the measured states"""
     latency: Margin = DEFAULTS["latency"]
-    """time that planning a window takes [s], at most the time for which one is flown"""
+    """planning time of a window [s], at most the time for which it is flown"""
     reference: Literal["free", "tail"] | None = None
     """reference around which windows are linearised; the default of `plan_rho` if not given"""
     solver: SolverName | None = None
@@ -227,7 +227,7 @@ class ByFunction(Method):
     arguments: dict[str, JsonValue] = dataclasses.field(default_factory=dict)
     """further arguments of the function, by name"""
     certify: bool = False
-    """whether to compute a lower bound of the cost, too, which takes longer than the plan"""
+    """whether to compute a lower bound of the cost, too, which takes longer than planning"""
 
     def __post_init__(self) -> None:
         check_arguments(named(self.function), self.arguments)
@@ -240,7 +240,7 @@ class ByFunction(Method):
         if not isinstance(planned, Flown):
             kind = type(planned).__name__
             raise TypeError(f"{self.function}: got {kind}, expected a plan, flight or simulation")
-        if planned.scenario != scenario:  # else it would be verified against another scenario
+        if planned.scenario != scenario:  # otherwise it would be verified against another scenario
             raise ValueError(f"{self.function}: got a plan of another scenario, expected of this")
         return _evaluated(planned, seconds, self.certify)
 

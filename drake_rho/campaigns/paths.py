@@ -25,7 +25,7 @@ def put(content: Any, path: str, value: object) -> None:
     Args:
         content: scenario as mappings and lists with every field, absent ones as None.
         path: path of the field.
-        value: new value, as it may stand in a file.
+        value: new value, in the form of a file's entry.
 
     Raises:
         ScenarioError: there is no such field.
@@ -66,7 +66,7 @@ def _numbers(value: object) -> NDArray[Any] | None:
 
 
 def _place(content: Any, path: str) -> tuple[Any, Any]:
-    """Return the mapping or list that holds a field, and the field's name or number in it.
+    """Return the mapping or list that holds a field, and the field's key or index in it.
 
     Raises:
         ScenarioError: there is no such field.
@@ -83,7 +83,7 @@ def _place(content: Any, path: str) -> tuple[Any, Any]:
 
 
 def _at(content: Any, part: str | int, path: str, walked: str) -> Any:
-    """Return the content after checking that it has a part with this name or number.
+    """Return the content after checking that it has a part with this key or index.
 
     Raises:
         ScenarioError: there is no such part.

@@ -50,7 +50,7 @@ class _Named:
 
 @dataclasses.dataclass(frozen=True)
 class _Names:
-    """What results need of a study, which may be of another version."""
+    """Parts of a study that results need; the study may be of another version."""
 
     name: Name
     scenarios: Annotated[list[_Named], Field(min_length=1)]
@@ -184,7 +184,7 @@ class Results:
 
     @cached_property
     def comparisons(self) -> tuple[Comparison, ...]:
-        """Comparisons of every other method with the first, on each source and on all sources."""
+        """Comparisons of all other methods with the first, on each source and on all sources."""
         others = [each for each in self.methods if each != self.methods[0]]
         sources = [*self.scenarios, ""] if len(self.scenarios) > 1 else self.scenarios
         found = [

@@ -1,4 +1,4 @@
-"""Runs: pure functions of a scenario's source, a method and a seed, each with one row as result."""
+"""Runs: pure functions from a scenario's source, a method and a seed to one row of results."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ class Row:
     seed: str
     """entropy and spawn key of the seed sequence, as 0/2/17"""
     status: str
-    """solved, infeasible, failed (the solvers), invalid (what was drawn), or error"""
+    """solved, infeasible, failed (the solvers), invalid (the drawn scenario), or error"""
     reason: str
     """why the run was not solved, or the constraint with the worst violation; else empty"""
     verified: bool
@@ -87,7 +87,7 @@ class Row:
     tube_share: float | None = None
     """for a simulation, the largest ratio of position error to tube radius"""
     without_contingency: int | None = None
-    """number of windows without a contingency, if these were asked for"""
+    """number of windows without a contingency, if contingencies are on"""
     programs: int | None = None
     """number of quadratic programs solved"""
     plan_seconds: float | None = None
@@ -117,7 +117,7 @@ class Done:
 
 
 def run_keys(source: str, method: str, seed: int, index: int) -> Callable[[int], str]:
-    """Return the keys of runs that differ in their repetition only, as a function of it."""
+    """Return a function from the repetition to the key of a run; all else is fixed."""
     prefix = hashlib.sha256(json.dumps([source, method, seed, index]).encode())
 
     def key(repetition: int) -> str:
@@ -141,7 +141,7 @@ def generators(seed: tuple[int, int, int]) -> tuple[np.random.Generator, np.rand
 
 
 def do_all(runs: Sequence[Run], attempt: int = 0) -> list[Done]:
-    """Carry out runs one after another, with one thread for the arithmetic.
+    """Carry out runs sequentially, with one thread for the arithmetic.
 
     Args:
         runs: the runs.
@@ -175,7 +175,7 @@ def do(run: Run) -> Done:
 
 
 def row_of(run: Run, **columns: Any) -> Row:
-    """Return the row of a run with the given columns; others keep their defaults."""
+    """Return the row of a run with the given columns and defaults for the others."""
     return Row(
         key=run.key,
         scenario=run.scenario,
@@ -231,7 +231,7 @@ def _columns(found: Found) -> dict[str, Any]:
 
 @contextmanager
 def _measured(columns: dict[str, Any]) -> Iterator[None]:
-    """Note in `columns` how long a block takes, even if it fails, and the peak memory."""
+    """Record a block's duration in `columns`, even if it fails, and the peak memory."""
     began = time.perf_counter()
     try:
         yield

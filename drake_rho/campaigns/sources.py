@@ -30,10 +30,10 @@ GENERATORS: dict[str, Callable[..., Scenario]] = {
     "trefoil_swap": trefoil_swap,
     "random_field": random_field,
 }
-"""Generators by the names that a study uses for them."""
+"""Generators by their names in a study."""
 
 _DRAWS = 10
-"""Number of draws of which at least one must be a scenario, or the parameters are refused."""
+"""Number of draws; if none is a valid scenario, the parameters are refused."""
 
 Repetitions = Annotated[Count, Field(ge=1, le=10_000_000)]
 if TYPE_CHECKING:
@@ -178,7 +178,7 @@ _KINDS = {"generator": "Generated", "file": "FromFile", "scenario": "Given"}
 
 
 def _kind(value: object) -> str:
-    """Return the name of the record that a value is, or that a mapping describes.
+    """Return the name of a value's record type, or of the type that a mapping describes.
 
     Misspelt keys are recognised, too.
     """
@@ -205,7 +205,7 @@ def varied(
     offset: Mapping[str, Any],
     rng: np.random.Generator,
 ) -> Scenario:
-    """Return a scenario with values, and offsets, drawn for some of its fields.
+    """Return a scenario with randomly drawn values and offsets for some of its fields.
 
     Raises:
         ScenarioError: there is no such field, or the result is not a valid scenario.
@@ -221,7 +221,7 @@ def varied(
 
 
 def _check_paths(scenario: Scenario, vary: Mapping[str, Any], offset: Mapping[str, Any]) -> None:
-    """Check that the fields exist, and that offsets can be added to theirs."""
+    """Check that the fields exist, and that those with offsets are numeric."""
     content, rng = scenario_to_content(scenario), np.random.default_rng(0)
     for name, distributions, change in (("vary", vary, put), ("offset", offset, add)):
         for path, distribution in distributions.items():
@@ -249,7 +249,7 @@ def _drawn(value: object, rng: np.random.Generator) -> object:
 
 
 def _parameter(generator: str, name: str, value: object) -> object:
-    """Return a parameter in the type that a generator takes, with mappings made into records.
+    """Convert a parameter to the type that a generator takes, mappings to records.
 
     Raises:
         ScenarioError: the value does not have this type.

@@ -11,7 +11,7 @@ from scipy.special import bdtr
 from drake_rho.scenario.fields import BoolArray, FloatArray
 
 SAME = 1e-6
-"""Relative difference up to which two costs, or two final times, are the same."""
+"""Relative difference up to which two costs, or two final times, count as equal."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -128,7 +128,7 @@ class Group:
     duration: Quantiles
     """times from the first knot to the last, of these runs [s]"""
     seconds: Quantiles
-    """times to plan or to fail, of all runs [s]"""
+    """planning times of all runs, including failures [s]"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -146,7 +146,7 @@ class Failure:
 
 
 def sign_test(one: int, other: int) -> float:
-    """Return the two-sided p-value of a split of counts, if both sides are equally likely."""
+    """Return the two-sided p-value of a split of counts between two equally likely sides."""
     if one + other == 0:
         return 1.0
     return min(1.0, 2.0 * float(bdtr(min(one, other), one + other, 0.5)))

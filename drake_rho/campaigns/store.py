@@ -1,7 +1,7 @@
 """Store of a campaign: an SQLite file with a row for every finished run.
 
-Only the process that runs the campaign writes. With write-ahead logging a row is safe once its
-transaction has ended, however the process ends, and others can read meanwhile.
+Only the campaign's process writes. With write-ahead logging a row is safe once its transaction has
+ended, however the process ends, and other processes can read meanwhile.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ FORMAT = 4
 """Version of the tables' format, in the file's `user_version`."""
 
 _PATIENCE = 30.0
-"""Longest wait for another process that writes [s]."""
+"""Longest wait for another writing process [s]."""
 
 _LARGEST = 1 << 40
 """Largest size of a store [bytes]."""
@@ -36,7 +36,7 @@ COLUMNS = tuple(field.name for field in dataclasses.fields(Row))
 _SQL_TYPES = {"str": "TEXT", "int": "INTEGER", "bool": "INTEGER", "float": "REAL"}
 _TYPES = {field.name: str(field.type).removesuffix(" | None") for field in dataclasses.fields(Row)}
 _SHOWN = 100
-"""Number of characters of a damaged value that an error is made of."""
+"""Number of characters of a damaged value that an error message shows."""
 
 _TESTS = {
     "str": "typeof({0}) <> 'text' OR length({0}) > 100000",
@@ -44,7 +44,7 @@ _TESTS = {
     "bool": "typeof({0}) <> 'integer' OR {0} NOT IN (0, 1)",
     "float": "typeof({0}) NOT IN ('real', 'integer')",
 }
-"""Conditions in SQL that hold where a value is damaged."""
+"""SQL conditions for damaged values."""
 
 _EXPECTED = {
     "str": "text of at most 100000 characters",
@@ -68,18 +68,18 @@ _TABLES = {
     "plans": "CREATE TABLE plans (key TEXT PRIMARY KEY, content BLOB NOT NULL)",
     "study": "CREATE TABLE study (study TEXT NOT NULL, version TEXT NOT NULL)",
 }
-"""Tables of a store. Any other definition may hide a view without an end."""
+"""Tables of a store. Any other definition may hide a view that never ends."""
 
 
 class StoreError(DrakeRhoError, ValueError):
-    """Error of a file that is not a store, not that of a study or version, or not accessible."""
+    """File that is not a store, belongs to another study or version, or is not accessible."""
 
 
 class Store:
     """Open store of a campaign, closed by its `with` block.
 
     Args:
-        path: path of the file, made if it does not exist.
+        path: path of the file, created if it does not exist.
         study: study of the store, with the contents of scenario files.
 
     Raises:
@@ -131,7 +131,7 @@ class Store:
             self._connection.executemany("INSERT OR IGNORE INTO plans VALUES (?, ?)", plans)
 
     def _begin(self, study: str) -> None:
-        """Make the tables, or check that they belong to the study, which may have been extended."""
+        """Create the tables, or check that they belong to the study or one that it extends."""
         if not _is_empty(self._connection):  # nothing is written to a foreign file
             check_format(self._connection, self.path)
         self._connection.execute("PRAGMA journal_mode = WAL")
@@ -233,10 +233,10 @@ def check_format(connection: sqlite3.Connection, path: Path) -> None:
 
 
 def check_rows(connection: sqlite3.Connection, path: Path) -> None:
-    """Check that all values of runs are of the types of their columns, and not too long.
+    """Check that all values of runs match the types of their columns and are not too long.
 
     Raises:
-        StoreError: one is not; the error names its row and column.
+        StoreError: a value is wrong; the error names its row and column.
     """
     wrong = " OR ".join(_WRONG.values())
     row = connection.execute(f"SELECT rowid FROM runs WHERE {wrong} LIMIT 1").fetchone()  # noqa: S608
@@ -259,7 +259,7 @@ def _is_empty(connection: sqlite3.Connection) -> bool:
 
 @contextmanager
 def _told(path: Path) -> Iterator[None]:
-    """Raise errors of SQLite as errors of this package."""
+    """Raise SQLite errors as `StoreError`."""
     try:
         yield
     except sqlite3.Error as error:

@@ -23,7 +23,7 @@ from drake_rho.scenario.refusals import scenario_error
 from drake_rho.system.files import read_text, reason_of
 
 _DRAWS = 100
-"""Number of draws of a source of which at least one must be a scenario, or the study is refused."""
+"""Number of draws of a source; if none is a valid scenario, the study is refused."""
 
 
 @record
@@ -114,8 +114,8 @@ class Study:
     def runs(self) -> Iterator[Run]:
         """Yield all runs, repetition by repetition.
 
-        A study that is extended, by more repetitions or by scenarios or methods at the end, has
-        the same runs and further ones.
+        A study extended by more repetitions, or by scenarios or methods at the end, keeps its runs
+        and adds new ones.
         """
         content = json.loads(study_to_json(self))
         sources = [_text(each, "repetitions") for each in content["scenarios"]]
@@ -190,10 +190,10 @@ def example_study() -> str:
 
 
 def continues(new: str, old: str) -> bool:
-    """Return whether a study has all runs of another one, so that it can continue in its store.
+    """Return whether a study contains all runs of another, so that it can continue in its store.
 
-    Both are given as JSON. The new study may have more repetitions, further scenarios at the end,
-    and further methods.
+    Both are given as JSON. The new study may have more repetitions, more scenarios at the end, and
+    more methods.
     """
     now, then = json.loads(new), json.loads(old)
     if any(now[field] != then[field] for field in ("seed", "plans")):
@@ -211,7 +211,7 @@ def continues(new: str, old: str) -> bool:
 
 
 def _text(content: Mapping[str, Any], without: str = "") -> str:
-    """Return one line of JSON in the order of the entries, in which distributions are drawn."""
+    """Return one line of JSON that keeps the order of entries, which is the order of drawing."""
     return json.dumps({name: value for name, value in content.items() if name != without})
 
 

@@ -12,7 +12,7 @@ _TERMINAL_WIDTH = 100
 """Columns of the terminal."""
 
 _SPREAD = "median (10 % quantile to 90 % quantile)"
-"""What is printed of several values."""
+"""Label of the statistics printed for several values."""
 
 _LEAST_WIDTH = 40
 """Least number of columns for a reason."""
@@ -26,7 +26,7 @@ def tables(
 ) -> str:
     """Return tables of success, costs and times, of failures, and of comparisons.
 
-    Final times are left out where methods keep those that scenarios give.
+    Final times are omitted where methods keep those of the scenarios.
     """
     parts = [title, _groups(groups)]
     if failures:

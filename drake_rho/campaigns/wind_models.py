@@ -1,4 +1,4 @@
-"""Wind models of studies, from which each run makes a wind of `drake_rho.simulation.winds`."""
+"""Wind models of studies; each run makes one into a wind of `drake_rho.simulation.winds`."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from drake_rho.simulation.winds import Wind
 
 
 class WindModel(ABC):
-    """Model of the wind, from which the wind of each run is made."""
+    """Model from which each run makes its wind."""
 
     @abstractmethod
     def over(self, scenario: Scenario, rng: np.random.Generator) -> Wind:

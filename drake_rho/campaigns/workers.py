@@ -1,4 +1,4 @@
-"""Worker processes on this machine for a campaign, which are replaced when one of them dies."""
+"""Local worker processes for a campaign, replaced when one of them dies."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ _STARTS = 3
 class Workers(Executor):
     """A `ProcessPoolExecutor` of spawned processes that is replaced when one of them has died.
 
-    Tasks that were under way then fail with `BrokenProcessPool` and may be submitted again. Each
-    process uses one core, leaves Ctrl-C to its parent, and ends when its parent has ended.
+    Running tasks then fail with `BrokenProcessPool` and may be submitted again. Each process uses
+    one core, leaves Ctrl-C to its parent, and ends when its parent has ended.
 
     Args:
         count: number of processes.
@@ -96,7 +96,7 @@ def _begin() -> None:
 
 
 def _load() -> None:
-    """Load the modules that runs need, which takes longer than many runs."""
+    """Load the modules that runs need; loading takes longer than many runs."""
     import drake_rho.campaigns.runs  # noqa: F401
 
 

@@ -23,7 +23,7 @@ _FIRST_STEPS = {
     "drake-rho show plan.npz": "show it in the browser",
     "drake-rho plan --help": "list all options of plan",
 }
-"""Commands for a new user, with what each does."""
+"""Commands for a new user, each with its description."""
 
 # `OutputMode.parse` reads --json and --quiet from the command line itself, so that errors in the
 # command line obey them too. These declarations make typer accept and document the options.

@@ -1,4 +1,4 @@
-"""Exchange of goals between vehicles, as the command `assign` tells it."""
+"""Exchange of goals between vehicles, as the command `assign` reports it."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def assigned(
 
     Args:
         scenario: the scenario with the original goals.
-        given: for each vehicle, the index of the vehicle whose goal it is given.
+        given: for each vehicle, the index of the vehicle whose goal it receives.
         efforts: least costs before and after the exchange [m²/s⁴].
         file: path of the saved scenario; None if it was not saved.
     """

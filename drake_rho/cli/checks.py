@@ -119,7 +119,7 @@ def check_folder(folder: str | None) -> None:
 
 
 def check_interface(host: str) -> None:
-    """Check that a network interface is named; Meshcat takes a blank name for all, as it does "*".
+    """Check that a network interface is named; Meshcat takes a blank name as "*", all interfaces.
 
     Raises:
         ValueError: the name is blank.
@@ -130,7 +130,7 @@ def check_interface(host: str) -> None:
 
 
 def check_rate(rate: float | None) -> None:
-    """Check that a playback can be watched.
+    """Check that a playback rate is reasonable.
 
     At a rate of 0.01, ten seconds of flight take a quarter of an hour; at 1000, an hour of flight
     takes four seconds.

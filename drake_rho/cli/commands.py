@@ -225,7 +225,7 @@ def _serve(page: str, host: str, port: int, *, browser: bool) -> int:
 
 
 def _film(page: str, path: str, size: str | None, duration: float, rate: float | None) -> None:
-    """Write a film of a page, and show the progress."""
+    """Write a film of a page with a progress display."""
     from drake_rho.display.viewer.film import Footage, size_of, write_film
 
     pixels = None if size is None else size_of(size)
@@ -239,7 +239,7 @@ def _film(page: str, path: str, size: str | None, duration: float, rate: float |
 def _scenario_of(
     source: str, duration: float | None, step: float | None, world: str | None
 ) -> Scenario:
-    """Return a scenario, or that of a file with a plan, a flight or a simulation."""
+    """Return a scenario, or the scenario of a saved plan, flight or simulation."""
     if is_result(source):
         refuse_options(source, duration, step, world)
         return load(source).scenario
@@ -247,7 +247,7 @@ def _scenario_of(
 
 
 def _conflicts_of(scenario: Scenario, work: Work) -> InfeasibleError | None:
-    """Return the error of a scenario without a plan; None if there is one or time is over."""
+    """Return the error of an infeasible scenario; None if there is a plan or time is over."""
     try:
         best_plan(scenario, progress=work, options=Options(time_limit=_PREVIEW))
     except InfeasibleError as error:
@@ -260,7 +260,7 @@ def _conflicts_of(scenario: Scenario, work: Work) -> InfeasibleError | None:
 def _load_or_plan(
     source: str, duration: float | None, step: float | None, world: str | None, work: Work
 ) -> Flown:
-    """Return the content of a file, or a new flight of a scenario; for a fleet, a new plan."""
+    """Load a result from a file, or fly a scenario; with a separation, plan it instead."""
     if is_result(source):
         refuse_options(source, duration, step, world)
         return load(source)

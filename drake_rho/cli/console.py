@@ -22,15 +22,15 @@ from drake_rho.planning.call.time_limit import stoppable
 from drake_rho.scenario.errors import DrakeRhoWarning
 
 _CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069]")
-"""Characters that move the cursor, colour or reorder text, and all others that control a terminal,
-but for ends of lines and tabs."""
+"""Characters that control a terminal (move the cursor, colour or reorder text), except ends of
+lines and tabs."""
 
 
 def escaped(text: str) -> str:
     r"""Return text with escapes, such as `\x1b`, in place of characters that control a terminal.
 
-    Names and messages may come from files of others. The escapes hold in JSON too, whose writer
-    leaves only those as they are that are written with four digits here.
+    Names and messages may come from untrusted files. The escapes are valid in JSON too: its writer
+    leaves unescaped only characters that have four-digit escapes here.
     """
 
     def escape(found: re.Match[str]) -> str:
@@ -41,15 +41,15 @@ def escaped(text: str) -> str:
 
 
 class _Screen(Console):
-    """Console that prints no character of a text, a table or a bar that controls the terminal.
+    """Console that escapes terminal control characters in texts, tables and bars.
 
-    What it adds itself, colours and movements of the cursor, stays.
+    Its own colours and cursor movements stay.
     """
 
     def render(
         self, renderable: RenderableType, options: ConsoleOptions | None = None
     ) -> Iterable[Segment]:
-        """Return the segments of which something printed consists, all of it or a part."""
+        """Return the segments of a printed object or of a part of it."""
         for text, style, control in super().render(renderable, options):
             yield Segment(text if control else escaped(text), style, control)
 
@@ -58,7 +58,7 @@ out = _Screen()
 err = _Screen(stderr=True)
 
 _UNFOLDED = 10_000
-"""Width for tables in files and pipes, larger than any table, so that no line is folded."""
+"""Width for tables in files and pipes, larger than any table: lines are not folded."""
 
 
 @dataclasses.dataclass
@@ -71,9 +71,9 @@ class OutputMode:
     """answers and errors only"""
 
     def parse(self, arguments: Sequence[str]) -> None:
-        """Set the mode from a command line, also from one that is invalid otherwise.
+        """Set the mode from a command line, even from an invalid one.
 
-        Errors in the command line are then printed in the mode that it asks for.
+        Errors in the command line are then printed in the mode that it requests.
         """
         options = arguments[: arguments.index("--")] if "--" in arguments else arguments
         self.as_json, self.quiet = "--json" in options, "--quiet" in options
@@ -133,8 +133,8 @@ def answer(content: object, *text: str | Table, status: int = 0) -> int:
     """Print the answer to a question, as a document or as text, and return the exit status.
 
     Args:
-        content: record or mapping that is printed as a document.
-        text: printed otherwise.
+        content: record or mapping to print as a document.
+        text: text to print otherwise.
         status: exit status of the command, the first key of its document.
     """
     if output_mode.as_json:
@@ -147,9 +147,9 @@ def answer(content: object, *text: str | Table, status: int = 0) -> int:
 
 
 def tell(content: object, *text: str | Table, status: int = 0) -> int:
-    """Print the outcome of an action as `answer` does, and with --quiet no text.
+    """Print the outcome of an action as `answer` does; with --quiet print no text.
 
-    The status alone then tells the outcome.
+    The exit status alone then gives the outcome.
     """
     return answer(content, *(() if output_mode.quiet else text), status=status)
 
@@ -213,7 +213,7 @@ def bar(*columns: ProgressColumn) -> Progress:
 
 
 def on_interrupt() -> Callable[[], None]:
-    """Make SIGINT (Ctrl-C) and SIGTERM end only the wait that is returned, from now on.
+    """Make SIGINT (Ctrl-C) and SIGTERM end only the returned wait, from now on.
 
     This holds also in background jobs, for which shells have these signals ignored.
     """

@@ -48,12 +48,12 @@ _KEYS: dict[type, str] = {
     VehicleTimeBound: "vehicle bound_s=bound",
     Window: "first_knot kept reason=infeasible",
 }
-"""Keys of records in documents, each with the attribute that it stands for where that has another
-name. Of other records all fields are keys, and a scenario is its name."""
+"""Keys of records in documents, each with its attribute where that has another name. For other
+records all fields are keys; a scenario is given by its name."""
 
 
 def content_of(record: object) -> dict[str, object]:
-    """Return the content of a record by its keys."""
+    """Return the content of a record by key."""
     fields = dataclasses.fields(record)  # type: ignore[arg-type]  # a record is a dataclass
     keys = _KEYS.get(type(record)) or " ".join(field.name for field in fields)
     pairs = (each.partition("=") for each in keys.split())
@@ -66,7 +66,7 @@ def json_of(document: object) -> str:
 
 
 def _plain(value: object) -> object:
-    """Return a value with mappings in place of all records in it."""
+    """Return a value with all its records replaced by mappings."""
     if isinstance(value, Scenario):
         return value.name
     if dataclasses.is_dataclass(value):

@@ -1,4 +1,4 @@
-"""The command `map`: what the file of a map holds."""
+"""The command `map`: content of a map's file."""
 
 from __future__ import annotations
 
@@ -47,11 +47,11 @@ class Mapped:
     cells: int | None = None
     """number of cells of the obstacle; None for a mesh or a world"""
     occupied_cells: int | None = None
-    """number of cells that an OctoMap has as occupied; None for other maps"""
+    """number of occupied cells of an OctoMap; None for other maps"""
     free_cells: int | None = None
-    """number of cells that an OctoMap has as free; None for other maps"""
+    """number of free cells of an OctoMap; None for other maps"""
     unknown_cells: int | None = None
-    """number of cells in the bounding box of an OctoMap that were never seen; None for others"""
+    """number of unobserved cells in an OctoMap's bounding box; None for other maps"""
     triangles: int | None = None
     """number of triangles; None unless it is a mesh"""
     vertices: int | None = None
@@ -61,7 +61,7 @@ class Mapped:
     obstacles: list[str] | None = None
     """names and shapes of the obstacles of a world; None for other maps"""
     parts: int
-    """number of convex parts that planners keep clear of"""
+    """number of convex parts in the planners' cover of the map"""
     beyond_m: float
     """largest distance of these parts from the map; 0 if their union is the map"""
     figure: str | None = None
@@ -97,7 +97,7 @@ def map(
         typer.Option(metavar="FILE", help="Draw the map to this file (.png, .pdf or .svg)."),
     ] = None,
 ) -> int:
-    """Say what the file of a map holds, and draw it."""
+    """Describe the file of a map, and draw it."""
     check_writable(figure, _FIGURES, "--figure")
     leaves = None
     with working("reading") as work:
@@ -136,7 +136,7 @@ def _kind_of(
     """Return the kind of a map by its ending; a PLY file with a resolution is a point cloud.
 
     Raises:
-        ValueError: the ending is that of no map, or an option is for maps of another kind.
+        ValueError: no kind of map has this ending, or an option is for maps of another kind.
     """
     ending = Path(file).suffix.lower()
     kind: Literal["octomap", "points", "mesh", "world"]
@@ -158,7 +158,7 @@ def _kind_of(
 
 
 def _meaning(unknown: str | None) -> Literal["free", "occupied"]:
-    """Return what unknown cells count as.
+    """Return the treatment of unobserved cells.
 
     Raises:
         ValueError: the option has another value.

@@ -42,7 +42,7 @@ class FigureFormat(StrEnum):
 
 
 def _completed(beginning: str) -> list[str]:
-    """List library scenarios whose names begin so; shells complete file names themselves."""
+    """List library scenarios with this beginning; shells complete file names themselves."""
     return [name for name in library() if name.startswith(beginning)]
 
 

@@ -1,4 +1,4 @@
-"""Reports on plans, flights and simulations: their verification and the work they took."""
+"""Reports on plans, flights and simulations: verification and computational effort."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def finish(
 ) -> int:
     """Save, draw and verify a result, print the report and return the exit status.
 
-    A result that violates constraints is saved and drawn too. The status is 0 if it holds, else 1.
+    A result that violates constraints is saved and drawn too. The status is then 1, otherwise 0.
 
     Args:
         flown: the plan, flight or simulation.
@@ -40,7 +40,7 @@ def finish(
         drawing: figures to draw, if any.
         wind: description of the wind, if any.
         every_row: whether to print every row of the report.
-        least_time: whether the time was to be least, so that its gap is told and not the cost's.
+        least_time: whether time was minimised, so that its gap is printed instead of the cost's.
     """
     if output is not None:  # before anything is printed: a closed pipe must not lose the work
         save(flown, output)
@@ -142,7 +142,7 @@ def _text(flown: Flown, printed: Printed, least_time: bool) -> Iterator[str | Ta
 
 
 def _report(printed: Printed) -> Iterator[str | Table]:
-    """Yield the report as text, or as tables that fit where a terminal is narrower than that."""
+    """Yield the report as text, or as tables that fit a narrower terminal."""
     text = str(printed)
     if not out.is_terminal or max(map(len, text.splitlines())) <= out.width:
         yield text
@@ -162,7 +162,7 @@ def _report(printed: Printed) -> Iterator[str | Table]:
 
 
 def _windows_without_plan(windows: Sequence[Window]) -> Iterator[str]:
-    """Yield a line for each window without a plan of its own: what was flown, and the reason."""
+    """Yield a line for each window without its own plan: the plan flown instead, and the reason."""
     for window in windows:
         if window.infeasible:
             flown = "previous plan" if window.kept else "least-violation motion"

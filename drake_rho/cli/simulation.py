@@ -126,7 +126,7 @@ def simulate(
 
 
 def _plan_in(source: str) -> Plan:
-    """Return the plan of a file with a plan or a flight.
+    """Return the plan in a file of a plan or a flight.
 
     Raises:
         ValueError: it holds a simulation, or is damaged.
@@ -175,15 +175,15 @@ def _wind(
     end: float,
     flown: RecedingHorizon | Plan,
 ) -> _Described:
-    """Return the wind of a name.
+    """Return a wind by name.
 
     Args:
-        scenario: that is flown.
-        name: of the wind.
-        direction: in which it blows; the default if None.
+        scenario: scenario to fly.
+        name: name of the wind.
+        direction: direction of the wind; the default if None.
         rng: source of noise.
-        end: time by which the worst wind has driven vehicles in a direction [s].
-        flown: what it is worst for: a plan, or the first plan of a horizon.
+        end: time at which the worst wind's displacement is largest [s].
+        flown: target of the worst wind: a plan, or the first plan of a horizon.
     """
     grid = scenario.grid
     vector = direction or (1.0, 0.0, 0.0)

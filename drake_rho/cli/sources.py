@@ -51,7 +51,7 @@ def load_result(path: Path) -> Flown:
 def read(
     source: str, duration: float | None, step: float | None, world: str | None = None
 ) -> Scenario:
-    """Read the scenario of a name or file; a mission gets the grid and the world of the options.
+    """Read a scenario by name or from a file; options give a mission its grid and world.
 
     Raises:
         ScenarioError: there is no such scenario, the scenario is invalid, or the step does not
@@ -87,7 +87,7 @@ def _load_scenario(source: str) -> Scenario:
 
 
 def refuse_empty_file(path: str, error: ScenarioError, kind: str, schema: str) -> None:
-    """Raise an error that says so if the reason of `error` is an empty YAML file.
+    """Raise a clearer error if the cause of `error` is an empty YAML file.
 
     Args:
         path: path of the file.
@@ -114,7 +114,7 @@ def _nearest_name(source: str) -> str | None:
 def refuse_options(
     source: str, duration: float | None, step: float | None, world: str | None
 ) -> None:
-    """Check that no option of missions is given for a source with a grid and obstacles of its own.
+    """Check that no mission option is given for a source with its own grid and obstacles.
 
     Raises:
         ValueError: an option of missions is given.

@@ -18,7 +18,7 @@ class _Stream(io.FileIO):
         try:
             return super().write(data)  # type: ignore[arg-type]  # any buffer
         except OSError as error:
-            os.dup2(os.open(os.devnull, os.O_WRONLY), self.fileno())  # takes the remaining output
+            os.dup2(os.open(os.devnull, os.O_WRONLY), self.fileno())  # absorbs the remaining output
             if isinstance(error, BrokenPipeError):
                 raise SystemExit(141) from None
             raise

@@ -15,7 +15,7 @@ from drake_rho.motion.tube_shares import largest_shares, rounding_of
 from drake_rho.scenario.fields import FloatArray, IntArray
 
 _MOST_ROWS = 20
-"""Largest number of rows; of more vehicles, those with the largest errors have a row."""
+"""Largest number of rows; with more vehicles, those with the largest errors are listed."""
 _ZERO = 1e-9
 """Absolute value below which a number is printed as 0, in the units of the table."""
 
@@ -58,7 +58,7 @@ def errors_of(simulation: Simulation) -> list[VehicleErrors]:
 
 
 def simulation_table(simulation: Simulation) -> Table:
-    """Return the table of `errors_of`; of many vehicles, those with the largest errors."""
+    """Return the table of `errors_of`; with many vehicles, only the largest errors."""
     rows = errors_of(simulation)
     columns: dict[str, list[float | None]] = {
         "error \\[m]": [each.error_m for each in rows],

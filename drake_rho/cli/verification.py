@@ -123,7 +123,7 @@ def diagnose(
 
 
 def _diagnose_plan(source: str, planned: str | None, time_limit: float | None) -> int:
-    """Print which limits make the plan of a file as long as it is."""
+    """Print the sensitivity of a plan's least time to limits."""
     flown = load_result(Path(source))
     if flown.kind != "plan":
         raise ValueError(f"{source}: got a {flown.kind}, expected a plan")

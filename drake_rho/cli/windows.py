@@ -88,7 +88,7 @@ def windows_of(
         ),
     ] = None,
 ) -> Windows:
-    """Return the settings of windows that the options stand for.
+    """Return the settings of windows given by the options.
 
     Raises:
         ScenarioError: a memory or time limit is out of bounds.
@@ -113,7 +113,7 @@ takes_windows = passes_to(windows_of)
 
 
 def refuse_windows(source: str, windows: dict[str, Any]) -> None:
-    """Check that no option is about windows, which a plan that is tracked has not.
+    """Check that no window option is given for a tracked plan, which has no windows.
 
     Args:
         source: file with the plan.

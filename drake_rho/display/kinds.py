@@ -1,4 +1,4 @@
-"""Table of how every kind of requirement is shown."""
+"""Table of the display of every kind of requirement."""
 
 from __future__ import annotations
 

@@ -16,7 +16,7 @@ _DPI = 110.0
 
 
 def html_of(record: Flown | Scenario) -> str:
-    """Return the HTML by which a notebook shows a record."""
+    """Return the HTML of a record for a notebook."""
     words = f"Scenario {summary(record)}" if isinstance(record, Scenario) else repr(record)[1:-1]
     file = io.BytesIO()
     paths_figure(record).savefig(file, format="png", dpi=_DPI)

@@ -1,4 +1,4 @@
-"""Clearance that remains when vehicles deviate from a motion by bounded amounts."""
+"""Clearance for bounded deviations from a motion."""
 
 from __future__ import annotations
 
@@ -14,28 +14,28 @@ from drake_rho.verification.check import Check
 from drake_rho.verification.verify import verify
 
 _DISTANCES = ("position", "obstacles", "separation", "requirements")
-"""Kinds of requirements that are distances, which deviations reduce."""
+"""Kinds of requirements on distances, which deviations reduce."""
 _NEGLIGIBLE = 1e-6
-"""Clearance that is printed as nothing [m]."""
+"""Clearance that is printed as zero [m]."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Spare:
     """Least clearance beyond the required distances, before and after deviations.
 
-    The distances are those from obstacles, from other vehicles, from the position box and from the
-    boundaries of required sets of positions, as `verify` finds them.
+    The distances are from obstacles, other vehicles, the position box and the boundaries of
+    required sets of positions, as in `verify`.
     """
 
     before: float
     """least clearance of the motion itself [m]; negative if a distance is violated, infinite if
     there are no such constraints"""
     left: float
-    """lower bound of the clearance if every vehicle deviates from the motion [m]: as if each were
-    displaced towards what it is closest to, and other vehicles towards it"""
+    """lower bound of the clearance if every vehicle deviates from the motion [m]: each displaced
+    towards its closest constraint, and other vehicles towards it"""
     keeps_clear: bool
-    """whether `left` is nonnegative, up to what `verify` attributes to rounding; if not, distances
-    may be violated by up to `-left`"""
+    """whether `left` is nonnegative within the tolerances of `verify`; if not, distances may be
+    violated by up to `-left`"""
 
     def __str__(self) -> str:
         if np.isinf(self.before):
@@ -48,7 +48,7 @@ class Spare:
 
 
 def spare(flown: Flown, deviations: FloatArray) -> Spare:
-    """Return the clearance that remains wherever vehicles are within their deviations.
+    """Return the clearance for all positions of vehicles within their deviations.
 
     Args:
         flown: the motion.

@@ -48,7 +48,7 @@ class Crazyswarm(Format):
 
 
 def _with_two_steps(motion: Motion) -> Motion:
-    """Return the motion, a single step cut in two: Crazyswarm2 reads no file with a single row."""
+    """Cut a single step in two: Crazyswarm2 reads no file with a single row."""
     if motion.accelerations.shape[1] > 1:
         return motion
     times = motion.step * np.array([0.0, 0.5, 1.0])

@@ -50,15 +50,15 @@ def export(flown: Flown, path: str | Path, *, format: str, rate: float | None = 
             motion is written (not with crazyswarm and px4, which hold motions to be flown).
         path: path of a file with the format's ending (.csv for csv and px4, .json, .zip for
             skybrush), or of a folder, for crazyswarm and skybrush. An existing folder is replaced
-            if it holds no other files than those to be written.
+            if it holds only files that are to be written.
         format: csv, json, crazyswarm, skybrush or px4.
         rate: samples per second [1/s], up to 1000. If not given, 20, and for json the knots alone.
             Not allowed for crazyswarm, which holds polynomials.
 
     Returns:
-        A record of what was written. If the file does not hold the motion itself (because pieces
-        were merged or samples are joined by straight lines), `deviation` bounds the distance from
-        the motion, and `spare.keeps_clear` says whether all required distances still hold.
+        A record of the export. If the file does not hold the exact motion (because pieces were
+        merged or samples are joined by straight lines), `deviation` bounds the distance from the
+        motion, and `spare.keeps_clear` says whether all required distances still hold.
 
     Raises:
         ValueError: the format, the ending, the rate or the kind of motion is not supported, or the

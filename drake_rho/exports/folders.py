@@ -20,10 +20,10 @@ _EPOCH = (1980, 1, 1, 0, 0, 0)
 
 
 def file_names(names: Iterable[str], ending: str) -> list[str]:
-    """Return file names made of vehicles' names, distinct even where case does not count.
+    """Return file names from vehicles' names, distinct even where case does not count.
 
-    Letters and digits of any language, spaces, `.`, `-` and `_` stay; all else becomes `_`. A name
-    that is already taken gets a number.
+    Letters and digits of any language, spaces, `.`, `-` and `_` stay; all else becomes `_`. A
+    repeated name gets a number.
     """
     taken: set[str] = set()
     found = []
@@ -64,7 +64,7 @@ def check_folder(path: Path, names: Iterable[str] | None = None) -> None:
 def write_folder(path: Path, contents: Mapping[str, bytes]) -> None:
     """Write files into a new folder beside `path`, which then replaces `path` in one step.
 
-    Where a file system cannot exchange two folders, there is an instant without any at `path`.
+    If the file system cannot exchange two folders, there is an instant without a folder at `path`.
 
     Raises:
         ValueError: the folder at `path` holds other files.

@@ -1,4 +1,4 @@
-"""`Format`: base class of file formats, with their properties and the method that writes."""
+"""`Format`: base class of file formats."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ class Format(ABC):
 
     @property
     def _kinds(self) -> str:
-        """Kinds of paths that can be written, in words."""
+        """Description of the paths that can be written."""
         kinds = [f"a file to write, ending in {' or '.join(self.endings)}"] if self.endings else []
         kinds += ["a folder, new or of the same files"] if self.folder else []
         return ", or ".join(kinds)
@@ -74,11 +74,11 @@ class Format(ABC):
 
 
 def planned(flown: Flown, format: str) -> Plan:
-    """Return the plan to write in a format for motions that are still to be flown.
+    """Return the plan to write in a format for future motions.
 
     Raises:
         ValueError: a simulation was given, or a flight that jumps to measured states: their motions
-            have already been flown, and no vehicle can follow a jump.
+            are in the past, and no vehicle can follow a jump.
     """
     expected = f"a plan or a flight with {format}, as what is to be flown"
     if flown.simulation is not None:

@@ -1,8 +1,8 @@
-"""Smooth motions as fewer polynomials of degree 7, which join with continuous accelerations.
+"""Smooth motions as fewer polynomials of degree 7 with continuous accelerations.
 
-The pieces of a smooth motion are of degree 5 at most, so that as few as allowed are exact. Of more,
+The pieces of a smooth motion are of degree 5 at most, so they are exact if few enough. Otherwise
 neighbours are merged: positions, velocities and accelerations at both ends are those of the motion,
-and the two coefficients that are left on each axis are fitted by least squares.
+and the two free coefficients of each axis are fitted by least squares.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from drake_rho.motion.smooth import Polynomials
 from drake_rho.scenario.fields import FloatArray, IntArray
 
 _SAMPLES = 8
-"""Number of samples of each piece, to which a polynomial is fitted."""
+"""Number of samples of each piece for the fit."""
 
 
 def merged(motion: Polynomials, most: int) -> Pieces:
@@ -42,7 +42,7 @@ def merged(motion: Polynomials, most: int) -> Pieces:
 
 
 def _joints(instants: FloatArray, most: int) -> IntArray:
-    """Return the indices of instants at which merged pieces begin and end, at most `most` + 1."""
+    """Return the indices of the ends of merged pieces, at most `most` + 1."""
     if len(instants) - 1 <= most:
         return np.arange(len(instants))
     even = np.linspace(instants[0], instants[-1], most + 1)

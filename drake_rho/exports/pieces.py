@@ -22,9 +22,9 @@ from drake_rho.scenario.fields import FloatArray
 
 DEGREE = 7
 _SAMPLES = 16
-"""Number of samples of each step, to which a polynomial is fitted."""
+"""Number of samples of each step for the fit."""
 _PARTS = 8
-"""Number of parts of each step, in each of which the deviation is bounded."""
+"""Number of parts of each step for bounding the deviation."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

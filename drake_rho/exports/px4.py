@@ -25,7 +25,7 @@ COLUMNS = (
     *("type_mask", "x", "y", "z", "vx", "vy", "vz", "afx", "afy", "afz", "yaw", "yaw_rate"),
 )
 NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
-"""Matrix from vectors in east, north and up to vectors in north, east and down."""
+"""Matrix from east-north-up to north-east-down vectors."""
 _AUTOPILOT, _LOCAL_NED = 1, 1  # MAV_COMP_ID_AUTOPILOT1, MAV_FRAME_LOCAL_NED
 _IGNORE_YAW_RATE = 2048
 _EAST = np.pi / 2.0
@@ -35,13 +35,13 @@ _SYSTEMS = 255
 
 
 class Px4(Format):
-    """Table of all vehicles' setpoints, in the order in which they are to be sent."""
+    """Table of all vehicles' setpoints, in the order of sending."""
 
     name = "px4"
     endings = (".csv",)
 
     def write(self, flown: Flown, path: Path, rate: float | None) -> Exported:
-        """Write the rows in the order of time, and of vehicles at equal times.
+        """Write the rows ordered by time, then by vehicle.
 
         Raises:
             ValueError: there are more vehicles than MAVLink can distinguish, or a simulation was

@@ -19,16 +19,16 @@ class Exported(metaclass=Described):
     path: Path
     """path of the file or folder that was requested"""
     files: tuple[Path, ...]
-    """files written: a single one, or those of a folder, vehicle by vehicle"""
+    """files written: one file, or one file for each vehicle in a folder"""
     words: str
     """description of the files' contents"""
     names: tuple[str, ...]
     """names of the vehicles"""
     deviations: FloatArray
-    """upper bound of the distance between what is written and each vehicle's motion at any time
-    [m], shape (N,); 0 where the motion itself, or states of it, are written"""
+    """upper bound of the distance between the written and the given motion of each vehicle at any
+    time [m], shape (N,); 0 if the motion itself, or states of it, are written"""
     spare: Spare | None = None
-    """clearance that remains with these deviations; None if there are no deviations"""
+    """clearance with these deviations; None without deviations"""
 
     @property
     def deviation(self) -> float:

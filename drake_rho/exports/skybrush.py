@@ -55,9 +55,9 @@ def _table(ticks: IntArray, positions: FloatArray) -> bytes:
 def _chord_deviations(flown: Flown, ticks: IntArray) -> FloatArray:
     """Return upper bounds of the distance between motions and straight lines between samples [m].
 
-    A motion whose acceleration is at most a is within a w²/8 of the line between two of its points
-    that are a time w apart, and so is an average of it. A jump between them adds at most its size,
-    and w/4 times that of its velocity. The shape is (N,).
+    A motion with acceleration at most a is within a w²/8 of the line between two of its points a
+    time w apart, and so is an average of it. A jump between them adds at most its size, and w/4
+    times that of its velocity. The shape is (N,).
     """
     accelerations = flown.plan.accelerations
     if flown.simulation is not None:
@@ -68,11 +68,11 @@ def _chord_deviations(flown: Flown, ticks: IntArray) -> FloatArray:
 
 
 def _jumped(flown: Flown, ticks: IntArray, longest: float) -> FloatArray:
-    """Return upper bounds of what jumps between two samples add to deviations [m], shape (N,).
+    """Return upper bounds of the deviations due to jumps between two samples [m], shape (N,).
 
     Args:
         flown: the motion.
-        ticks: of the samples [ms], shape (M,).
+        ticks: times of the samples [ms], shape (M,).
         longest: time between two samples [s].
     """
     plan = flown.plan

@@ -1,4 +1,4 @@
-"""CSV and JSON formats: states of all vehicles, from which a plan can be read again."""
+"""CSV and JSON formats: states of all vehicles, readable as a plan in JSON."""
 
 from __future__ import annotations
 
@@ -34,14 +34,14 @@ class Csv(Format):
 class Json(Format):
     """Document with scenario, units and states at every knot, and at a rate if one is given.
 
-    With a smoothing, which the scenario says, the states are those of the plan that is averaged.
+    If the scenario has smoothing, the states are those of the plan before averaging.
     """
 
     name = "json"
     endings = (".json",)
 
     def write(self, flown: Flown, path: Path, rate: float | None) -> Exported:
-        """Write one document, which `load` reads as the same plan."""
+        """Write one document that `load` reads as the same plan."""
         if rate is not None and flown.scenario.smoothing is not None:
             expected = f"none with {self.name} and smoothing: it holds the plan that is averaged"
             raise ValueError(f"rate: got {rate:g}, expected {expected}")

@@ -1,1 +1,1 @@
-"""The paper's study: its four examples, six claims and sixteen figures, and tables of them."""
+"""The paper's study: four examples, six claims, sixteen figures, and tables."""

@@ -34,7 +34,7 @@ def draw_figure(number: int, study: Study, *, width: float = DOUBLE_COLUMN) -> F
     """Draw figure `number` of the paper, 3 to 18.
 
     Args:
-        number: as in the paper.
+        number: number of the figure in the paper.
         study: the examples to draw.
         width: width of the figure [in].
 
@@ -64,7 +64,7 @@ def write_paper_figures(
     file_format: str = "png",
     width: float = DOUBLE_COLUMN,
 ) -> list[Path]:
-    """Write `fig03.png` to `fig18.png`, each whole or not at all.
+    """Write `fig03.png` to `fig18.png`, each completely or not at all.
 
     An existing PNG that looks the same is not replaced: the last digits of a solution differ from
     machine to machine, and with them a few pixels by one grey level.
@@ -98,7 +98,7 @@ def write_paper_figures(
 
 
 def _look_the_same(new: Path, old: Path) -> bool:
-    """Return whether both are PNGs of one size that differ by no more than a grey level."""
+    """Return whether both are PNGs of equal size that differ by at most a grey level."""
     if new.suffix != ".png" or not old.is_file():
         return False
     try:

@@ -21,7 +21,7 @@ from drake_rho.scenario.records import Scenario
 from drake_rho.verification.verify import Report, verify
 
 REPEATS = 5
-"""Number of runs of each example, of which the median time is reported."""
+"""Number of runs of each example; the median time is reported."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -99,7 +99,7 @@ class Study:
         """Compute each vehicle's least distance from any sphere's surface at the knots.
 
         The distances [m], shape (N,), are negative inside a sphere. They are measured from the
-        spheres of the scenario also in the examples that ignore these.
+        scenario's spheres even in the examples that ignore them.
         """
         positions = example.plan.positions
         nearest = [

@@ -58,7 +58,7 @@ def study_table(study: Study) -> Table:
 
 
 def claims_table(study: Study) -> Table:
-    """Return a table of the paper's claims, the numbers that decide, and the verdicts."""
+    """Return a table of the paper's claims, the evidence, and the verdicts."""
     table = Table(title="Claims of the paper", show_lines=True)
     table.add_column("")
     table.add_column("claim of the paper, and numbers of the reproduced examples")

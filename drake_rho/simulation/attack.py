@@ -1,7 +1,7 @@
-"""Wind that leaves a plan the least clearance from its constraints, and a flight in that wind.
+"""Wind that minimises a plan's clearance from its constraints, and a flight in that wind.
 
 At a time t the error of a vehicle is anywhere in a ball of radius ρ(t), and distances from convex
-shapes change by no more than a vehicle moves. So no wind leaves less clearance than the plan's
+shapes change by no more than a vehicle moves. So in any wind the clearance is at least the plan's
 less ρ(t), or less 2 ρ(t) between two vehicles. The worst wind in the direction of the nearest
 surface attains this bound, as long as the same surface stays nearest during the displacement.
 """
@@ -57,7 +57,7 @@ TREATMENT = {
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class AimedWind(WindOverTime):
-    """A worst case that drives each vehicle in a direction of its own."""
+    """Worst case with a separate direction for each vehicle."""
 
     worst: WorstCase
     """the worst case along x"""
@@ -102,12 +102,12 @@ class Attack(metaclass=Described):
     planned: float
     """clearance of the plan at this time, beyond the required distance [m]"""
     bound: float
-    """least clearance that any wind and estimation errors can leave at any time [m]; negative if
-    they can violate the constraint"""
+    """lower bound of the clearance at all times, in every wind, with all estimation errors [m];
+    negative if they can violate the constraint"""
     clearance: float
-    """clearance that was left in the flight at this time [m]"""
+    """clearance of the flight at this time [m]"""
     wind: AimedWind
-    """worst wind, with the estimation errors that belong to it"""
+    """worst wind, with its estimation errors"""
     simulation: Simulation
     """flight in this wind"""
 
@@ -134,7 +134,7 @@ class _Clearance:
 
 @checked
 def attack(scenario: Scenario, plan: Plan) -> Attack:
-    """Find the wind that leaves a plan the least clearance, and fly the plan in it.
+    """Find the wind that minimises a plan's clearance, and fly the plan in it.
 
     The plan is tracked by the scenario's feedback from its start to its end, without replanning.
 
@@ -195,7 +195,7 @@ class _Tightest:
 
 
 def _tightest_of_all(scenario: Scenario, plan: Plan) -> _Tightest | None:
-    """Return the least clearance less error radii, as the verifier finds it; None without any.
+    """Return the verifier's least clearance less error radii; None if nothing has a clearance.
 
     The verifier misses smaller values by the fraction `PRECISION` of the tolerance at most.
     """
@@ -216,7 +216,7 @@ def _tightest_of_all(scenario: Scenario, plan: Plan) -> _Tightest | None:
 def _checks(
     trajectory: PiecewiseTrajectory,
 ) -> Iterator[tuple[Column, Callable[[int], _Clearance]]]:
-    """Yield the verifier's columns, each with a function of a vehicle's index to its clearance."""
+    """Yield the verifier's columns, each with a function from vehicle index to clearance."""
     scenario = trajectory.scenario
     for number in range(1, len(scenario.bodies) + 1):
         for column in check_obstacle(trajectory, number):

@@ -1,10 +1,9 @@
-"""Thrust and attitude of a quadrotor for commanded accelerations, reached smoothly.
+"""Thrust and attitude of a quadrotor for smoothed acceleration commands.
 
 A quadrotor turns before it accelerates in another direction. Every jump of the command is therefore
 spread over `WIDTH`, symmetrically about a time `LAG` later: the commanded thrust then has two
 derivatives, which the attitude loop feeds forward, and the acceleration is that of a point mass
-whose commands act `LAG` late. Averages stay in the convex set that commands are limited to, so the
-tilt does too.
+with a delay of `LAG`. Averages stay in the convex set of allowed commands, so the tilt limit holds.
 """
 
 from __future__ import annotations
@@ -25,10 +24,10 @@ UP = np.array([0.0, 0.0, 1.0])
 """Direction against gravity."""
 
 WIDTH = 0.1
-"""Time over which the thrust changes after a jump of the command [s]."""
+"""Duration of the thrust's change after a jump of the command [s]."""
 
 LAG = WIDTH / 2.0
-"""Time after which, in the mean, a quadrotor has an acceleration that is commanded [s]."""
+"""Mean delay from a commanded acceleration to the actual one [s]."""
 
 MAX_TILT = math.radians(60.0)
 """Largest tilt of the commanded thrust [rad]: roll, pitch and yaw are far from gimbal lock."""
@@ -37,10 +36,10 @@ _LEAST_LIFT = 0.2
 """Least vertical part of the commanded thrust, in weights."""
 
 _BANDWIDTH, _DAMPING = 40.0, 1.0
-"""Natural frequency [rad/s] and damping ratio with which errors of the attitude decay."""
+"""Natural frequency [rad/s] and damping ratio of the attitude error."""
 
 _APART = 1e-3
-"""Time between attitudes of which rates and angular accelerations are computed [s]."""
+"""Time step of finite differences for rates and angular accelerations [s]."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -50,14 +49,14 @@ class SmoothCommand:
     value: FloatArray
     """latest command [m/s²], shape (3,)"""
     jumps: tuple[tuple[float, FloatArray], ...] = ()
-    """times of the last jumps [s], and how far they lead [m/s²], (3,) each"""
+    """times of the last jumps [s] and their sizes [m/s²], (3,) each"""
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Self:
         """Return the command itself, since Drake's contexts copy their state."""
         return self
 
     def followed_by(self, command: FloatArray, time: float) -> Self:
-        """Return the command from a time on, if it may have jumped."""
+        """Return this command after a possible change of its value at a time."""
         if np.array_equal(command, self.value):
             return self
         jumps = [jump for jump in self.jumps if time - jump[0] < WIDTH]
@@ -82,8 +81,8 @@ class AttitudeController(LeafSystem):
 
     By differential flatness the thrust vector is m (a + g e_z); its direction is the body's z axis
     and the yaw is 0. The attitude is a rotation whose error is the vector part of a quaternion, so
-    that there is no gimbal lock. The thrust has the vertical part that is commanded also while the
-    quadrotor turns. Rotors cannot pull, so inputs are at least 0.
+    there is no gimbal lock. The vertical thrust is as commanded even while the quadrotor turns.
+    Rotors cannot pull, so inputs are at least 0.
 
     Ports: inputs `acceleration` (3) and `state` (12, of a `QuadrotorPlant`); output `rotors` (4),
     updated at each step of the simulator.
@@ -94,7 +93,7 @@ class AttitudeController(LeafSystem):
         self._mass, self._inertia = plant.m(), np.asarray(plant.inertia())
         self._gravity = plant.g()
         arm, lift, drag = plant.length(), plant.force_constant(), plant.moment_constant()
-        mixing = np.array(  # of rotor inputs: thrust and moments about x, y, z
+        mixing = np.array(  # from rotor inputs to thrust and moments about x, y, z
             [
                 [lift, lift, lift, lift],
                 [0.0, arm * lift, 0.0, -arm * lift],
@@ -129,8 +128,8 @@ class AttitudeController(LeafSystem):
         """Return rotor inputs, shape (4,).
 
         Args:
-            state: of the `QuadrotorPlant`, shape (12,).
-            acceleration: commanded [m/s²], shape (3,).
+            state: state of the `QuadrotorPlant`, shape (12,).
+            acceleration: commanded acceleration [m/s²], shape (3,).
             jerk: its derivative [m/s³], shape (3,).
             snap: its second derivative [m/s⁴], shape (3,).
         """
@@ -150,10 +149,10 @@ class AttitudeController(LeafSystem):
 
 
 def held(acceleration: FloatArray, gravity: float) -> FloatArray:
-    """Return the acceleration that is commanded for one that may need too large a tilt, (3,).
+    """Return the acceleration limited to the largest tilt, (3,).
 
     Args:
-        acceleration: wanted [m/s²], shape (3,).
+        acceleration: desired acceleration [m/s²], shape (3,).
         gravity: g [m/s²].
     """
     x, y, z = acceleration.tolist()
@@ -175,7 +174,7 @@ def upright_along(thrust: FloatArray) -> FloatArray:
 def _turning(
     wanted: FloatArray, thrust: FloatArray, jerk: FloatArray | float, snap: FloatArray | float
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the rate [rad/s] and the angular acceleration [rad/s²] of a wanted attitude, (3,)."""
+    """Return the rate [rad/s] and angular acceleration [rad/s²] of a desired attitude, (3,)."""
     before, after = (
         _rotation_vector(wanted, upright_along(thrust + t * (jerk + t / 2.0 * snap))) / _APART
         for t in (-_APART, _APART)
@@ -184,7 +183,7 @@ def _turning(
 
 
 def _rotation_vector(one: FloatArray, other: FloatArray) -> FloatArray:
-    """Return twice the vector part of the quaternion that turns one rotation to another, (3,)."""
+    """Return twice the vector part of the quaternion from one rotation to another, (3,)."""
     turned = RotationMatrix(one.T @ other).ToQuaternion()
     return np.asarray(2.0 * math.copysign(1.0, turned.w()) * turned.xyz())
 

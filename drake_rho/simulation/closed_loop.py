@@ -47,7 +47,7 @@ class OnePlan:
 
     @property
     def latency(self) -> int:
-        """Number of samples by which states are predicted: none, as nothing is planned anew."""
+        """Number of samples by which states are predicted: none, without replanning."""
         return 0
 
     def step(self, states: FloatArray, time: float) -> Window:
@@ -87,7 +87,7 @@ def fly_plan(
         scenario: scenario with the disturbance and the feedback.
         plan: plan for the same vehicles and grid, possibly made for another disturbance.
         wind: wind to fly in; none if not given.
-        rng: source of random estimation errors; without it there are none, unless the wind brings
+        rng: source of random estimation errors; without it there are none, unless the wind has
             its own.
 
     Raises:
@@ -97,7 +97,7 @@ def fly_plan(
 
 
 def adopted(scenario: Scenario, plan: Plan) -> Plan:
-    """Return a plan as a plan of another scenario with the same vehicles and grid.
+    """Return the plan as one of another scenario with the same vehicles and grid.
 
     Raises:
         ValueError: the scenario has another number of vehicles or another grid.
@@ -116,7 +116,7 @@ def adopted(scenario: Scenario, plan: Plan) -> Plan:
 
 
 def flown(feedback: Feedback, wind: Wind | None, rng: np.random.Generator | None) -> Simulation:
-    """Fly point masses with a feedback, once.
+    """Fly point masses with feedback, once.
 
     Raises:
         ValueError: the wind is invalid, or `rng` is not a generator.
@@ -168,7 +168,7 @@ def _move(
     acting: FloatArray,
     command: FloatArray,
 ) -> None:
-    """Fill in the states, and the wind, that follow from the first state under one command."""
+    """Fill in the wind, and the states that follow from the first one under one command."""
     steps = np.diff(timeline.elapsed[here])[:, None, None]
     p, v = states[..., :3], states[..., 3:]
     if np.isnan(acting[0, 0, 0]):

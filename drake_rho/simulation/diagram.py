@@ -89,7 +89,7 @@ def _simulator(
     estimator: Estimator,
     timeline: Timeline,
 ) -> Simulator:
-    """Return a simulator of the loop from true states to estimates, commands and true states."""
+    """Return a simulator of the closed loop: true states, estimates, commands, true states."""
     builder = DiagramBuilder()
     for system in (plant, controller, source, estimator):
         builder.AddSystem(system)

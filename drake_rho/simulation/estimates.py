@@ -1,4 +1,4 @@
-"""Estimation errors: measured minus true states, and which measurements are lost."""
+"""Estimation errors (measured minus true states) and lost measurements."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class EstimationErrors:
     lost: BoolArray
     """whether each measurement is lost, shape (J, N)"""
     held: int = 1
-    """number of steps of the simulated grid for which a sample lasts, if more than one"""
+    """number of steps of the simulated grid in a sample, if more than one"""
 
     @classmethod
     def of(
@@ -35,8 +35,8 @@ class EstimationErrors:
             wind: wind; if it has `position_errors` and `velocity_errors`, shape (J, 3) or
                 (J, N, 3), as `rho.worst_case` does, these are used, and `lost`, shape (J,) or
                 (J, N), if it has that.
-            rng: generator that otherwise draws errors uniformly from their balls, and measurements
-                that are lost; without one there are neither.
+            rng: generator that otherwise draws errors uniformly from their balls, and lost
+                measurements; without one there are neither.
 
         Raises:
             ValueError: `rng` is not a generator.
@@ -70,7 +70,7 @@ class EstimationErrors:
 
 
 def _for_each(errors: FloatArray, shape: tuple[int, int, int]) -> FloatArray:
-    """Return errors of every vehicle, (J, N, 3), from these or from common errors, (J, 3)."""
+    """Return errors broadcast to every vehicle, (J, N, 3)."""
     each = errors[:, None] if errors.ndim == 2 else errors
     return np.broadcast_to(each, shape)
 
@@ -83,9 +83,9 @@ def _in_ball(rng: np.random.Generator, shape: tuple[int, int]) -> FloatArray:
 
 
 def _lost(rng: np.random.Generator, shape: tuple[int, int], most: int) -> BoolArray:
-    """Return which measurements of samples and vehicles are lost, at most some in a row, (J, N).
+    """Return flags of randomly lost measurements, at most `most` in a row, (J, N).
 
-    Each vehicle loses them at a rate of its own, drawn from 0 to 1.
+    The loss rate of each vehicle is drawn from 0 to 1.
     """
     lost = np.zeros(shape, dtype=bool)
     if most == 0:

@@ -4,11 +4,11 @@ At sample j the command is a(t) + u_j, where a is the nominal acceleration and
 
     u_j = -k_p (p_est - p_nom) - k_v (v_est - v_nom).
 
-The estimate is the newest measurement that has arrived, d samples old or more, propagated to sample
-j by the commands since. Before a measurement from the time of the tracked plan arrives, u_j = 0.
-Without a prediction, estimate and plan are those of sample j - d (`docs/flight.md`).
-The feedback maps its memory and a measurement to a new memory; the simulation without a diagram and
-the Drake system share it.
+The estimate is the newest measurement available, d samples old or more, propagated to sample j by
+the commands since. Until a measurement taken during the tracked plan arrives, u_j = 0. Without
+prediction, estimate and plan are those of sample j - d (`docs/flight.md`). The feedback maps its
+memory and a measurement to a new memory; the simulation without a diagram and the Drake system
+share it.
 """
 
 from __future__ import annotations
@@ -47,11 +47,11 @@ class Horizon(Protocol):
 
     @property
     def latency(self) -> int:
-        """Number of samples by which states are predicted, while a window is planned."""
+        """Number of samples by which states are predicted, for the planning time of a window."""
         ...
 
     def step(self, states: FloatArray, time: float) -> Window:
-        """Return the window that is flown from a knot on.
+        """Return the window to fly from a knot on.
 
         Args:
             states: estimated positions [m] and velocities [m/s], shape (N, 6).
@@ -73,12 +73,12 @@ class Memory:
     states: FloatArray
     """estimated states at the sample, (N, 6)"""
     arrived: IntArray
-    """samples whose measurements were the last to arrive, (N,); -1 if none has arrived"""
+    """sample of the newest measurement of each vehicle, (N,); -1 if none has arrived"""
     measured: tuple[FloatArray, ...] = ()
     """latest measured states (N, 6), the newest last: one more than the delay in samples"""
     errors: tuple[FloatArray, ...] = ()
-    """measured states minus those of the plan that was tracked at their time, (N, 6) each; empty if
-    the feedback predicts the state"""
+    """measured states minus those of the plan tracked at that time, (N, 6) each; empty if the
+    feedback predicts the state"""
     sample: int = -1
     """number of the latest sample"""
     feedback: tuple[FloatArray, ...] = ()
@@ -99,9 +99,9 @@ class Feedback:
 
     Args:
         horizon: planner of windows.
-        lag: number of samples of the scenario's delay that pass between a command and its effect,
-            so that measurements arrive as much earlier. The feedback of a sample acts as many
-            samples later, as the scenario says, whatever part of them the plant takes.
+        lag: number of samples of the scenario's delay between a command and its effect; the
+            measurement delay is that much shorter. The feedback of a sample acts this many samples
+            later, as the scenario says, whatever the plant's own lag.
 
     Raises:
         InfeasibleError: the first window has no plan; other errors of the horizon are passed on.
@@ -141,7 +141,7 @@ class Feedback:
         states, arrived = self._estimated(memory, j, latest)
         now = dataclasses.replace(memory, states=states, arrived=arrived, measured=latest)
         now = self._adopted(self._planned(self._adopted(now, j), j), j)
-        if j % self._held == 0:  # else it is held while the plan's acceleration changes
+        if j % self._held == 0:  # otherwise it is held while the plan's acceleration changes
             now = self._answered(now, j)
         else:
             now = dataclasses.replace(now, feedback=(*now.feedback, now.feedback[-1]))
@@ -152,11 +152,11 @@ class Feedback:
         return dataclasses.replace(now, commands=commands[-max(self._delay, 1) :])
 
     def commanded(self, memory: Memory, elapsed: float, ahead: float) -> FloatArray:
-        """Return commands (N, 3) [m/s²] at a time since the start, with what is planned later.
+        """Return commands (N, 3) [m/s²] at a time, with planned accelerations in advance.
 
         Args:
             memory: memory of the current sample, or `start`.
-            elapsed: the time [s].
+            elapsed: time since the start [s].
             ahead: time by which planned accelerations are commanded in advance [s].
         """
         later = elapsed + ahead
@@ -166,20 +166,20 @@ class Feedback:
         return self.nominal(window, later)[2] + acting
 
     def _in_force(self, memory: Memory, i: int) -> Window:
-        """Return the window in force at a sample, which may be the one planned."""
+        """Return the window in force at a sample: the current or the planned one."""
         begins = memory.planned.first_knot * self._per_step
         return memory.planned if i >= begins else memory.window
 
     def _acting(
         self, feedback: Sequence[FloatArray], j: int, i: int, since: int
     ) -> FloatArray | float:
-        """Return the feedback (N, 3) that acts at a sample: that of as many before as the lag.
+        """Return the feedback (N, 3) that acts at a sample, computed `lag` samples earlier.
 
         Args:
-            feedback: of the samples up to j, the newest last.
+            feedback: feedback of the samples up to j, the newest last.
             j: number of the latest sample.
             i: number of the sample at which it acts.
-            since: sample at which the plan began that is tracked then; feedback of a plan before
+            since: sample at which the plan tracked at sample i began; feedback of an earlier plan
                 does not act.
         """
         of = min(i - self._lag, j)
@@ -196,7 +196,7 @@ class Feedback:
             error = np.where(arrived[:, None], error, 0.0)
         else:
             error = now.measured[-1] - self._nominal_states(now.window, j)
-            errors = (*errors, np.nan_to_num(error))  # a lost one counts as no error
+            errors = (*errors, np.nan_to_num(error))  # a lost measurement counts as no error
             errors = errors[-(self._delay // self._held + 1) :]
             error = errors[0] if j - now.since >= self._delay else np.zeros_like(error)
         return dataclasses.replace(
@@ -206,13 +206,13 @@ class Feedback:
     def _when_it_acts(
         self, now: Memory, feedback: Sequence[FloatArray], j: int, states: FloatArray
     ) -> FloatArray:
-        """Return states (N, 6), given at sample j, when its feedback acts.
+        """Predict states (N, 6) from sample j to the time at which its feedback acts.
 
         Args:
             now: memory with the windows.
-            feedback: of the samples before j, the newest last.
+            feedback: feedback of the samples before j, the newest last.
             j: number of the sample.
-            states: at the sample, shape (N, 6).
+            states: states at the sample, shape (N, 6).
         """
         for i in range(j, j + self._lag):
             window = self._in_force(now, i)
@@ -226,7 +226,7 @@ class Feedback:
         if past > 0 or knot == 0 or knot not in self._knots:
             return now
         oldest = j - self._delay - self._dropouts  # older ones are too uncertain for a window
-        if self._latency > 0:  # the feedback that the prediction goes on with has begun by then
+        if self._latency > 0:  # by then the feedback used by the prediction has begun
             oldest = max(oldest, now.since)
         states = np.where((now.arrived < oldest)[:, None], np.nan, self._expected(now, j))
         return dataclasses.replace(now, planned=self.horizon.step(states, float(self._times[knot])))
@@ -239,12 +239,12 @@ class Feedback:
         return dataclasses.replace(now, window=planned, since=self._tracked_since(planned))
 
     def _expected(self, now: Memory, j: int) -> FloatArray:
-        """Return the states expected when the window begins that is planned at sample j, (N, 6).
+        """Predict the states at the beginning of the window planned at sample j, (N, 6).
 
-        From the estimates, the feedback goes on as if there were no further disturbances.
+        The prediction starts at the estimates and applies the feedback without disturbances.
         """
         age = 0 if self._predicts else self._delay
-        path = [now.states if age == 0 else now.measured[0]]  # of samples j - age to j
+        path = [now.states if age == 0 else now.measured[0]]  # states of samples j - age to j
         for command in now.commands[len(now.commands) - age :]:
             path.append(self._moved(path[-1], (command,)))
         feedback, ahead = list(now.feedback), self._lag if self._predicts else 0
@@ -284,7 +284,7 @@ class Feedback:
         return plan.positions[:, k] + s * (v + s / 2.0 * a), v + s * a, a
 
     def _tracked_since(self, window: Window) -> int:
-        """Return the sample at which the plan that a window tracks began."""
+        """Return the sample at which a window's plan began."""
         disturbance, grid = window.plan.scenario.disturbance, window.plan.scenario.grid
         tracking = None if disturbance is None else disturbance.tracking
         since = grid.start if tracking is None else tracking.since
@@ -293,12 +293,12 @@ class Feedback:
     def _estimated(
         self, memory: Memory, j: int, latest: tuple[FloatArray, ...]
     ) -> tuple[FloatArray, IntArray]:
-        """Return the estimated states at sample j, and the samples of the measurements they use.
+        """Return the estimated states at sample j, and the samples of the measurements used.
 
         Args:
             memory: memory of the sample before.
             j: number of the sample.
-            latest: measured states of samples j - d to j, as far as there are any.
+            latest: measured states of samples j - d to j, where available.
         """
         d = self._delay
         states = memory.states
@@ -312,7 +312,7 @@ class Feedback:
         return np.where(arrives[:, None], newer, states), newest
 
     def _moved(self, states: FloatArray, commands: tuple[FloatArray, ...]) -> FloatArray:
-        """Return states (N, 6) after samples with given commands."""
+        """Propagate states (N, 6) over samples with given commands."""
         p, v, h = states[:, :3], states[:, 3:], self.sample
         for a in commands:
             p, v = p + h * (v + h / 2.0 * a), v + h * a

@@ -1,8 +1,8 @@
-"""Feedback that a plant can fly: its lag counts as a delay of the loop.
+"""Feedback for a plant with lag, which counts as a delay of the loop.
 
-A quadrotor has a commanded acceleration `LAG` later. What is planned is commanded as much earlier,
-but feedback is not known before. Gains are therefore those of a loop with so many samples more of
-delay, and they do not predict, so that they are as slow as the lag requires (`docs/flight.md`).
+A quadrotor reaches a commanded acceleration `LAG` later. Planned accelerations are commanded that
+much earlier, but feedback cannot be. Gains are therefore those of a loop with additional samples of
+delay and without prediction, so that they are as slow as the lag requires (`docs/flight.md`).
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from drake_rho.scenario.times import steps_lasting
 from drake_rho.simulation.attitude import LAG
 
 _NEGLIGIBLE = 0.25
-"""Part of a sample up to which a lag counts as none: all gains are stable with it."""
+"""Largest lag that is ignored, in samples: all gains are stable with it."""
 
 
 def lag_in_samples(scenario: Scenario) -> int:
@@ -30,10 +30,10 @@ def lag_in_samples(scenario: Scenario) -> int:
 
 
 def declared(scenario: Scenario) -> Scenario:
-    """Return a scenario with feedback that a quadrotor can fly, whose delay includes its lag.
+    """Return a scenario whose feedback a quadrotor can fly: the delay includes its lag.
 
-    Measurements that may be lost need a prediction. Its gains are then those without one if every
-    measurement is as old as any may be.
+    If measurements may be lost, the feedback needs prediction. Its gains are then those without
+    prediction for measurements of the greatest possible age.
     """
     disturbance, lag = scenario.disturbance, lag_in_samples(scenario)
     if disturbance is None or lag == 0:
@@ -55,11 +55,11 @@ def declared(scenario: Scenario) -> Scenario:
 
 
 def planned_ahead(scenario: Scenario, windows: Windows) -> Windows:
-    """Return settings with which windows are planned so early that a quadrotor has turned.
+    """Return settings that plan windows early enough for a quadrotor to turn.
 
     Args:
-        scenario: to be flown.
-        windows: settings that were given.
+        scenario: scenario to fly.
+        windows: given settings.
     """
     asked = DEFAULTS | windows
     least = min(LAG, asked["replan_every"] * scenario.grid.step)
@@ -68,7 +68,7 @@ def planned_ahead(scenario: Scenario, windows: Windows) -> Windows:
 
 
 def check_declared(scenario: Scenario) -> None:
-    """Check that a horizon's feedback is one that a quadrotor can fly.
+    """Check that a quadrotor can fly a horizon's feedback.
 
     Raises:
         ValueError: the delay does not include the lag, or the feedback predicts.
@@ -88,11 +88,11 @@ def check_declared(scenario: Scenario) -> None:
 
 
 def with_gains(error: InfeasibleError, scenario: Scenario) -> InfeasibleError:
-    """Return the error of a scenario without a plan that names the gains which a quadrotor holds.
+    """Return the error of the first window, extended by the gains that a quadrotor can hold.
 
     Args:
-        error: of the first window.
-        scenario: with the feedback that a quadrotor can fly.
+        error: error of the first window.
+        scenario: scenario with feedback that a quadrotor can fly.
     """
     own = f"{_gains(tube_of(scenario).gains)} that a quadrotor can hold"
     because = error.because or "constraints cannot be met together"

@@ -34,9 +34,9 @@ def quadrotors(scenario: Scenario) -> Diagram:
     """Return a diagram with a quadrotor for each vehicle and the ports of a `WindyPointMass`.
 
     `QuadrotorPlant` has no wind port and no drag, so its accelerations do not depend on its
-    position and velocity. Quadrotors therefore begin at rest in the origin, hovering unless they
-    are leaned, and the motion due to initial states and wind is integrated separately and added,
-    which is exact.
+    position and velocity. Quadrotors therefore begin at rest at the origin, hovering unless
+    `lean` turns them, and the motion due to initial states and wind is integrated separately and
+    added, which is exact.
     """
     builder, count = DiagramBuilder(), len(scenario.vehicles)
     commands = builder.AddSystem(Demultiplexer(3 * count, 3))
@@ -64,8 +64,8 @@ def lean(quadrotors: Diagram, root: Context, accelerations: FloatArray) -> None:
     """Turn quadrotors to the attitudes of their first accelerations.
 
     Args:
-        quadrotors: diagram of `quadrotors`.
-        root: context of the simulation that it is in.
+        quadrotors: diagram made by `quadrotors`.
+        root: context of the whole simulation.
         accelerations: first commands [m/s²], shape (N, 3).
     """
     plants = [each for each in quadrotors.GetSystems() if isinstance(each, QuadrotorPlant)]

@@ -39,29 +39,28 @@ def simulate(
 ) -> Simulation:
     """Fly in wind with feedback, in Drake's simulator.
 
-    A scenario is flown with a receding horizon, which plans windows during the flight. So is the
-    scenario of a `RecedingHorizon` of one's own. A plan, or the plan of a flight, is tracked as it
-    is, with the feedback of its scenario; a flight that jumps to measured states is refused.
-    Without a disturbance there is no feedback, and `verify` notes this.
+    A scenario, or a given `RecedingHorizon`, is flown with a receding horizon, which plans windows
+    during the flight. A plan, or the plan of a flight, is tracked without replanning, with the
+    feedback of its scenario; a flight that jumps to measured states is refused. Without a
+    disturbance there is no feedback, and `verify` notes this.
 
-    With a smoothing, plans and windows are flown as averaged, in small steps of constant
-    acceleration: the simulation's scenario is that of these steps, from where windows begin where
-    their averages do. Feedback begins with the smooth motion and is held for as many of them as its
-    sample lasts.
+    With smoothing, the averaged plans and windows are flown in small steps of constant
+    acceleration. The simulation's scenario has these steps; its windows begin when their averages
+    do. Feedback begins with the smooth motion and is held for all small steps of its sample.
 
     Args:
         scenario: scenario to fly, a receding horizon that has not begun, or the plan or flight to
             track.
         wind: a wind of `rho.winds`, `rho.worst_case`, or a function of time [s], positions [m] and
             velocities [m/s], (N, 3) each, to accelerations [m/s²], (N, 3); none if not given.
-        disturbance: disturbance to fly with, which determines the feedback, for a scenario that has
-            none of its own.
+        disturbance: disturbance to fly with, which determines the feedback, for a scenario without
+            one.
         plant: point masses if not given; `"quadrotor"` for Drake's `QuadrotorPlant`, each with a
             controller of thrust and attitude. Its lag is then part of the simulated scenario's
-            delay, and windows are planned as much earlier.
-        rng: source of random estimation errors; without it there are none, unless the wind brings
+            delay, and windows are planned that much earlier.
+        rng: source of random estimation errors; without it there are none, unless the wind has
             its own.
-        **windows: settings of windows, as for `RecedingHorizon`; of a scenario only.
+        **windows: settings of windows, as for `RecedingHorizon`; for a scenario only.
 
     Returns:
         The true motion, with windows, winds and commands. Equal arguments and equally seeded

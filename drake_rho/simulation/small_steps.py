@@ -1,4 +1,4 @@
-"""Smooth motions in small steps of constant acceleration, as simulations fly them."""
+"""Smooth motions in small steps of constant acceleration, for simulation."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ _PARTS = 32
 
 
 def in_small_steps(plan: Plan) -> Plan:
-    """Return a plan with smoothing as one without, in small steps, or the plan if it has none.
+    """Return a smoothed plan as a plan in small steps without smoothing; others unchanged.
 
     It begins when the smooth motion begins. Its velocities at knots are those of the smooth motion,
     and its last position is the goal; in between, positions differ by about δ² a / 12 where the
     acceleration is a and the small step δ.
 
-    With a disturbance a whole number of small steps is a sample of the feedback, so that the flight
-    may end with less than a small step at the goal. The feedback is that of the plan's error tube.
+    With a disturbance a feedback sample is a whole number of small steps, so the flight may end
+    with less than a small step at the goal. The feedback is that of the plan's error tube.
     """
     scenario = plan.scenario
     if scenario.smoothing is None:
@@ -39,14 +39,14 @@ def in_small_steps(plan: Plan) -> Plan:
 
 
 def small_step(scenario: Scenario) -> float:
-    """Return a small step, of which a sample of the feedback is a whole number [s]."""
+    """Return a small step that divides the feedback sample [s]."""
     assert scenario.smoothing is not None  # noqa: S101  # callers check this
     sample = scenario.grid.step if scenario.disturbance is None else tube_of(scenario).sample
     return sample / math.ceil(sample / scenario.smoothing.width * _PARTS)
 
 
 def small_scenario(scenario: Scenario, step: float) -> Scenario:
-    """Return a scenario with smoothing as one without, on a grid of small steps [s].
+    """Return a scenario without its smoothing, on a grid of small steps [s].
 
     It begins when the smooth motion begins.
     """
@@ -61,11 +61,11 @@ def small_scenario(scenario: Scenario, step: float) -> Scenario:
 
 
 def averaged_in(small: Scenario, plan: Plan) -> Plan:
-    """Return a smooth motion as a plan of a scenario in small steps, which ends where it ends.
+    """Return a smooth motion as a plan in small steps that ends at the same state.
 
     Args:
-        small: scenario in small steps, from where the smooth motion begins.
-        plan: plan with a smoothing.
+        small: scenario in small steps, from the beginning of the smooth motion.
+        plan: plan with smoothing.
     """
     lasting, lead, grid = _lasting(plan.scenario), plan.scenario.lead, small.grid
     samples = plan.sampled(np.minimum(grid.elapsed, lasting) - lead)
@@ -76,12 +76,12 @@ def averaged_in(small: Scenario, plan: Plan) -> Plan:
 
 
 def _lasting(scenario: Scenario) -> float:
-    """Return how long a smooth motion lasts [s]."""
+    """Return the duration of a smooth motion [s]."""
     return scenario.grid.duration + 2.0 * scenario.lead
 
 
 def _closing(plan: Plan, positions: FloatArray, velocities: FloatArray) -> FloatArray:
-    """Return the least change of accelerations that leads to states (N, 3) [m/s²], (N, K-1, 3)."""
+    """Return the least change of accelerations to end at states (N, 3) [m/s²], (N, K-1, 3)."""
     grid = plan.scenario.grid
     remaining = grid.duration - grid.step * (np.arange(grid.knots - 1) + 0.5)
     rows = grid.step * np.stack([remaining / grid.duration, np.ones(len(remaining))])

@@ -1,6 +1,6 @@
-"""Windows with a smoothing in small steps of constant acceleration, as simulations fly them.
+"""Smoothed windows in small steps of constant acceleration, for simulation.
 
-A window of a `RecedingHorizon` with a smoothing is planned `lead` before its first knot, when its
+A window of a `RecedingHorizon` with smoothing is planned `lead` before its first knot, when its
 averages begin (`drake_rho/planning/horizon/smooth_windows.py`). In small steps it begins there.
 """
 
@@ -20,17 +20,17 @@ from drake_rho.simulation.small_steps import averaged_in, small_scenario, small_
 
 
 def as_flown(horizon: Horizon) -> Horizon:
-    """Return a horizon whose windows are flown as planned: in small steps with a smoothing."""
+    """Return a horizon to simulate: in small steps if it has smoothing."""
     return horizon if horizon.scenario.smoothing is None else SmallWindows(horizon)
 
 
 class SmallWindows:
-    """Horizon without a smoothing, whose windows are the averages of another one's.
+    """Horizon without smoothing, whose windows are averages of another horizon's.
 
-    Contingencies are left to the other one's windows.
+    Contingencies belong to the other horizon's windows.
 
     Args:
-        horizon: horizon of a scenario with a smoothing.
+        horizon: horizon of a scenario with smoothing.
 
     Attributes:
         windows: windows planned so far, in small steps.
@@ -45,7 +45,7 @@ class SmallWindows:
 
     @property
     def scenario(self) -> Scenario:
-        """Scenario of the flight in small steps, with what becomes known when it does."""
+        """Scenario of the flight in small steps, with the times at which obstacles become known."""
         given = self._horizon.scenario
         if self._whole is None or self._whole[0] is not given:
             self._whole = given, small_scenario(known_later(given, -given.lead), self._step)
@@ -58,7 +58,7 @@ class SmallWindows:
 
     @property
     def latency(self) -> int:
-        """Number of small samples by which states are predicted, while a window is planned."""
+        """Number of small samples by which states are predicted, for a window's planning time."""
         scenario = self._horizon.scenario
         around = scenario.disturbance or Disturbance(0.0)
         sample = around.sample(scenario.grid)
@@ -81,7 +81,7 @@ class SmallWindows:
         return window
 
     def _from(self, knot: int) -> Scenario:
-        """Return the scenario from where the window before is at a small knot."""
+        """Return the scenario from the previous window's state at a small knot."""
         if not self.windows:
             return self.scenario
         last = self.windows[-1]

@@ -44,15 +44,15 @@ class RecedingHorizonController(LeafSystem):
     samples. A horizon, and so its controller, can be used for one flight only.
 
     Ports: input `states` (6N), the estimated states; outputs `nominal` (9N: current planned
-    position, velocity and acceleration of each vehicle in turn) and `command` (3N: acceleration
-    with feedback, constant between samples where the plan's is) and `ahead` (3N: the same for a
-    plant with a lag, to which planned accelerations are commanded in advance).
+    position, velocity and acceleration of each vehicle in turn), `command` (3N: acceleration with
+    feedback, constant between samples where the plan's is) and `ahead` (3N: the same for a plant
+    with a lag, with planned accelerations commanded in advance).
 
     Args:
         horizon: a `rho.RecedingHorizon` that has not begun, or a scenario, for which one is made.
         lag: time that the plant takes to reach a command [s].
-        delay: number of samples of the scenario's delay that this time stands for.
-        **windows: settings of windows, as for `RecedingHorizon`; of a scenario only.
+        delay: number of samples of the scenario's delay due to this lag.
+        **windows: settings of windows, as for `RecedingHorizon`; for a scenario only.
 
     Raises:
         InfeasibleError: the first window has no plan.

@@ -20,7 +20,7 @@ _PARTS = 10
 class Timeline:
     """Times of a simulation's steps. A sample lasts δ: without a disturbance, the grid's step.
 
-    Samples of the feedback that last several steps count as that many here.
+    A feedback sample of several steps counts as that many samples here.
     """
 
     elapsed: FloatArray
@@ -40,7 +40,7 @@ class Timeline:
             longest: longest step [s].
         """
         grid, disturbance = scenario.grid, scenario.disturbance or Disturbance(0.0)
-        # the nominal acceleration changes inside of samples of several steps
+        # the nominal acceleration changes inside samples of several steps
         whole = disturbance.steps_per_sample(grid.step)
         sample = disturbance.sample(grid) / whole
         count = (grid.knots - 1) * disturbance.samples_per_step(grid.step)

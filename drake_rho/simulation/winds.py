@@ -7,7 +7,7 @@ a wind at the beginning of each of its steps and holds it over the step.
 A wind may also have these attributes. `over(times, vehicles)`, if the wind does not depend on the
 states, returns its values at many times at once, which is faster. `switching_times`, if the wind
 jumps, are times at which a simulation makes a step. `position_errors` and `velocity_errors` are
-estimation errors that belong to the wind, and `lost` are the measurements that are lost in it.
+the wind's own estimation errors, and `lost` flags its lost measurements.
 """
 
 from __future__ import annotations

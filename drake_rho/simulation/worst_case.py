@@ -1,4 +1,4 @@
-"""Worst case: wind, estimation errors and lost measurements with which an error is the radius."""
+"""Worst case: wind, estimation errors and lost measurements whose error attains the tube radius."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ class WorstCase(WindOverTime, metaclass=Described):
     """Wind that drives every vehicle to the largest error in one direction at one time.
 
     It is a callable like those of `drake_rho.simulation.winds`, constant between its switching
-    times. The tube's radius is reached only together with the estimation errors, the lost
+    times. The error attains the tube's radius only together with the estimation errors, the lost
     measurements and the error at the first knot given here.
     """
 
     radius: float
-    """error that is reached, in m, m/s or m/s²"""
+    """largest error, in m, m/s or m/s²"""
     switching_times: FloatArray
     """times at which the wind changes, on the scenario's clock [s], shape (S,)"""
     accelerations: FloatArray
@@ -52,7 +52,7 @@ class WorstCase(WindOverTime, metaclass=Described):
     lost: BoolArray
     """whether the measurement of every sample of the feedback is lost, shape (J,)"""
     clock: Clock
-    """clock by which times are compared with the switching times"""
+    """clock for comparing times with the switching times"""
 
     def __repr__(self) -> str:
         """Return a short text, as '<WorstCase: an error of 0.2413, winds from 0 s to 6 s>'."""
@@ -79,7 +79,7 @@ def worst_case(
 ) -> WorstCase:
     """Return the wind and errors that drive a quantity's error to its radius at a given time.
 
-    If measurements may be lost, some are, as the radius requires.
+    If measurements may be lost, the worst case loses those that maximise the error.
 
     Args:
         scenario: scenario with a disturbance.

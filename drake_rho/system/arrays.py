@@ -1,4 +1,4 @@
-"""Arrays in files of NumPy, whose headers are compared with the files before they are read."""
+"""Arrays in NumPy files, with headers checked against the files before reading."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _KINDS = "biufU"
 
 
 class Header(NamedTuple):
-    """What an array in a file claims to be."""
+    """Shape and type that an array in a file claims to have."""
 
     shape: tuple[int, ...]
     """shape"""
@@ -28,10 +28,10 @@ class Header(NamedTuple):
 
 
 def read_header(file: IO[bytes]) -> Header:
-    """Return the header of an array, up to whose values the file is read.
+    """Read the header of an array, up to its values.
 
     Raises:
-        ValueError: there is none, or one of other values than numbers and text.
+        ValueError: there is no header, or the values are neither numbers nor text.
     """
     version = np.lib.format.read_magic(file)
     if version == (1, 0):
@@ -44,7 +44,7 @@ def read_header(file: IO[bytes]) -> Header:
 
 
 class Archive(Mapping[str, np.ndarray]):
-    """Arrays of an `.npz` archive by their names, each read when it is asked for.
+    """Arrays of an `.npz` archive by name, each read on access.
 
     Args:
         file: the archive.
@@ -69,7 +69,7 @@ class Archive(Mapping[str, np.ndarray]):
             self._headers[name] = header
 
     def shape(self, name: str) -> tuple[int, ...]:
-        """Return the shape of an array, which is not read for that."""
+        """Return the shape of an array without reading its values."""
         return self._headers[name].shape
 
     def __getitem__(self, name: str) -> np.ndarray:

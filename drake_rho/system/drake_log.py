@@ -1,4 +1,4 @@
-"""Drake's log without what is no news to users: exit codes of solvers, addresses of scenes."""
+"""Filter of Drake's log: hides exit codes of solvers and addresses of scenes."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ import logging
 import re
 
 _NO_NEWS = re.compile(r"(\w+ returns |Meshcat (listening|connection) )")
-"""Beginnings of lines that tell how each solver ended, which answers and errors tell, and where a
-scene is served, which `Meshcat.web_url` tells, and to whom."""
+"""Beginnings of redundant lines: exit codes of solvers, which results and errors give too, and
+addresses and connections of scenes, for which there is `Meshcat.web_url`."""
 
 
 def _is_news(record: logging.LogRecord) -> bool:
@@ -16,5 +16,5 @@ def _is_news(record: logging.LogRecord) -> bool:
 
 
 def keep_to_news() -> None:
-    """Hide lines of Drake's log that are no news, wherever a program or a notebook shows it."""
+    """Hide redundant lines of Drake's log, wherever a program or a notebook shows it."""
     logging.getLogger("drake").addFilter(_is_news)

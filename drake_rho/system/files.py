@@ -1,4 +1,4 @@
-"""Files that are read if they are regular ones, and written completely or not at all."""
+"""Reading of regular files, and atomic writing."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ LARGEST_TEXT = 256 << 20
 def check_readable(path: str | Path, most: int = LARGEST_FILE) -> int:
     """Check that a file can be read to its end, and return its size [bytes].
 
-    Pipes and devices have no end that is known, so that they are refused before they are opened.
+    Pipes and devices have no known end, so they are refused before they are opened.
 
     Raises:
-        OSError: it is not there, not a regular file, or too large.
+        OSError: the file is missing, not regular, or too large.
         ValueError: the path holds a null character.
     """
     found = os.stat(path)
@@ -55,8 +55,8 @@ def read_text(path: str | Path, most: int = LARGEST_TEXT) -> str:
     """Return the text of a regular file in UTF-8, with or without a byte order mark.
 
     Raises:
-        OSError: it is not there, not a regular file, or too large.
-        ValueError: it is not UTF-8, or the path holds a null character.
+        OSError: the file is missing, not regular, or too large.
+        ValueError: the text is not UTF-8, or the path holds a null character.
     """
     try:
         return read_bytes(path, most).decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
@@ -65,7 +65,7 @@ def read_text(path: str | Path, most: int = LARGEST_TEXT) -> str:
 
 
 def reason_of(error: OSError | ValueError) -> str:
-    """Return why a file could not be read, in a few words."""
+    """Return the reason why a file could not be read, as a short text."""
     return str(getattr(error, "strerror", None) or error)
 
 
@@ -95,7 +95,7 @@ def check_replaceable(path: str | Path) -> None:
     """Check, before a long computation, that `atomic_write` will be able to write its result.
 
     Raises:
-        OSError: it will not be able to.
+        OSError: the result cannot be written.
     """
     path = _replaceable(path)
     with _named(path), tempfile.TemporaryFile(dir=path.parent):
@@ -104,7 +104,7 @@ def check_replaceable(path: str | Path) -> None:
 
 @contextmanager
 def _named(path: Path) -> Iterator[None]:
-    """Reraise errors about a temporary file beside `path` as errors about its folder."""
+    """Re-raise errors about a temporary file beside `path` as errors about its folder."""
     try:
         yield
     except OSError as error:

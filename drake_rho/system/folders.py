@@ -8,19 +8,19 @@ import sys
 from pathlib import Path
 
 _AT_FDCWD = -100
-"""Number that stands for the working directory in calls of Linux."""
+"""File descriptor of the working directory in Linux system calls."""
 
 _EXCHANGE = 2
-"""Flag of both systems that exchanges the names of two files or folders."""
+"""Flag, on both systems, for exchanging the names of two files or folders."""
 
 
 def exchanged(one: Path, other: Path) -> bool:
     """Exchange the names of two folders of one file system in one step.
 
-    Whatever ends the process, each name stands for a whole folder at any time.
+    Even if the process is killed, each name denotes a complete folder at all times.
 
     Returns:
-        Whether they were exchanged. Not every system and file system can.
+        Whether they were exchanged; not every system and file system supports it.
     """
     first, second = os.fsencode(one), os.fsencode(other)
     try:

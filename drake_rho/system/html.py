@@ -1,4 +1,4 @@
-"""HTML of tables, for records that a notebook shows."""
+"""HTML tables of records for notebooks."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ def html_table(
     left: int,
     above: Iterable[str] = (),
 ) -> str:
-    """Return a table with a title above and lines of text below, whose cells do not wrap.
+    """Return a table with a title above, lines of text below, and cells that do not wrap.
 
     Args:
         title: text above the table.
         heads: heads of the columns.
         rows: cells of each row.
         below: lines of text below the table.
-        left: number of columns, from the left, with texts; the others hold numbers.
+        left: number of text columns, from the left; the others hold numbers.
         above: lines of text between the title and the table.
     """
 

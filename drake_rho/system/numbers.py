@@ -1,4 +1,4 @@
-"""Text of numbers."""
+"""Formatting of numbers."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ _LEAST = 1e-6
 def percent(ratio: float) -> str:
     """Return the size of a deviation as text in per cent, such as '12 %', '0.35 %' or '310 %'.
 
-    It has two digits, more if there are more before the decimal point, and no exponent. One that is
-    smaller than 0.0001 % is rounded up to that.
+    It has two digits, or all those before the decimal point, and no exponent. Values below 0.0001 %
+    are rounded up to it.
     """
     if not math.isfinite(ratio):
         return f"{ratio} %"

@@ -19,8 +19,8 @@ def single_threaded_blas() -> Iterator[None]:
     """Limit BLAS and LAPACK to one thread within the context.
 
     For matrices of some hundred rows, threads of BLAS wait for each other longer than they work,
-    and a hundred times as long where a core is busy with something else. A nested context does
-    nothing, because setting the limit takes as long as solving a small program.
+    and a hundred times as long if a core is busy otherwise. A nested context does nothing, because
+    setting the limit takes as long as solving a small program.
     """
     if _limited.get():
         yield
@@ -42,7 +42,7 @@ def _blas() -> ThreadpoolController:
 def thread_pool() -> ThreadPoolExecutor:
     """Return the shared pool of one thread per core. Its tasks must not submit tasks to it.
 
-    A forked process gets a pool of its own, since a fork has none of its parent's threads.
+    A forked process gets its own pool, since a fork has none of its parent's threads.
     """
     return ThreadPoolExecutor(thread_count())
 

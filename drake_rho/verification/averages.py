@@ -1,12 +1,11 @@
-"""Smooth motions, computed by other means than those with which plans are flown.
+"""Smooth motions, computed independently of the code that flies them.
 
-The acceleration of a smooth motion is an average of the plan's, in which each step has the part of
-the weights that lies in it: a difference of two values of their sum up to a time, which for one,
-two or three averages is the distribution of as many uniform numbers. Between the instants at which
-these polynomials begin and end, it is a polynomial of degree n, found here from n + 1 of its
-values. Two integrations lead to velocities and positions, from rest at the start or, in a window
-of a flight, from averages of the motion before: of positions and velocities, by Gauss' quadrature
-between the instants at which a polynomial begins, which is exact.
+The acceleration of a smooth motion is a moving average of the plan's. The weight of a step is the
+integral of the kernel over it: a difference of two values of the cumulative kernel, which for one,
+two or three averages is the distribution of the sum of as many uniform variables. The average is a
+piecewise polynomial of degree n, found in each piece from n + 1 of its values. Two integrations
+give velocities and positions, from rest at the start or, in a window of a flight, from averages of
+the earlier positions and velocities, by Gauss quadrature in each piece, which is exact.
 """
 
 from __future__ import annotations
@@ -20,15 +19,14 @@ from drake_rho.scenario.times import Clock
 from drake_rho.verification.trajectory import PiecewiseTrajectory
 
 _REACH = np.arange(-2, 3)
-"""Steps whose accelerations are in an average, relative to the one at its time: averages are at
-most three steps wide."""
+"""Offsets of the steps whose accelerations enter an average, which is at most three steps wide."""
 
 
 def averaged(trajectory: PiecewiseTrajectory) -> PiecewiseTrajectory:
     """Return the smooth motions of plans; the trajectory itself if its scenario has no smoothing.
 
     Args:
-        trajectory: of plans, whose pieces are the steps of the grid.
+        trajectory: trajectory of plans; its pieces are the steps of the grid.
     """
     scenario, knots = trajectory.scenario, trajectory.elapsed
     if scenario.smoothing is None:
@@ -81,7 +79,7 @@ def _accelerations(trajectory: PiecewiseTrajectory, times: FloatArray) -> FloatA
 
 
 def _with_flown(trajectory: PiecewiseTrajectory) -> tuple[FloatArray, FloatArray]:
-    """Return knots [s] and accelerations with those flown before, if any."""
+    """Return knots [s] and accelerations, preceded by those already flown, if any."""
     knots, flown = trajectory.elapsed, trajectory.scenario.fleet.flown
     if flown is None:
         return knots, trajectory.accelerations
@@ -91,7 +89,7 @@ def _with_flown(trajectory: PiecewiseTrajectory) -> tuple[FloatArray, FloatArray
 
 
 def _begun(trajectory: PiecewiseTrajectory) -> tuple[FloatArray, FloatArray]:
-    """Return positions and velocities at which smooth motions begin, (N, 3) each."""
+    """Return initial positions and velocities of smooth motions, (N, 3) each."""
     scenario, smoothing = trajectory.scenario, trajectory.scenario.smoothing
     p, v, a = scenario.fleet.start_positions, scenario.fleet.start_velocities, scenario.fleet.flown
     if smoothing is None or a is None:
@@ -104,7 +102,7 @@ def _begun(trajectory: PiecewiseTrajectory) -> tuple[FloatArray, FloatArray]:
     half = np.diff(cuts)[:, None] / 2.0
     times = (cuts[:-1, None] + half * (1.0 + nodes)).reshape(-1)
     weights = (half * parts).reshape(-1) * _density((times + scenario.lead) / w, n) / w
-    # before the first knot: each step lasts from its begin, or from a time, until 0
+    # before the first knot: each step lasts from its beginning, or from a time, until 0
     since = np.maximum(times[:, None], knots)
     acted = np.maximum(np.append(knots[1:], 0.0) - since, 0.0)
     middle = (np.append(knots[1:], 0.0) + since) / 2.0
@@ -115,7 +113,7 @@ def _begun(trajectory: PiecewiseTrajectory) -> tuple[FloatArray, FloatArray]:
 
 
 def _density(x: FloatArray, times: int) -> FloatArray:
-    """Return the weights of averages at x, in widths from their middle, for a width of 1."""
+    """Return the averaging kernel at x, in widths from its middle, for a width of 1."""
     s = np.abs(x)
     if times == 1:
         return np.ones_like(s)
@@ -125,7 +123,7 @@ def _density(x: FloatArray, times: int) -> FloatArray:
 
 
 def _part_before(x: FloatArray, times: int) -> FloatArray:
-    """Return the part of the weights of averages up to x, in widths from their middle."""
+    """Return the integral of the averaging kernel up to x, in widths from its middle."""
     if times == 1:
         return np.clip(x + 0.5, 0.0, 1.0)
     s = np.minimum(np.abs(x), times / 2.0)

@@ -24,7 +24,7 @@ class Maximum:
     """Maximum of a measure plus its error radius, and when it occurs; arrays of shape (N, ...)."""
 
     times: FloatArray
-    """on the scenario's clock [s]"""
+    """times on the scenario's clock [s]"""
     values: FloatArray
     """measure at that time, without the error radius, in the unit of the measured quantity"""
     errors: FloatArray

@@ -71,7 +71,7 @@ class _Extremes:
     """Least and greatest value on each axis, error radii included; arrays of shape (N, 2, 3)."""
 
     times: FloatArray
-    """on the scenario's clock [s]"""
+    """times on the scenario's clock [s]"""
     values: FloatArray
     """values at these times without the error radii, in the quantity's unit"""
     errors: FloatArray
@@ -120,7 +120,7 @@ def _extremes_at_all_times(
     Args:
         trajectory: the trajectory to verify.
         bounds: the box whose tolerances the precision follows.
-        order: of the derivative.
+        order: order of the derivative.
     """
     steps = trajectory.steps if order == 0 else trajectory.derivatives(order)
     signs = np.array([1.0, -1.0])[:, None, None]
@@ -128,7 +128,7 @@ def _extremes_at_all_times(
     shape = (count, 2, 3)
 
     def along_axes(values: FloatArray) -> FloatArray:
-        """Return values (N J, 3) along each axis and against it, one curve after another."""
+        """Return values (N J, 3) along and against each axis, one curve after another."""
         axes = np.moveaxis(values.reshape(count, pieces, 3), 1, 2)
         return (signs * axes[:, None]).reshape(-1, 1)
 
@@ -151,7 +151,7 @@ def _extremes_at_all_times(
 def _check_box(
     scenario: Scenario, quantity: Quantity, when: str, bounds: Bounds, extremes: _Extremes
 ) -> Column:
-    """Return the check of one box: for each vehicle its most violated, or else closest, side."""
+    """Return the check of one box: each vehicle's most violated, or else closest, side."""
     values = extremes.values
     errors = extremes.errors
     lower = np.where(errors[:, 0] > 0.0, bounds.lower + errors[:, 0], bounds.lower)

@@ -50,16 +50,16 @@ class Check(metaclass=Described):
     unit: str
     """SI unit of value, limit, excess, tolerance and errors"""
     asked: bool = True
-    """whether the scenario requires the constraint; others are reported but do not count"""
+    """whether the scenario requires the constraint; others are reported only"""
 
     @property
     def what(self) -> str:
-        """Constraint and part, in words."""
+        """Name of the constraint and its part."""
         return f"{self.constraint} {self.part}".rstrip()
 
     @property
     def left(self) -> float:
-        """Distance of the value from its limit, in `unit`; negative if it is violated."""
+        """Margin between the value and its limit, in `unit`; negative if it is violated."""
         return 0.0 - self.excess  # never -0.0
 
     @property

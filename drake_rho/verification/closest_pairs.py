@@ -21,8 +21,8 @@ from drake_rho.verification.steps import Steps
 from drake_rho.verification.trajectory import PiecewiseTrajectory
 
 FAR = 4.0
-"""Cut-off distance in separations: of pairs further apart, only each vehicle's closest at a knot is
-followed over time."""
+"""Cut-off distance in separations: of pairs further apart, only each vehicle's closest pair at a
+knot is followed over time."""
 
 _LARGEST = 1e150
 """Largest coordinate whose square does not overflow [m]."""
@@ -106,7 +106,7 @@ def _closest_to_ellipsoid(
 def ellipsoid_distance(separation: Separation, x: FloatArray) -> FloatArray:
     """Return the separation plus the signed distance of relative positions x from its ellipsoid.
 
-    In metres, for x of shape (..., 3).
+    Distances are in metres; x has shape (..., 3).
     """
     distances: FloatArray = separation.distance + separation.shape.local_distance(x)
     return distances
@@ -121,9 +121,8 @@ def closest_at_all_times(
 ) -> Closest:
     """Return the closest approaches over all times.
 
-    A distance within the cut-off `far` is the least over all other vehicles. For a vehicle that no
-    other approaches so closely, it is an upper bound: the least distance over time from the vehicle
-    that is closest at a knot.
+    A distance within the cut-off `far` is the least over all other vehicles. A distance beyond it
+    is an upper bound: the least distance over time from the vehicle that is closest at a knot.
 
     Args:
         trajectory: trajectory of N >= 2 vehicles.
@@ -171,7 +170,7 @@ def _candidates(
     knots: Closest,
     far: float,
 ) -> tuple[IntArray, IntArray]:
-    """Return pairs (M, 2) and steps (M,) in which the least distance known may be undercut.
+    """Return pairs (M, 2) and steps (M,) that may come closer than the least known distance.
 
     In either half of a step a vehicle moves at most half a step at its greatest speed. So two
     vehicles that are far enough apart in the middle of a step do not get close within it.

@@ -43,7 +43,7 @@ _PARTS = 4
 """Number of parts that an interval of time is split into."""
 
 _LEVELS = 20
-"""Largest number of successive splits: a part is then 1e-12 of a step, where rounding begins."""
+"""Largest number of successive splits: a part is then 1e-12 of a step, near rounding."""
 
 _BLOCK = 1 << 15
 """Number of intervals of time sampled at once, which bounds the memory."""
@@ -67,7 +67,7 @@ class Least:
 
     @classmethod
     def unknown(cls, values: FloatArray) -> Self:
-        """Return the initial state of a search for what is below `values`, shape (N,)."""
+        """Return the initial state of a search for values below `values`, shape (N,)."""
         count = len(values)
         return cls(np.array(values), np.full(count, -1), np.zeros(count), np.ones(count))
 
@@ -144,7 +144,7 @@ class _Search:
     def split(
         self, which: IntArray, start: FloatArray, width: float, parts: int
     ) -> tuple[IntArray, FloatArray]:
-        """Sample intervals at equal times and return the parts that may hide a smaller value.
+        """Sample intervals at equal times; return the parts that may contain a smaller value.
 
         Args:
             which: index of the step of each interval, shape (P,).
@@ -192,7 +192,7 @@ class _Search:
         least.offer(found, self._values(which, u)[:, 0], which, u[:, 0], 0.0)
 
     def _values(self, which: IntArray, u: FloatArray) -> FloatArray:
-        """Return distances less error radii in the steps `which` at moments u, shape (P, S)."""
+        """Return distances less error radii at moments u of the steps `which`, shape (P, S)."""
         values = self.distance(self.steps.at(which, u))
         if self.error_radii is None:
             return values
@@ -202,7 +202,7 @@ class _Search:
 def _offer_samples(
     least: Least, owners: IntArray, d: FloatArray, which: IntArray, u: FloatArray, width: float
 ) -> None:
-    """Offer the least of each interval's samples d, shape (P, S), to the interval's owners."""
+    """Offer the least sample d of each interval, shape (P, S), to the interval's owners."""
     each, best = np.arange(len(d)), np.argmin(d, axis=1)
     for owner in owners.T:
         least.offer(owner, d[each, best], which, u[each, best], width)

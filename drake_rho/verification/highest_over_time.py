@@ -1,11 +1,11 @@
 """Greatest value over time of a convex distance plus an error radius, by branch and bound.
 
-Within a time w, a position with the acceleration a is off the chord between its ends by
-norm(a) w²/8 at most. A distance d that is convex and 1-Lipschitz is at most the greater of its
-values at the ends of the chord, and the radius of the errors exceeds its own chord by κ w²/8 at
-most (`drake_rho.verification.tubes`). So between two instants, d plus the radius is at most the
-greater of its values there plus (norm(a) + κ) w²/8. Intervals of time in which this bound exceeds
-the greatest value found are halved until the difference is negligible.
+Within a time w, a position with the acceleration a deviates from the chord between its ends by
+norm(a) w²/8 at most. A convex, 1-Lipschitz distance d is at most the greater of its values at the
+ends of the chord, and the error radius exceeds its own chord by κ w²/8 at most
+(`drake_rho.verification.tubes`). So between two instants, d plus the radius is at most the greater
+of its two end values plus (norm(a) + κ) w²/8. Intervals in which this bound exceeds the greatest
+value found are halved until the difference is negligible.
 """
 
 from __future__ import annotations
@@ -24,19 +24,19 @@ _LEVELS = 30
 
 @dataclasses.dataclass(eq=False)
 class Highest:
-    """Instant of each motion at which distance plus error radius is greatest; (M,) each."""
+    """Greatest distance plus error radius of each motion, and its time; (M,) each."""
 
     times: FloatArray
-    """since the first knot [s]"""
+    """times since the first knot [s]"""
     values: FloatArray
     """signed distances, in the quantity's unit"""
     errors: FloatArray
-    """radii of the errors, in the quantity's unit"""
+    """error radii, in the quantity's unit"""
 
     def offer(
         self, motions: IntArray, times: FloatArray, values: FloatArray, errors: FloatArray
     ) -> None:
-        """Keep the greatest of each motion, and NaN as the greatest of all; arrays (S, P)."""
+        """Keep the greatest value of each motion, NaN above all; arrays (S, P)."""
         totals = np.where(np.isnan(values), np.inf, values + errors)
         best, every = np.argmax(totals, axis=0), np.arange(len(motions))
         top = totals[best, every]
@@ -62,10 +62,10 @@ def highest_over_time(
     Args:
         states: positions and velocities at the instants and accelerations between them, shapes
             (M, J + 1, 3), (M, J + 1, 3) and (M, J, 3).
-        instants: at which pieces of time begin and end, since the first knot [s], shape (J + 1,).
-        pieces: indices of the pieces that count.
+        instants: ends of the pieces of time, since the first knot [s], shape (J + 1,).
+        pieces: indices of the pieces to search.
         distance: function of positions (..., 3) and times (...), with values of shape (...).
-        radius: function of pieces (P,) and times (S, P) with the radii of the errors, (S, P).
+        radius: function of pieces (P,) and times (S, P) that returns error radii, (S, P).
         curvatures: κ in each piece [m/s²], shape (J,).
         precision: amount by which a greater value may be missed, shape (M,).
         known: values at the ends of the pieces. Changed in place into the answer.

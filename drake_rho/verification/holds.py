@@ -1,8 +1,8 @@
 """Fast verification of a plan, for every window of a receding horizon.
 
-The verdict is that of `verify`, on everything that is known when the plan begins. Quick sufficient
-conditions decide most plans in a tenth of the time: quantities at the knots, bounds between them,
-and the greatest error radii in each step. Constraints that these leave open are verified in full.
+The verdict equals that of `verify`, with the information available when the plan begins. Quick
+sufficient conditions decide most plans in a tenth of the time: quantities at the knots, bounds
+between them, and the greatest error radii in each step. Other constraints are verified in full.
 """
 
 from __future__ import annotations
@@ -47,11 +47,11 @@ _ALL_PAIRS = 100
 
 
 def first_violation(plan: Plan, obstacles: Iterable[int] | None = None) -> Check | None:
-    """Return the worst violation of the first constraint that a plan violates; None if it holds.
+    """Return the worst violation of the first violated constraint; None if the plan is feasible.
 
     Args:
-        plan: plan to verify with its error tube, by what is known when it begins.
-        obstacles: numbers of obstacles; if given, only these constraints are verified.
+        plan: plan to verify with its error tube and the obstacles known when it begins.
+        obstacles: numbers of obstacles; if given, only these are verified.
     """
     with np.errstate(over="ignore", invalid="ignore"):  # values that overflow become NaN or inf
         refuse_unknown(plan.scenario)
@@ -66,7 +66,7 @@ def first_violation(plan: Plan, obstacles: Iterable[int] | None = None) -> Check
 
 
 def _worst(column: Column, scenario: Scenario) -> Check:
-    """Return the check with the largest excess of those that do not hold."""
+    """Return the violated check with the largest excess."""
     names = [vehicle.name for vehicle in scenario.vehicles]
     checks = [each for each in column.checks(names) if each is not None and not each.holds]
     return max(checks, key=lambda each: np.nan_to_num(each.excess, nan=np.inf))
@@ -84,7 +84,7 @@ class _PlanCheck:
     stepwise: PiecewiseTrajectory
     """motion with constant accelerations in steps"""
     trajectory: PiecewiseTrajectory
-    """motion that is flown: with a smoothing its averages"""
+    """flown motion: after smoothing, if there is any"""
     radii: Maximum
     """greatest error radii in each step, arrays of shape (K-1,)"""
 
@@ -127,7 +127,7 @@ class _PlanCheck:
         )
 
     def _states_are_right(self) -> bool:
-        """Return whether the plan's states follow from its accelerations and end at the goals."""
+        """Return whether the plan's states obey the dynamics and end at the goals."""
         plan, trajectory, fleet = self.plan, self.trajectory, self.trajectory.scenario.fleet
         pairs: tuple[tuple[Quantity, FloatArray, FloatArray, FloatArray], ...] = (
             ("position", plan.positions, trajectory.positions, fleet.goal_positions),
@@ -282,7 +282,7 @@ def _is_below(
     least: FloatArray,
     precision: FloatArray,
 ) -> BoolArray:
-    """Return in which steps a distance falls below the least allowed, shape (M,)."""
+    """Return whether a distance falls below its lower limit in each step, shape (M,)."""
     if len(least) == 0:
         return np.zeros(0, dtype=bool)
     owners = np.arange(len(least))[:, None]
@@ -292,5 +292,5 @@ def _is_below(
 
 
 def _beside(steps: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return, for each knot, the value of the step before it and of the step after it."""
+    """Return the values of the steps before and after each knot."""
     return np.append(steps[:1], steps), np.append(steps, steps[-1:])

@@ -1,4 +1,4 @@
-"""Jerks of plans, from their accelerations and those before the start and after the goal."""
+"""Jerks of plans: changes of acceleration, including those at the start and the goal."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ class Jerks:
     """Jerks of a plan, which has no errors, at its knots."""
 
     values: FloatArray
-    """changes of the acceleration over the step, from the one before the first step to the one
-    after the last [m/s³], shape (N, K, 3)"""
+    """change of acceleration at each knot over the step, including the accelerations before the
+    start and after the goal [m/s³], shape (N, K, 3)"""
     free: BoolArray
-    """mask of those that are not known and so not limited, shape (N, K)"""
+    """mask of unknown jerks, which are not limited, shape (N, K)"""
 
     @classmethod
     def of(cls, scenario: Scenario, accelerations: FloatArray) -> Jerks:
@@ -42,12 +42,12 @@ class Jerks:
 
     @property
     def limited(self) -> FloatArray:
-        """Values with zero in place of those that are not limited, shape (N, K, 3)."""
+        """Values with zero for unlimited jerks, shape (N, K, 3)."""
         return np.where(self.free[..., None], 0.0, self.values)
 
 
 def _unknown(scenario: Scenario) -> tuple[BoolArray, BoolArray]:
-    """Return masks of vehicles with unknown accelerations before and after, (N,) each."""
+    """Return masks of unknown accelerations before the start and after the goal, (N,) each."""
     fleet = scenario.fleet
     outside = fleet.accelerations_before, fleet.accelerations_after
     before, after = (np.asarray(np.isnan(each).any(axis=1)) for each in outside)
@@ -55,7 +55,7 @@ def _unknown(scenario: Scenario) -> tuple[BoolArray, BoolArray]:
 
 
 def notes_on_free_jerks(scenario: Scenario) -> tuple[str, ...]:
-    """Return notes on starts and goals in motion at which limits of jerks leave the jerk free."""
+    """Return notes on starts and goals in motion where the jerk is not limited."""
     grid, notes = scenario.grid, list[str]()
     for end, time, free in zip(
         ("start", "goal"), (grid.start, grid.end), _unknown(scenario), strict=True

@@ -1,4 +1,4 @@
-"""Table of what is verified of every kind of requirement, and the refusal of any other."""
+"""Table of how each kind of requirement is verified; unknown kinds raise."""
 
 from __future__ import annotations
 
@@ -45,14 +45,14 @@ _WITHOUT_COLUMNS = {
     "disturbance",
     "smoothing",
 }
-"""Kinds that need no check of their own."""
+"""Kinds without a check of their own."""
 
 
 def refuse_unchecked(scenario: Scenario, columns: Iterable[Column]) -> None:
     """Raise an error if a kind of requirement of a scenario was not checked.
 
     Raises:
-        NotImplementedError: a kind was not checked, so that a report would be incomplete.
+        NotImplementedError: a kind was not checked; the report would be incomplete.
     """
     refuse_unknown(scenario)
     _refuse(kinds_of(scenario) - _WITHOUT_COLUMNS - {column.kind for column in columns})

@@ -1,9 +1,8 @@
-"""Motions near the cells or triangles of a map, for the verification between the knots.
+"""Cells and triangles of a map near a motion, for the verification between the knots.
 
-A plan is verified against the map itself: each step of a motion is compared with each cell or
-triangle that it may come near. The distance from one of these is convex, as that from a shape is,
-so that the same branch and bound finds the least of it. The parts of which planners keep clear are
-not used here.
+A plan is verified against the map itself: each step of a motion is compared with each nearby cell
+or triangle. The distance from one of these is convex, as for a shape, so the same branch and bound
+finds its minimum. The planners' convex cover of the map is not used here.
 """
 
 from __future__ import annotations
@@ -18,22 +17,22 @@ from drake_rho.scenario.maps.parts import Boxes, Parts, Triangles, nearest_on_tr
 from drake_rho.verification.steps import Steps
 
 _ROUNDING = 1e-9
-"""Relative rounding of a distance, so that the nearest part counts as near."""
+"""Relative rounding error of a distance, so that the nearest part counts as near."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Encounters:
-    """Pairs of a step of a motion and a cell or triangle of a map that it may come near."""
+    """Pairs of a step of a motion and a nearby cell or triangle of a map."""
 
     pieces: IntArray
-    """index of the step among all that were looked at, shape (M,)"""
+    """index of the step among all given steps, shape (M,)"""
     steps: Steps
-    """the steps relative to the cells; beside a triangle's corners, which stay, shape (M, D)"""
+    """steps relative to the cells, or stacked with the constant corners of triangles, (M, D)"""
     parts: Parts
     """the cells or triangles"""
 
     def distance(self, x: FloatArray) -> FloatArray:
-        """Return distances of positions (..., D) of the steps from their cells or triangles."""
+        """Return distances of the steps' positions (..., D) from their cells or triangles."""
         if isinstance(self.parts, Boxes):
             beyond = np.abs(x[..., :3]) - x[..., 3:]
             outside = np.sqrt(np.sum(np.maximum(beyond, 0.0) ** 2, axis=-1))
@@ -45,14 +44,13 @@ class Encounters:
 
 
 def encounters(solid: Map, steps: Steps, within: FloatArray) -> Encounters:
-    """Return the cells or triangles that steps may come near.
+    """Return the cells or triangles near each step.
 
     Args:
         solid: the map.
-        steps: motions relative to its centre, M of them.
-        within: the distance that counts as near, for each step [m], shape (M,); where it is
-            infinite, the nearest part at the beginning of a step is near, and all that may be
-            nearer during it.
+        steps: M motions relative to its centre.
+        within: distance that counts as near, for each step [m], shape (M,); if infinite, the
+            nearest part at the beginning of a step and all that may be nearer during it.
     """
     parts = solid.parts
     p, v, a = (parts.in_frame(each) for each in (steps.p, steps.v, steps.a))
@@ -71,7 +69,7 @@ def encounters(solid: Map, steps: Steps, within: FloatArray) -> Encounters:
     lower, upper = np.minimum(p, ends)[some], np.maximum(p, ends)[some]
     which, numbers = parts.tree.pairs(lower, upper, reach[some])
     which = some[which]
-    if not finite.all():  # not a number: compared with one part, so that the result is none either
+    if not finite.all():  # NaN is compared with one part, so that the result is NaN too
         lost = np.flatnonzero(~finite)
         which = np.concatenate([which, lost])
         numbers = np.concatenate([numbers, np.zeros(len(lost), dtype=np.int64)])

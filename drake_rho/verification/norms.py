@@ -1,4 +1,4 @@
-"""Limits on norms, verified at the knots, which suffices for every instant.
+"""Limits on norms, verified at the knots, which covers every instant.
 
 The velocity is linear in a step, so its norm, which is convex, is largest at a knot. Accelerations,
 thrust and tilt are constant in a step, and jerks are their changes at the knots. With velocity
@@ -27,7 +27,7 @@ def check_norms(trajectory: PiecewiseTrajectory, jerks: Jerks) -> Iterator[Colum
     """Yield the check of every limit on a norm that the scenario has.
 
     Args:
-        trajectory: of all vehicles.
+        trajectory: trajectory of all vehicles.
         jerks: jerks of the plan.
     """
     limits, times, errors = trajectory.scenario.fleet.norms, trajectory.times, trajectory.feedback
@@ -75,7 +75,7 @@ def _length_beyond(offset: FloatArray, x: FloatArray) -> FloatArray:
 def _inside_cone_of_smooth(
     trajectory: PiecewiseTrajectory, limit: NormLimit, precision: FloatArray
 ) -> Column:
-    """Return the check of how close smooth thrusts come to leaving the tilt cone."""
+    """Return the check of smooth thrusts' least distance inside the tilt cone."""
     upright, found = np.array([0.0, 0.0, GRAVITY]), list[Maximum]()
     for i, angle in enumerate(limit.limits):
 
@@ -133,11 +133,11 @@ def _check_tilt(limit: NormLimit, times: FloatArray, thrusts: FloatArray) -> Col
 def _check_inside_cone(
     limit: NormLimit, times: FloatArray, thrusts: FloatArray, errors: FloatArray
 ) -> Column:
-    """Return the check of how close each vehicle's thrusts (N, M, 3) come to leaving the tilt cone.
+    """Return the check of each vehicle's least distance of thrusts (N, M, 3) inside the tilt cone.
 
-    A ball of errors around a thrust is inside the cone if its centre is inside and further from the
-    surface than the ball's radius. So the value checked is the distance from the surface, an
-    acceleration: as an angle the same error would grow as the thrust falls.
+    An error ball around a thrust is inside the cone if its centre is inside and further from the
+    surface than its radius. So the checked value is the distance from the surface, an acceleration:
+    as an angle the same error would grow as the thrust falls.
     """
     inside = _inside(limit.limits[:, None], thrusts)
     k = np.argmin(inside - errors, axis=1)
@@ -145,19 +145,19 @@ def _check_inside_cone(
 
 
 def _inside(angles: FloatArray, thrusts: FloatArray) -> FloatArray:
-    """Return how far thrusts (..., 3) are inside cones of angles [rad], of shape (...)."""
+    """Return the distance of thrusts (..., 3) inside cones of angles [rad], of shape (...)."""
     angle = np.minimum(angles, np.pi)
     level, up = np.linalg.norm(thrusts[..., :2], axis=-1), thrusts[..., 2]
     inside = up * np.sin(angle) - level * np.cos(angle)
     below = (up < 0.0) & (level * np.sin(angle) + up * np.cos(angle) <= 0.0)
-    # the apex is nearest below
+    # below the apex, the apex is nearest
     return np.asarray(np.where(below, -np.linalg.norm(thrusts, axis=-1), inside))
 
 
 def _cone_column(
     limit: NormLimit, times: FloatArray, found: FloatArray, least: FloatArray
 ) -> Column:
-    """Return the checks of least distances inside the tilt cone, of which errors need some."""
+    """Return the checks of least distances inside the tilt cone, which must exceed the errors."""
     return Column(
         kind=limit.field,
         constraint=limit.kind.name,

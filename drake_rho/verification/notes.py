@@ -22,7 +22,7 @@ _ROUNDING = 1e-9
 """Rounding error of a motion, relative to its scale."""
 
 _FULL = 1.0 + 1e-6
-"""Ratio of error to radius beyond which an error is outside the tube, and not by rounding."""
+"""Ratio of error to radius above which an error is outside the tube, beyond rounding."""
 
 _NAMES: dict[Quantity, str] = {
     "position": "position",
@@ -33,7 +33,7 @@ _NAMES: dict[Quantity, str] = {
 
 
 def notes_on(trajectory: PiecewiseTrajectory) -> tuple[str, ...]:
-    """Return notes on the disturbance a plan was verified with and on the errors at its end."""
+    """Return notes on a plan's disturbance and on the errors at its end."""
     disturbance, tubes = trajectory.scenario.disturbance, trajectory.tubes
     if disturbance is None or tubes is None:
         return ()
@@ -58,7 +58,7 @@ def notes_on_jumps(plan: Plan) -> tuple[str, ...]:
 
 
 def notes_on_tracks(scenario: Scenario) -> tuple[str, ...]:
-    """Return notes on obstacles whose tracks end in motion before the flight does."""
+    """Return notes on obstacles whose tracks end, in motion, before the flight does."""
     grid = scenario.grid
     return tuple(
         f"{scenario.obstacle_name(number)} is assumed to be at rest from "
@@ -73,7 +73,7 @@ def notes_on_tracks(scenario: Scenario) -> tuple[str, ...]:
 
 
 def notes_on_uncertainty(scenario: Scenario) -> tuple[str, ...]:
-    """Return notes on obstacles from whose possible positions distances are measured."""
+    """Return notes on uncertain obstacles, whose distances allow for every possible position."""
     return tuple(
         f"distances from {scenario.obstacle_name(number)} are from where it may be: "
         f"{_uncertainty(body)}"
@@ -83,7 +83,7 @@ def notes_on_uncertainty(scenario: Scenario) -> tuple[str, ...]:
 
 
 def _uncertainty(body: Obstacle) -> str:
-    """Return how far an obstacle may be from its place, as '0.2 m off, and 0.1 m/s from 3 s on'."""
+    """Return an obstacle's uncertainty as text, as '0.2 m off, and 0.1 m/s from 3 s on'."""
     off = [f"{body.position_error:g} m off"] if body.position_error > 0.0 else []
     if body.velocity_error > 0.0:
         since = clock_time(body.errors_from)
@@ -132,7 +132,7 @@ def _no_feedback(simulation: Simulation) -> str:
 
 
 def _outside_tube(simulation: Simulation) -> str:
-    """Return which vehicles a window found outside the error tube, and when first."""
+    """Return a sentence on vehicles found outside the error tube, and when first."""
     found: dict[str, float] = {}
     for window in simulation.flight.windows:
         for name in window.off_tube:
@@ -155,8 +155,8 @@ def _largest_errors(simulation: Simulation) -> str:
 def largest_error_ratios(simulation: Simulation) -> dict[Quantity, float]:
     """Return the largest ratio of error to tube radius, for position, velocity and feedback.
 
-    Rounding errors of the motion's coordinates are subtracted first, so that they do not count
-    where the radius is still zero.
+    The motion's rounding errors are subtracted first; else they would count where the radius is
+    still zero.
     """
     ratios: dict[Quantity, float] = {}
     for quantity in _NAMES:

@@ -1,10 +1,9 @@
 """Obstacles (8) of every shape, at rest or moving, verified at the knots and at every instant.
 
 A vehicle's clearance is the signed distance of its position from the shape at that time, less the
-error radius. From an obstacle whose place is uncertain, it is that from where it may be: less the
-uncertainty, which is linear in time between two instants. Relative to an obstacle, a vehicle's
-motion is quadratic in time between two instants; where the obstacle's track has a corner between
-them, the interval is cut there.
+error radius and less the obstacle's uncertainty, which is linear in time between two instants.
+Relative to an obstacle, a vehicle's motion is quadratic in time between two instants; where the
+obstacle's track has a corner between them, the interval is cut there.
 """
 
 from __future__ import annotations
@@ -34,7 +33,7 @@ def check_obstacles(trajectory: PiecewiseTrajectory) -> Iterator[Column]:
 
 
 def check_obstacle(trajectory: PiecewiseTrajectory, number: int) -> Iterator[Column]:
-    """Verify distances from one obstacle: after and, in checks of their own, before it is known.
+    """Verify distances from one obstacle: once it is known and, in separate checks, before.
 
     Args:
         trajectory: the trajectory to verify.
@@ -63,7 +62,7 @@ def check_obstacle(trajectory: PiecewiseTrajectory, number: int) -> Iterator[Col
                 unit="m",
                 asked=known and (part == AT_KNOTS or scenario.between_knots),
                 always=part == AT_ALL_TIMES,
-                due=~np.isposinf(found.clearances),  # else it is not avoided in this flight
+                due=~np.isposinf(found.clearances),  # otherwise it is never avoided in this flight
             )
 
 
@@ -81,28 +80,28 @@ class _Closest:
 
 @dataclasses.dataclass(frozen=True)
 class RelativeMotion:
-    """Motions relative to an obstacle, in pieces of time in which its velocity is constant."""
+    """Motions relative to an obstacle, in pieces of constant obstacle velocity."""
 
     trajectory: PiecewiseTrajectory
-    """with pieces that are cut where the obstacle's track has corners"""
+    """trajectory with pieces cut at the corners of the obstacle's track"""
     obstacle: Obstacle
-    """on a clock that is 0 at the first knot"""
+    """obstacle on a clock that is 0 at the first knot"""
     clock: Clock
-    """clock by which knots are compared with the times at which it is known, or avoided"""
+    """clock that compares knots with the times at which it is known or avoided"""
     positions: FloatArray
     """positions of the vehicles relative to the obstacle's centre [m], shape (N, J + 1, 3)"""
     pieces: Steps
     """relative motions in the pieces, vehicle by vehicle, J of each"""
     uncertainty: FloatArray
-    """how far the obstacle may be from its centre at the instants [m], shape (J + 1,)"""
+    """uncertainty of the obstacle's position at the instants [m], shape (J + 1,)"""
 
     def lowest_at_least(self, shape: Solid, enough: FloatArray) -> FloatArray:
-        """Return lower bounds of distances from where the shape may be in pieces [m], (N, J).
+        """Return lower bounds of distances from the uncertain shape in each piece [m], (N, J).
 
         Args:
             shape: shape of the obstacle.
-            enough: distances that suffice [m], of the answer's shape. For vehicles whose distances
-                from the bounding box reach them, no closer bound is computed.
+            enough: sufficient distances [m], of the answer's shape. Where the distance from the
+                bounding box attains them, no closer bound is computed.
         """
         outside = _outside_of_box(self.positions, shape.extent)
         lowest = self._between(outside, outside[:, 1:])
@@ -119,10 +118,10 @@ class RelativeMotion:
         return self.obstacle.is_active((elapsed[:-1] + elapsed[1:]) / 2.0)
 
     def _at_ends(self, outside: FloatArray, extent: FloatArray) -> FloatArray:
-        """Return distances from a bounding box at the ends of pieces [m], (N, J), as at instants.
+        """Return distances from a bounding box at the ends of pieces [m], (N, J).
 
         Args:
-            outside: at the instants [m], shape (N, J + 1).
+            outside: distances at the instants [m], shape (N, J + 1).
             extent: half the sides of the box [m], shape (3,).
         """
         k = self.trajectory.last_before_jumps
@@ -136,8 +135,8 @@ class RelativeMotion:
     def _between(self, distances: FloatArray, ends: FloatArray) -> FloatArray:
         """Return lower bounds in pieces from distances at instants and ends [m], shape (N, J).
 
-        In a piece a distance changes no faster than at the greatest speed. The distances given are
-        from where the obstacle is taken to be, the bounds from where it may be.
+        In a piece a distance changes no faster than at the greatest speed. The given distances are
+        from the obstacle's nominal position, the bounds from every possible position.
         """
         lengths = self.pieces.speeds.reshape(len(distances), -1)
         lowest: FloatArray = (distances[:, :-1] + ends - lengths) / 2.0
@@ -151,13 +150,12 @@ class RelativeMotion:
     def closest(self, shape: Solid, since: float, *, known: bool) -> tuple[_Closest, _Closest]:
         """Return the least clearances from the shape: at the knots, and at all times.
 
-        The exact distance is not computed where the distance from the bounding box shows that
-        another instant is closer.
+        Exact distances are skipped at instants that the bounding box shows not to be closest.
 
         Args:
             shape: shape of the obstacle.
             since: time at which the obstacle becomes known, since the first knot [s].
-            known: whether to consider the time from then on, or the time before.
+            known: whether to consider the time from `since` on, or the time before.
         """
         trajectory, instants = self.trajectory, self.trajectory.elapsed
         outside = _outside_of_box(self.positions, shape.extent)
@@ -179,7 +177,7 @@ class RelativeMotion:
         during &= self.active_pieces
         lowest = self._between(outside, self._at_ends(outside, shape.extent))
         lowest -= trajectory.errors_over
-        owners, piece = np.nonzero(~(lowest >= values[:, None]) & during)  # what is no number too
+        owners, piece = np.nonzero(~(lowest >= values[:, None]) & during)  # true for NaN as well
         near = self.pieces.select(owners * len(during) + piece)
         distance = shape.local_distance
         if isinstance(shape, Map):
@@ -219,7 +217,7 @@ def relative_to(
     Args:
         trajectory: the trajectory to verify.
         obstacle: obstacle on a clock that is 0 at the first knot.
-        since: a further time at which pieces are cut [s].
+        since: additional time at which pieces are cut [s].
     """
     clock = trajectory.scenario.grid.clock
     trajectory = trajectory.cut(np.append(obstacle.corners, since))

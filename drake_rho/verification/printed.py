@@ -1,4 +1,4 @@
-"""Text of a report: the verdict, what is asked first, and a table of what is left."""
+"""Text of a report: the verdict, the key figures, and a table of margins."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ LONGEST = 12
 """Largest number of violations, or of obstacles, that a printed report shows."""
 
 _EQUALITIES = ("dynamics", "goals", "waypoints")
-"""Kinds of constraints that planners meet to within rounding, so that nothing is left of them."""
+"""Kinds of equality constraints, met to within rounding, so that they have no margin."""
 
 _ROUNDING = 1e-9
-"""Part by which a cost may be below the least effort, which is computed in another order."""
+"""Relative rounding error by which a cost may be below the least effort."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -27,7 +27,7 @@ class Printed:
     title: str
     """first line: the scenario's name and the verdict"""
     facts: tuple[tuple[str, str], ...]
-    """what is asked first, each with its name"""
+    """key figures, each with its name"""
     heads: tuple[str, ...]
     """heads of the table's columns"""
     rows: tuple[tuple[str, ...], ...]
@@ -47,7 +47,7 @@ class Printed:
 
 
 TEXTS = 2
-"""Number of columns, from the left, that hold texts."""
+"""Number of text columns, from the left."""
 
 
 def facts(summary: Summary, checks: Sequence[Check], *, gap: bool) -> Iterator[tuple[str, str]]:
@@ -56,7 +56,7 @@ def facts(summary: Summary, checks: Sequence[Check], *, gap: bool) -> Iterator[t
     Args:
         summary: summary of the motion.
         checks: all checks.
-        gap: whether to tell how far the cost may be from the least.
+        gap: whether to include the largest possible optimality gap.
     """
     for name, kind in (("least clearance", "obstacles"), ("least separation", "separation")):
         if (nearest := closest(checks, kind)) is None:
@@ -77,23 +77,23 @@ def facts(summary: Summary, checks: Sequence[Check], *, gap: bool) -> Iterator[t
 
 
 def closest(checks: Iterable[Check], kind: str) -> Check | None:
-    """Return the required check of a kind of which least is left; None if there is none."""
+    """Return the required check of a kind with the smallest margin; None if there is none."""
     required = (check for check in checks if check.asked and check.kind == kind)
     return max(required, key=lambda check: check.badness, default=None)
 
 
 def _is_always(check: Check) -> bool:
-    """Return whether a check covers every instant of a scenario that requires the knots only."""
+    """Return whether a check covers every instant though its scenario requires the knots only."""
     return check.part.endswith(AT_ALL_TIMES) and "before" not in check.constraint
 
 
 def _distance(check: Check) -> str:
-    """Return how far a vehicle is from an obstacle or another vehicle, and what is left."""
+    """Return a vehicle's distance from an obstacle or another vehicle, and its margin."""
     return f"{_place(check)}; {left_in_words(check) + ' left' if check.holds else 'VIOLATED'}"
 
 
 def _place(check: Check) -> str:
-    """Return how far a vehicle is from an obstacle or another vehicle, and when."""
+    """Return a vehicle's distance from an obstacle or another vehicle, and when."""
     other = check.constraint if check.kind == "obstacles" else check.part.removeprefix("from ")
     other = other.removesuffix(AT_KNOTS).removesuffix(AT_ALL_TIMES).rstrip()
     how = f"{check.value:.4g} m from" if check.value >= 0.0 else f"{-check.value:.4g} m inside"
@@ -103,9 +103,9 @@ def _place(check: Check) -> str:
 
 
 def _gap(summary: Summary) -> str:
-    """Return the largest possible gap to the optimum, from the least effort as a lower bound.
+    """Return the largest possible optimality gap, with the least effort as the lower bound.
 
-    What jumps is no plan from the starts, so that the bound is none for its cost.
+    A motion that jumps is no plan from the starts, so the bound does not apply to its cost.
     """
     least = summary.least_effort
     if summary.largest_jump is not None or not summary.cost >= (1.0 - _ROUNDING) * least > 0.0:
@@ -114,12 +114,12 @@ def _gap(summary: Summary) -> str:
 
 
 def left_in_words(check: Check) -> str:
-    """Return what is left of a check with its unit; 0 to within rounding."""
+    """Return the margin of a check with its unit; 0 to within rounding."""
     return f"{0.0 if abs(check.left) <= check.tolerance else check.left:.3g} {check.unit}"
 
 
 def is_equality(check: Check) -> bool:
-    """Return whether a check is an equality that holds, so that all that is left is rounding."""
+    """Return whether a check is an equality that holds, so that its margin is only rounding."""
     return check.kind in _EQUALITIES and check.limit == 0.0 and check.asked and check.holds
 
 
@@ -128,7 +128,7 @@ Table = tuple[tuple[str, ...], tuple[tuple[str, ...], ...]]
 
 
 def short_table(checks: Sequence[Check]) -> Table:
-    """Return the table with one column of what is left."""
+    """Return the table with one column of margins."""
     cells = (
         (check.what, check.vehicle, clock_number(check.time), left_in_words(check), _verdict(check))
         for check in checks
@@ -157,14 +157,14 @@ def full_table(checks: Sequence[Check]) -> Table:
 
 
 def _verdict(check: Check) -> str:
-    """Return in a word or two whether a check holds, if that is not as expected."""
+    """Return a short verdict on a check, if it is not as expected."""
     if not check.asked:
         return "not required"
     return "" if check.holds else "VIOLATED"
 
 
 def _without_empty(heads: tuple[str, ...], *rows: tuple[str, ...]) -> Table:
-    """Return the heads and the rows of a table without columns that are empty."""
+    """Return the heads and the rows of a table without its empty columns."""
     kept = [number for number in range(len(heads)) if any(row[number] for row in rows)]
     first, *rest = (tuple(row[number] for number in kept) for row in (heads, *rows))
     return first, tuple(rest)

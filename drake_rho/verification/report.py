@@ -29,7 +29,7 @@ _LEFT_VIOLATED = "left: distance from the limit; negative where it is violated"
 
 @dataclasses.dataclass(frozen=True)
 class Report(metaclass=Described):
-    """Result of `verify`; prints what is asked first, and then a table of what is left."""
+    """Result of `verify`; prints the key figures, then a table of margins."""
 
     scenario: Scenario
     """scenario whose constraints were verified"""
@@ -59,7 +59,7 @@ class Report(metaclass=Described):
 
     @property
     def tightest(self) -> tuple[Check, ...]:
-        """Check of the vehicle that is closest to violating it, for each constraint."""
+        """Check with the smallest margin, for each constraint."""
         tightest: dict[tuple[str, str, bool], Check] = {}
         for check in self.checks:
             before = tightest.get(_kind(check))
@@ -92,10 +92,9 @@ class Report(metaclass=Described):
         """Return the contents of a printed report, which `print` shows.
 
         Args:
-            every_row: whether to list every row, with values and limits: also of equalities, of
-                which only rounding is left, of the furthest obstacles, and of the knots where every
-                instant is verified.
-            gap: whether to tell how far the cost may be from the least, if all constraints hold.
+            every_row: whether to list every row, with values and limits: also equalities, the
+                furthest obstacles, and the knots where every instant is verified.
+            gap: whether to include the largest possible optimality gap, if all constraints hold.
         """
         violations = self.violations
         lines = tuple(facts(self.summary, self.checks, gap=gap and self.ok))
@@ -119,12 +118,12 @@ class Report(metaclass=Described):
         return Printed(title, lines, heads, cells, (*below, explained, *self._notes()))
 
     def _is_short(self, row: Check) -> bool:
-        """Return whether a row is in the short table: no equality, and no part of another row."""
+        """Return whether a row is in the short table: no equality, and not covered by another."""
         at_all_times_too = self.scenario.between_knots and row.part.endswith(AT_KNOTS)
         return not is_equality(row) and not at_all_times_too
 
     def _without_far_obstacles(self, rows: list[Check]) -> tuple[list[Check], int]:
-        """Return the rows without those of the furthest obstacles, and how many were left out."""
+        """Return the rows without the furthest obstacles, and the number of rows omitted."""
         nearest: dict[str, float] = {}
         for check in rows:
             if check.kind == "obstacles":

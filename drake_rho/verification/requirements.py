@@ -1,9 +1,9 @@
 """Requirements (`KeepIn`), verified by membership alone: the distance of values from their set.
 
-The support function and the normals of a set, from which planners write rows, are not used.
-Positions are verified at every instant (`drake_rho.verification.highest_over_time`). Velocities are
-linear and accelerations constant in a piece of time, so their ends decide, with errors the ends of
-the feedback's samples.
+The support function and the normals of a set, which planners use, are not used. Positions are
+verified at every instant (`drake_rho.verification.highest_over_time`). Velocities are linear and
+accelerations constant in a piece of time, so the ends of pieces suffice or, with errors, the ends
+of the feedback's samples.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ def check_requirements(trajectory: PiecewiseTrajectory, jerks: Jerks) -> Iterato
     """Yield the checks of every requirement that is active in the flight.
 
     Args:
-        trajectory: of all vehicles.
+        trajectory: trajectory of all vehicles.
         jerks: jerks of the plan.
     """
     scenario = trajectory.scenario
@@ -52,7 +52,7 @@ def check_positions(trajectory: PiecewiseTrajectory, number: int) -> Iterator[Co
     """Yield the checks of a requirement of positions, at the knots and at every instant.
 
     Args:
-        trajectory: of all vehicles.
+        trajectory: trajectory of all vehicles.
         number: number of the requirement, from 1; it is active in the flight.
     """
     check = _Check.of(trajectory, trajectory.scenario.requirements[number - 1], number)
@@ -66,7 +66,7 @@ class _Check:
 
     trajectory: PiecewiseTrajectory
     requirement: KeepIn
-    """requirement on a clock that is 0 at the first knot"""
+    """requirement, on a clock that is 0 at the first knot"""
     number: int
     interval: tuple[float, float]
     """first and last time at which it is required, since the first knot [s]"""
@@ -118,7 +118,7 @@ class _Check:
 
     @property
     def _about(self) -> str:
-        """What it is about, unless that is the position itself."""
+        """Name of the constrained quantity, unless it is the position itself."""
         asked = self.requirement
         of = "" if asked.of == "position" else f"of {asked.of}"
         other = asked.leader or ("a moving point" if asked.track is not None else "")
@@ -136,24 +136,24 @@ class _Check:
 
     @property
     def _clock(self) -> Clock:
-        """Clock by which times are compared."""
+        """Clock for comparing times."""
         return self.trajectory.scenario.grid.clock
 
     def _active(self, times: FloatArray) -> BoolArray:
         return self._clock.within(times, self.interval)
 
     def _relative(self, values: FloatArray) -> FloatArray:
-        """Return values (N, ..., 3) of the vehicles concerned, less the partner's, (M, ..., 3)."""
+        """Return values (M, ..., 3) of the vehicles concerned, relative to any partner."""
         own = values[self.members]
         return own if self.partner is None else own - values[self.partner]
 
     def knots(self) -> BoolArray:
-        """Return flags of the trajectory's instants that are knots at which it is active."""
+        """Return flags of the knots at which it is active, among the trajectory's instants."""
         chosen = self._active(self.trajectory.elapsed)
         return chosen if self._is_instant else chosen & self.trajectory.knots
 
     def positions_at(self, instants: BoolArray) -> Highest:
-        """Return the worst of selected instants of the trajectory."""
+        """Return the worst positions among selected instants of the trajectory."""
         if not instants.any():
             return self._nothing()
         times = self.trajectory.elapsed[instants]
@@ -175,7 +175,7 @@ class _Check:
         return np.asarray(self.requirement.set.signed_distance(values - offset))
 
     def positions_at_all_times(self) -> Highest:
-        """Return the worst instants between all times at which it is active."""
+        """Return the worst positions over all times at which it is active."""
         trajectory, scenario = self.trajectory, self.trajectory.scenario
         known = self.positions_at(self._active(trajectory.elapsed))
         if self._is_instant:
@@ -198,16 +198,16 @@ class _Check:
         )
 
     def _distances_at(self, x: FloatArray, times: FloatArray) -> FloatArray:
-        """Return signed distances of positions (..., 3), less the partner's, at times (...)."""
+        """Return signed distances of positions (..., 3), less any partner's, at times (...)."""
         offset = self.requirement.offset(times.reshape(-1)).reshape(x.shape)
         return np.asarray(self.requirement.set.signed_distance(x - offset))
 
     def _error_curvatures(self) -> FloatArray:
-        """Return κ of the errors in each piece of time [m/s²], shape (J,)."""
+        """Return κ of the error radius in each piece of time [m/s²], shape (J,)."""
         return self._vehicles * self.trajectory.curvatures
 
     def _position_errors(self, pieces: IntArray, times: FloatArray) -> FloatArray:
-        """Return radii of the errors of positions in pieces (P,) at times (S, P)."""
+        """Return position error radii in pieces (P,) at times (S, P)."""
         trajectory, deviation = self.trajectory, self.requirement.deviation
         if trajectory.tubes is None:
             return np.full(times.shape, deviation)
@@ -222,7 +222,7 @@ class _Check:
 
         Args:
             steps: the curves in the pieces of time, vehicle by vehicle.
-            errors: largest radii of errors in the pieces, shape (J,).
+            errors: largest error radii in the pieces, shape (J,).
         """
         trajectory, count = self.trajectory, len(self.trajectory.durations)
         own = steps.select((count * self.members[:, None] + np.arange(count)).ravel())
@@ -250,7 +250,7 @@ class _Check:
         )
 
     def velocities(self) -> Highest:
-        """Return the worst velocities: at ends of pieces and, with errors, of samples."""
+        """Return the worst velocities: at ends of pieces or, with errors, of samples too."""
         trajectory = self.trajectory
         if trajectory.higher is not None and not self._is_instant:
             errors = self._vehicles * trajectory.errors_of(1)
@@ -278,14 +278,14 @@ class _Check:
             times, errors = np.append(times, trajectory.elapsed[k + 1]), np.append(errors, left)
         values, errors = self._relative(values), self._vehicles * errors
         distances = self._distances(values, times)
-        if self.requirement.track is not None:  # which has another velocity before a corner
+        if self.requirement.track is not None:  # its velocity changes at a corner
             before = self._distances(values, times, before=True)
             late = self._clock.after(times, self.interval[0])
             distances = np.maximum(distances, np.where(late, before, -np.inf))
         return _worst_of(times, distances, errors)
 
     def _before_jumps(self, trajectory: PiecewiseTrajectory) -> IntArray:
-        """Return the pieces that end in a jump, at every instant, and in which it is active."""
+        """Return the pieces that end in a jump while it is active."""
         k = trajectory.last_before_jumps
         if not trajectory.scenario.between_knots:
             return k[:0]
@@ -336,7 +336,7 @@ def _worst_of(times: FloatArray, distances: FloatArray, errors: FloatArray) -> H
 
 
 def _nothing_left(trajectory: PiecewiseTrajectory, number: int, asked: KeepIn) -> Column:
-    """Return an empty check of a requirement that is over, so that none counts as forgotten."""
+    """Return an empty check of an expired requirement, so that it counts as checked."""
     count = len(trajectory.scenario.vehicles)
     zero = np.zeros(count)
     return Column(

@@ -1,10 +1,10 @@
-"""Verification of the time after the end: whether vehicles can hold at their goals for ever.
+"""Verification after the end: whether vehicles can hold at their goals for ever.
 
 Vehicles whose goals are at rest stay there. So their motion after the end is one long piece of time
-at rest, and every constraint is verified by the same functions as in the flight. Around the goals
-are the largest radii that the error tube ever has from the end on (`drake_rho.motion.rest_tube`).
-The piece ends where nothing changes any more: tracks have ended, intervals are over, and what moves
-on for ever is far away.
+at rest, and every constraint is verified by the same functions as in the flight, with the largest
+radii that the error tube has from the end on (`drake_rho.motion.rest_tube`). The piece ends when
+nothing changes any more: tracks and intervals have ended, and obstacles that move on for ever are
+far away.
 """
 
 from __future__ import annotations
@@ -36,13 +36,13 @@ _NAMED = 3
 """Largest number of vehicles that are named in notes."""
 
 _AWAY = 1e3
-"""Multiple of its distance that something moving on for ever has moved when it is far away."""
+"""Distance moved after which an obstacle is far away, as a multiple of its distance."""
 
 _SHORT = 1e-12
-"""Part of a time to which it is bisected."""
+"""Relative precision of times found by bisection."""
 
 _REACHED = 1e-6
-"""Part of a tolerance beyond its limit at which a constraint counts as reached, for its time."""
+"""Excess at which a limit counts as reached, for finding the time, as a part of the tolerance."""
 
 
 Check = Callable[[PiecewiseTrajectory], Iterable[Column]]
@@ -54,7 +54,7 @@ class Rest:
     """Vehicles that hold at their goals from the end of a flight on."""
 
     scenario: Scenario
-    """scenario of the flight, of the vehicles that hold"""
+    """scenario of the flight, with the holding vehicles only"""
     begin: float
     """time from which they rest [s]"""
     tube: RestTube | None
@@ -92,7 +92,7 @@ class Rest:
                 size = float(getattr(own.set, "size", 0.0))
                 moving.append((own.track, size if np.isfinite(size) else 0.0))
         far = horizon
-        for each in self.scenario.bodies_in_flight:  # what grows reaches every goal
+        for each in self.scenario.bodies_in_flight:  # a growing uncertainty reaches every goal
             if each.velocity_error > 0.0 and each.active is None:
                 at = each.centers(np.array([self._elapsed + horizon]))
                 away = float(np.linalg.norm(goals - at, axis=1).max())
@@ -107,13 +107,13 @@ class Rest:
 
     @property
     def _clock(self) -> Clock:
-        """Clock by which times after the end are compared."""
+        """Clock for comparing times after the end."""
         grid = self.scenario.grid
         return Clock.of(grid.step, grid.start, self.begin + self.horizon)
 
     @property
     def shortest(self) -> float:
-        """Time that counts as none [s], for which every vehicle holds or does not hold at all."""
+        """Shortest time considered [s]: a vehicle that cannot hold for it cannot hold at all."""
         return self._clock.tick
 
     @property
@@ -127,7 +127,7 @@ class Rest:
 
     @property
     def checks(self) -> list[Check]:
-        """Functions that verify all constraints of a trajectory, each some of them."""
+        """Functions that together verify all constraints of a trajectory."""
         obstacles = range(1, len(self.scenario.bodies) + 1)
         return [
             lambda rest: check_boxes(rest, Jerks.at_rest(rest.scenario)),
@@ -147,7 +147,7 @@ class Rest:
         return [column for check in self.checks for column in _at_all_times(check(rest))]
 
     def _trajectory(self, lasting: float) -> PiecewiseTrajectory:
-        """Return the rest as one piece of time, with the largest radii in it."""
+        """Return the rest as one piece of time, with its largest radii."""
         duration = min(lasting, self.horizon)
         tubes = None
         if self.tube is not None:
@@ -182,10 +182,10 @@ class Rest:
         )
 
     def until(self, vehicle: int) -> float:
-        """Return the time to which a vehicle holds with every constraint [s], by bisection.
+        """Return the time until which a vehicle satisfies every constraint [s], by bisection.
 
-        What holds for a time holds for a shorter one too: there are fewer instants, and the radii
-        are not larger.
+        A constraint that holds for a time holds for a shorter one too: there are fewer instants,
+        and the radii are not larger.
         """
         held, lost = self.shortest, self.horizon
         if self._reached(vehicle, held, self.checks):
@@ -198,14 +198,14 @@ class Rest:
         middle = min(float(middle), lost / 2.0)
         while lost - held > _SHORT * max(lost, self.scenario.grid.step):
             if earlier := self._reached(vehicle, middle, checks):
-                lost, checks = middle, earlier  # the others are reached later
+                lost, checks = middle, earlier  # other limits are reached later
             else:
                 held = middle
             middle = (held + lost) / 2.0
         return self.begin + lost
 
     def _reached(self, vehicle: int, lasting: float, checks: Sequence[Check]) -> list[Check]:
-        """Return checks with limits that a vehicle gets to within a time since `begin` [s]."""
+        """Return checks whose limits a vehicle reaches within a time since `begin` [s]."""
         rest = self._trajectory(lasting)
         return [
             check
@@ -215,12 +215,12 @@ class Rest:
 
 
 def _at_all_times(columns: Iterable[Column]) -> list[Column]:
-    """Return columns without those of knots, which others include."""
+    """Return the columns that cover all times, without those of the knots."""
     return [each for each in columns if not each.parts[0].endswith(AT_KNOTS)]
 
 
 def _without_what_is_over(scenario: Scenario) -> Scenario:
-    """Return a scenario in which nothing is active at its end that is over after it.
+    """Return a scenario without the constraints that expire by its end.
 
     Intervals include their ends, where the radii of the flight count.
     """
@@ -244,9 +244,9 @@ def _without_what_is_over(scenario: Scenario) -> Scenario:
 
 
 def check_rest(scenario: Scenario) -> Iterator[Column]:
-    """Yield what is left at the goals for ever, where a scenario requires it: one check per unit.
+    """Yield the margins of holding at the goals for ever, if required: one check per unit.
 
-    A check has the constraint that is violated most or, if all hold, is closest.
+    A check is of the most violated constraint or, if all hold, of the closest.
     """
     if not scenario.hold_at_goal:
         return
@@ -257,7 +257,7 @@ def check_rest(scenario: Scenario) -> Iterator[Column]:
 
 
 def _worst_of(unit: str, columns: list[Column], scenario: Scenario, count: int) -> Column:
-    """Return the worst checks of columns with one unit; due nowhere if there are none."""
+    """Return the worst checks of columns with one unit; an inactive column if there are none."""
     numbers = {name: np.zeros(count) for name in ("times", "values", "limits", "excess", "errors")}
     numbers["tolerances"] = np.ones(count)
     parts, due, worst = [""] * count, np.zeros(count, dtype=bool), np.full(count, -np.inf)
@@ -288,12 +288,12 @@ def _worst_of(unit: str, columns: list[Column], scenario: Scenario, count: int) 
 
 
 def _named(column: Column, vehicle: int) -> str:
-    """Return the constraint and the part of a check, without its times."""
+    """Return the constraint and part of a check, without its times."""
     return f"{column.constraint} {column.parts[vehicle].removesuffix(AT_ALL_TIMES)}".strip()
 
 
 def notes_on_rest(scenario: Scenario) -> tuple[str, ...]:
-    """Return notes on vehicles that cannot hold at their goals for ever, with times and amounts."""
+    """Return notes on vehicles that cannot hold at their goals for ever: until when, and why."""
     rest = Rest.of(scenario)
     if rest is None:
         return ()
@@ -316,7 +316,7 @@ def _is_beyond(column: Column, vehicle: int, part: float = 1.0) -> bool:
 
 
 def _note(rest: Rest, columns: list[Column], vehicle: int) -> str:
-    """Return until when a vehicle can hold, and what it violates first."""
+    """Return a note on the time until which a vehicle can hold, and its first violation."""
     time = rest.until(vehicle)
     lasting = max(time - rest.begin, rest.shortest)
     then = zip(columns, rest.columns(lasting), strict=True)

@@ -14,15 +14,15 @@ from drake_rho.verification.states import check_flown, check_goal
 from drake_rho.verification.trajectory import PiecewiseTrajectory
 
 POINT_MASS = "point mass"
-"""Plant whose motion follows exactly from the record. The motion of other plants is known at the
-recorded times only; between them accelerations are taken as constant."""
+"""Plant whose motion follows exactly from the record. Other plants are known at the recorded times
+only; between them accelerations are taken as constant."""
 
 
 def trajectory_of(simulation: Simulation) -> PiecewiseTrajectory:
     """Return the true motion, with a piece from each recorded time to the next.
 
     The motion of a point mass is integrated anew from the first state, commands and winds. For
-    another plant the accelerations are those that lead from one recorded position to the next.
+    other plants, constant accelerations connect consecutive recorded positions.
     """
     elapsed = np.asarray(simulation.elapsed)
     h = np.diff(elapsed)[:, None]
@@ -46,13 +46,13 @@ def trajectory_of(simulation: Simulation) -> PiecewiseTrajectory:
 
 
 def _knots(simulation: Simulation, elapsed: FloatArray) -> BoolArray:
-    """Return which of the times are knots of the grid."""
+    """Return flags of the times that are knots of the grid."""
     step = simulation.scenario.grid.step
     return Clock.of(step).same(elapsed, step * np.rint(elapsed / step))
 
 
 def check_simulated(simulation: Simulation, trajectory: PiecewiseTrajectory) -> Iterator[Column]:
-    """Verify that the record obeys the dynamics and ends within the tube's radii of the goals."""
+    """Verify that the record obeys the dynamics and ends within the tube's radii from the goals."""
     if simulation.plant == POINT_MASS:
         states = (np.moveaxis(each, 0, 1) for each in (simulation.positions, simulation.velocities))
         yield from check_flown(trajectory, *states)

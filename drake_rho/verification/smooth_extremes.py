@@ -28,11 +28,11 @@ def highest_of_steps(
 
     Args:
         steps: the curves, one after another, J steps of each.
-        instants: at which steps begin and end [s], shape (J + 1,).
+        instants: ends of the steps [s], shape (J + 1,).
         measure: the measure.
         precision: amount by which a greater value may be missed, shape (M,).
         pieces: flags of the steps that count, shape (J,); all if not given.
-        errors: largest radii of errors in the steps, which add to the measure, shape (J,).
+        errors: largest error radii in the steps, added to the measure, shape (J,).
     """
     count, steps_each = len(precision), len(instants) - 1
     states = [each.reshape(count, steps_each, 3) for each in (steps.p, steps.v, steps.a)]

@@ -22,7 +22,7 @@ def check_planned(plan: Plan, trajectory: PiecewiseTrajectory) -> Iterator[Colum
 
     Args:
         plan: the plan.
-        trajectory: integrated anew from its accelerations, with a smoothing before averages.
+        trajectory: trajectory integrated anew from its accelerations, before any smoothing.
     """
     yield from check_flown(trajectory, plan.positions, plan.velocities)
     yield from check_goal(averaged(trajectory), (0.0, 0.0))
@@ -69,7 +69,7 @@ def _difference(
     values: FloatArray,
     most: float,
 ) -> Column:
-    """Return the checks of differences that should not exceed `most`."""
+    """Return the checks of differences, which may not exceed `most`."""
     limits = np.full(len(values), most)
     return Column(
         kind="goals" if constraint == "goal" else "dynamics",

@@ -24,7 +24,7 @@ class Steps:
     v: FloatArray
     """velocities at the beginning [m per step], shape (M, D)"""
     a: FloatArray
-    """accelerations, of smooth motions at the beginning [m per step²], shape (M, D)"""
+    """accelerations, at the beginning for smooth motions [m per step²], shape (M, D)"""
     higher: FloatArray | None = None
     """coefficients of the powers of u from the third up [m], shape (M, n, D); None if there are
     none"""
@@ -71,7 +71,7 @@ class Steps:
 
         Args:
             order: 1 for velocities, 2 for accelerations, 3 for jerks.
-            durations: of the steps [s], shape (M,).
+            durations: durations of the steps [s], shape (M,).
         """
         c = self._coefficients
         for _ in range(order):

@@ -27,9 +27,9 @@ class Summary(metaclass=Described):
     fastest_at: float
     """time of the top speed on the scenario's clock [s]"""
     start: float
-    """time at which the motion begins, that of the first knot but for a smoothing [s]"""
+    """time at which the motion begins: the first knot unless smoothed [s]"""
     end: float
-    """time at which the motion ends, that of the last knot but for a smoothing [s]"""
+    """time at which the motion ends: the last knot unless smoothed [s]"""
     cost: float
     """cost of the plan [m²/s⁴], the performance index f (13)"""
     least_effort: float
@@ -42,10 +42,10 @@ class Summary(metaclass=Described):
 
     @classmethod
     def of(cls, trajectory: PiecewiseTrajectory, flown: Flown) -> Summary:
-        """Return the summary of what was flown, with its trajectory.
+        """Return the summary of a plan, flight or simulation with its trajectory.
 
-        The velocity is linear in a step, so that the largest speed occurs at an instant. That of a
-        smooth motion is sought at all times.
+        The velocity is linear in a step, so the largest speed occurs at an instant. For a smooth
+        motion it is sought at all times.
         """
         scenario = trajectory.scenario
         times, velocities = trajectory.all_velocities
@@ -83,7 +83,7 @@ def least_effort(scenario: Scenario) -> float:
     fleet, grid = scenario.fleet, scenario.grid
     steps, h, duration = grid.knots - 1, grid.step, grid.duration
     remaining = duration - h * (np.arange(steps) + 0.5)  # from the middle of a step to the end
-    # positions in lengths of h T and velocities in h, so that both rows are of one size
+    # positions in units of h T and velocities in h, so that both rows are of similar size
     rows = np.array([remaining / duration, np.ones(steps)])
     drift = fleet.start_positions + duration * fleet.start_velocities
     changes = np.array(

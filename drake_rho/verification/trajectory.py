@@ -21,8 +21,8 @@ from drake_rho.verification.tubes import ErrorRadii, Tubes
 class PiecewiseTrajectory:
     """Motions in J pieces of time, the same for all vehicles.
 
-    States at the instants are those with which pieces begin. The piece before ends there, unless
-    the motion jumps.
+    The state at an instant is the initial state of the piece that begins there, and the end of the
+    piece before unless the motion jumps.
 
     Accelerations are constant in each piece; those of smooth motions are polynomials in time.
     """
@@ -62,10 +62,10 @@ class PiecewiseTrajectory:
         """Return the trajectory of a motion on a scenario's grid, whose steps are the pieces.
 
         Args:
-            scenario: whose constraints are verified.
-            motion: of all vehicles.
-            tubes: around the motion, if vehicles do not follow it exactly.
-            jumps: knots, from 0, at which it begins anew.
+            scenario: scenario whose constraints are verified.
+            motion: motion of all vehicles.
+            tubes: error tubes, if vehicles do not follow the motion exactly.
+            jumps: knots, from 0, at which the motion jumps to another state.
         """
         grid = scenario.grid
         return cls(
@@ -100,14 +100,14 @@ class PiecewiseTrajectory:
 
     @property
     def last_before_jumps(self) -> IntArray:
-        """Indices of the pieces that end where the motion jumps, at most S of them."""
+        """Indices of the pieces that end at a jump, at most S of them."""
         return self.jumps[self.jumps > 0] - 1
 
     @property
     def all_velocities(self) -> tuple[FloatArray, FloatArray]:
-        """Times on the scenario's clock [s] and velocities then [m/s], also just before jumps.
+        """Times on the scenario's clock [s] and velocities [m/s], also just before jumps.
 
-        Between these the velocity is linear. The shapes are (M,) and (N, M, 3).
+        Between these times the velocity is linear. The shapes are (M,) and (N, M, 3).
         """
         if len(k := self.last_before_jumps) == 0:
             return self.times, self.velocities
@@ -137,7 +137,7 @@ class PiecewiseTrajectory:
         return self.steps.derivative(order, np.tile(self.durations, len(self.positions)))
 
     def only(self, vehicle: int) -> PiecewiseTrajectory:
-        """Return the trajectory of one vehicle, in the scenario of all."""
+        """Return the trajectory of one vehicle, in the scenario of the whole fleet."""
         arrays = {
             name: getattr(self, name)[vehicle : vehicle + 1]
             for name in ("positions", "velocities", "accelerations", "commands")
@@ -166,7 +166,7 @@ class PiecewiseTrajectory:
         instants = np.union1d(self.elapsed, times)
         k = np.searchsorted(self.elapsed, instants, side="right") - 1
         knots = (self.elapsed[k] == instants) & self.knots[k]
-        k = np.minimum(k, len(self.durations) - 1)  # the last instant begins no piece
+        k = np.minimum(k, len(self.durations) - 1)  # no piece begins at the last instant
         s = (instants - self.elapsed[k])[:, None]
         p, v, a = self.positions[:, k], self.velocities[:, k], self.accelerations[:, k]
         if self.higher is not None:
@@ -188,7 +188,7 @@ class PiecewiseTrajectory:
     def _cut_smooth(
         self, instants: FloatArray, knots: BoolArray, k: IntArray
     ) -> PiecewiseTrajectory:
-        """Return smooth motions with other instants, which are in the pieces k, shape (J' + 1,)."""
+        """Return smooth motions with new instants, located in the pieces k, shape (J' + 1,)."""
         assert self.higher is not None  # noqa: S101  # the caller checks this
         s = (instants - self.elapsed[k])[:, None]
         lower = [self.positions[:, k], self.velocities[:, k], self.accelerations[:, k] / 2.0]

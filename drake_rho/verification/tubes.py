@@ -31,9 +31,9 @@ from drake_rho.scenario.parts import Quantity
 class Tubes:
     """Sequence of tubes, each valid until the next one begins.
 
-    At the time where one tube follows another, the errors from the one plan are in the one ball and
-    the errors from the other plan in the other: constraints are checked there with the greater of
-    the two radii. Where the motion jumps, the states after it have the later tube.
+    At the time where one tube follows another, both hold, each for the errors from its own plan:
+    constraints are checked there with the greater of the two radii. Where the motion jumps, the
+    states after it have the later tube.
     """
 
     tubes: tuple[ErrorTube, ...]
@@ -121,19 +121,19 @@ class ConstantTubes(Tubes):
         return cls((), np.zeros(0), np.zeros(0, dtype=bool), radii)
 
     def at(self, quantity: Quantity, times: FloatArray) -> FloatArray:
-        """Return the radius for every time."""
+        """Return the constant radius at all times."""
         return np.full(times.shape, self.radii[quantity])
 
     def position_in(self, times: FloatArray, begins: FloatArray, ends: FloatArray) -> FloatArray:
-        """Return the radius of the position for every time."""
+        """Return the constant position radius at all times."""
         return self.at("position", times)
 
     def over(self, quantity: Quantity, begins: FloatArray, ends: FloatArray) -> FloatArray:
-        """Return the radius for every interval."""
+        """Return the constant radius over all intervals."""
         return self.at(quantity, begins)
 
     def curvatures(self, begins: FloatArray, ends: FloatArray) -> FloatArray:
-        """Return zeros: the radius of the position does not change."""
+        """Return zeros: the position radius is constant."""
         return np.zeros(begins.shape)
 
 
@@ -148,7 +148,7 @@ class ErrorRadii:
 
     @classmethod
     def constant(cls, errors: FloatArray) -> Self:
-        """Return error radii that do not change in steps, from those of each step, (M,)."""
+        """Return error radii that are constant in each step, shape (M,)."""
         return cls(
             lambda steps, u: np.broadcast_to(errors[steps, None], u.shape), np.zeros(len(errors))
         )
@@ -177,12 +177,12 @@ class ErrorRadii:
 
     @classmethod
     def with_linear(cls, errors: Self | None, begins: FloatArray, ends: FloatArray) -> Self:
-        """Return error radii, if any, plus ones that change linearly in each step.
+        """Return error radii, if any, plus radii that are linear in each step.
 
         Args:
             errors: the error radii, or None for zero.
-            begins: further radii at the beginning of each step [m], shape (M,).
-            ends: those at its end [m], shape (M,).
+            begins: additional radii at the beginning of each step [m], shape (M,).
+            ends: additional radii at the end of each step [m], shape (M,).
         """
 
         def radii(steps: IntArray, u: FloatArray) -> FloatArray:

@@ -1,4 +1,4 @@
-"""`verify`: check of every constraint of a scenario from initial states and accelerations alone."""
+"""`verify`: check every constraint of a scenario from initial states and accelerations alone."""
 
 from __future__ import annotations
 
@@ -43,42 +43,42 @@ __all__ = ["Check", "Report", "Summary", "verify"]
 def verify(flown: Flown) -> Report:
     """Verify every constraint of a scenario for a plan, a flight or a simulation.
 
-    Positions and velocities are integrated anew from the initial states and the accelerations;
-    those of the plan are only compared with them ("dynamics"). Obstacles, separation and position
+    Positions and velocities are integrated anew from the initial states and the accelerations; the
+    plan's own states are only compared with them ("dynamics"). Obstacles, separation and position
     boxes are verified at the knots and at every instant, by sampling with rigorous bounds between
     the samples (`drake_rho.verification.continuous_time`): no instant is worse than the reported
     value by more than a hundredth of the tolerance. If a scenario requires the knots only
     (`between_knots`), the checks at every instant are reported as well but do not count. A value
     that is NaN never holds.
 
-    A vehicle must keep its radius plus the deviation of the obstacle's track from an obstacle.
-    Distances from an obstacle whose place is uncertain are those from wherever it may be. An
-    obstacle that becomes known later counts from then on; a check of its own, which does not count,
-    reports how close vehicles were before. All times are on the scenario's clock.
+    A vehicle's distance from an obstacle must be at least its radius plus the deviation of the
+    obstacle's track. Distances from an uncertain obstacle are from its nearest possible position.
+    An obstacle that becomes known later counts from then on; a separate check, which does not
+    count, reports earlier distances. All times are on the scenario's clock.
 
-    With a disturbance, a plan is verified with its error tube: every constraint must hold wherever
-    in the tube vehicles are. Limits are tightened by the error radius, which is exact at every
-    time and reported as `Check.errors`. Each window of a flight is verified with its own tube, from
-    its first knot to that of the next window. Jerk and goal are those of the plan. The margins that
-    planners keep are not used.
+    With a disturbance, a plan is verified with its error tube: constraints must hold everywhere in
+    the tube. Limits are tightened by the error radius, which is exact at every time and reported
+    as `Check.errors`. Each window of a flight is verified with its own tube, from its first knot to
+    that of the next window. Jerk and goal are those of the plan. The planners' margins are not
+    used.
 
-    A flight is verified as flown, from the states with which its windows began. Where these were
-    measured it jumps: it is verified up to the jump and from there on, and a note tells the largest
-    jump. At that very time the measured states count. With a disturbance a vehicle is in both tubes
-    then, so that a waypoint at that time is passed if one of the two proves it.
+    A flight is verified as flown, from the initial states of its windows. Where these were measured
+    it jumps: it is verified up to the jump and from there on, and a note gives the largest jump. At
+    the time of a jump the measured states count. With a disturbance a vehicle is in both tubes
+    then, so a waypoint at that time is passed if one of the two proves it.
 
-    With a smoothing the smooth motion is verified, from before the first knot until after the last,
-    which is computed anew from the accelerations (`drake_rho.verification.averages`). Limits on
+    With smoothing, the smooth motion is verified, from before the first knot until after the last;
+    it is computed anew from the accelerations (`drake_rho.verification.averages`). Limits on
     velocities, accelerations and jerks are verified at every instant too, with the largest error
     radius in each of its polynomials.
 
     Jerks are limited from the acceleration before the start to the one after the goal, which are
-    zero at rest. For a start or a goal in motion whose acceleration is not given they are not, and
+    zero at rest. At a start or goal in motion with no given acceleration they are not limited, and
     a note says so.
 
     Vehicles whose goals are at rest hold there after the end (`drake_rho.verification.rest`). Notes
-    name those that cannot do so for ever and until when they can, unless the scenario says
-    otherwise (`hold_at_goal`); if it requires it, there are checks, which count.
+    name vehicles that cannot hold for ever, and until when they can, unless the scenario says
+    otherwise (`hold_at_goal`); if it requires holding, there are checks, which count.
 
     For a simulation the true motion is verified, without a tube and against the limits as given.
     Limits on accelerations apply to the commands, and the limit on jerk to the plans. A vehicle
@@ -148,7 +148,7 @@ def verify(flown: Flown) -> Report:
 
 
 def _beginnings(flown: Flown) -> dict[int, FloatArray]:
-    """Return the states (N, 6) to which a motion jumps, by knots: those of windows, if it has any.
+    """Return the states (N, 6) after jumps of a motion, by knot: those of its windows, if any.
 
     A plan without windows, such as that of a flight, has them itself.
     """
@@ -158,7 +158,7 @@ def _beginnings(flown: Flown) -> dict[int, FloatArray]:
 
 
 def _is_avoided(sighting: Sighting) -> bool:
-    """Return whether the plans avoid what was seen; True if no plan took it into account.
+    """Return whether the plans avoid a sighted obstacle; True if no plan took it into account.
 
     In the latter case the motion alone decides.
     """

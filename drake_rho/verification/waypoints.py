@@ -14,8 +14,8 @@ from drake_rho.verification.trajectory import PiecewiseTrajectory
 def check_waypoints(trajectory: PiecewiseTrajectory) -> Iterator[Column]:
     """Verify the distance of every vehicle from each of its waypoints at the waypoint's time.
 
-    Where the motion jumps just then, the state after it counts. With errors vehicles are in the
-    tubes of both states, and the one that is closer to the waypoint counts.
+    If the motion jumps at that time, the state after the jump counts. With errors a vehicle is in
+    the tubes of both states, and the state closer to the waypoint counts.
     """
     scenario = trajectory.scenario
     vehicles = np.arange(len(scenario.vehicles))
@@ -53,8 +53,8 @@ def _at_jumps(trajectory: PiecewiseTrajectory, times: FloatArray) -> Iterator[tu
     """Yield vehicles with waypoints at a jump, and the pieces that end there.
 
     Args:
-        trajectory: of all vehicles.
-        times: of a waypoint of each vehicle, on the scenario's clock [s], shape (N,).
+        trajectory: trajectory of all vehicles.
+        times: time of one waypoint of each vehicle, on the scenario's clock [s], shape (N,).
     """
     for piece in trajectory.last_before_jumps.tolist():
         near = trajectory.scenario.grid.clock.same(times, trajectory.times[piece + 1])

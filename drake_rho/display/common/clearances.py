@@ -1,4 +1,4 @@
-"""Distances of vehicles from obstacles over time, moving obstacles included."""
+"""Distances of vehicles from static and moving obstacles over time."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Approach:
 class Clearances:
     """Clearance of each vehicle from its nearest obstacle over time.
 
-    A clearance is the distance from where the obstacle may be minus the vehicle's radius and minus
+    A clearance is the distance from the obstacle, less its uncertainty, the vehicle's radius and
     the largest deviation of the obstacle from its track. The nearest obstacle is the one with the
     least clearance.
     """
@@ -62,7 +62,7 @@ def least_clearances(plan: Drawn, obstacles: Sequence[Obstacle]) -> Clearances:
 
 
 def sample_times(plan: Drawn, obstacles: Sequence[Obstacle]) -> FloatArray:
-    """Return `dense_times` and one time in each interval in which an obstacle is active [s].
+    """Return `dense_times` and one time in each obstacle's active interval [s].
 
     An interval may be shorter than the time between samples.
     """
@@ -81,7 +81,7 @@ def free_radii(plan: Drawn, times: FloatArray) -> FloatArray:
 
     Args:
         plan: the motion of vehicles and obstacles.
-        times: since the first knot [s], shape (M,).
+        times: times since the first knot [s], shape (M,).
 
     Returns:
         Radii [m], shape (N, M); inf if nothing limits them, and not positive inside an obstacle.

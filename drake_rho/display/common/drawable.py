@@ -1,7 +1,6 @@
-"""The motion that pictures show: of a plan, a flight, a simulation, or a scenario not yet planned.
+"""The motion to draw: of a plan, a flight, a simulation, or a scenario not yet planned.
 
-`drawn` turns each of these into one record, `Drawn`, from which figures, Meshcat and the page are
-drawn.
+`drawn` turns each of these into one record, `Drawn`, for figures, Meshcat and the page.
 """
 
 from __future__ import annotations
@@ -34,19 +33,18 @@ _SMOOTH_PARTS = 16
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Drawn:
-    """Motion of all vehicles of a scenario, and what was planned and commanded for it."""
+    """Motion of all vehicles of a scenario, with its plans and commands."""
 
     kind: str
-    """kind of the record that is drawn: scenario, plan, flight or simulation"""
+    """kind of the drawn record: scenario, plan, flight or simulation"""
     scenario: Scenario
     """scenario of the motion"""
     whole: Motion
     """motion from the first knot to the last, in steps of the grid or of equal parts of them"""
     stepwise: Motion
-    """motion that was planned, in steps of the grid, without a smoothing"""
+    """planned motion, in steps of the grid, before any smoothing"""
     jumps: tuple[int, ...] = ()
-    """knots after the first one at which the motion jumps, as that of a flight from measured
-    states"""
+    """knots after the first one at which the motion jumps, as in a flight from measured states"""
     windows: tuple[Prediction, ...] = ()
     """predictions of the windows of a flight"""
     simulation: Simulation | None = None
@@ -97,7 +95,7 @@ class Drawn:
     def planned(self) -> tuple[Prediction, ...]:
         """Predictions to draw beside the true motion of a simulation, which differs from them.
 
-        There are none for many vehicles, whose lines could not be told apart.
+        There are none for many vehicles, whose lines would be indistinguishable.
         """
         few = len(self.scenario.vehicles) <= _MAX_PLANNED
         return self.windows if self.simulation is not None and few else ()
@@ -119,7 +117,7 @@ class Prediction:
     last: int
     """knot of the flight at which the next window takes over, or the last one"""
     braking: Drawn | None
-    """how its contingency brakes to rest, if it has one"""
+    """braking motion of its contingency, if it has one"""
 
     @property
     def begin(self) -> float:
@@ -127,7 +125,7 @@ class Prediction:
         return self.shown.scenario.grid.step * self.first
 
     def in_force(self, times: FloatArray) -> BoolArray:
-        """Tell at which times since the prediction's first knot [s] it is in force."""
+        """Return whether it is in force at times since the prediction's first knot [s]."""
         step = self.shown.scenario.grid.step
         return ~Clock.of(step).after(times, step * (self.last - self.first))
 
@@ -136,8 +134,8 @@ class Prediction:
 def drawn(flown: Flown | Scenario) -> Drawn:
     """Return the motion to draw.
 
-    It is the true motion of a simulation, and straight lines for a scenario, from starts through
-    waypoints to goals. With a smoothing it is the smooth motion.
+    It is the true motion of a simulation, straight lines from starts through waypoints to goals for
+    a scenario, and the smooth motion with smoothing.
     """
     raise NotImplementedError(f"flown: got a {type(flown).__name__}, expected a motion")
 
@@ -169,7 +167,7 @@ def _(flown: Scenario) -> Drawn:
 
 
 def _predictions(windows: Sequence[Window], end: int) -> tuple[Prediction, ...]:
-    """Return the predictions of a flight's windows, the last of which is in force until its end."""
+    """Return the predictions of a flight's windows; the last is in force until its end."""
     lasts = [*(window.first_knot for window in windows[1:]), end]
     return tuple(
         Prediction(
@@ -183,9 +181,9 @@ def _predictions(windows: Sequence[Window], end: int) -> tuple[Prediction, ...]:
 
 
 def _smoothed(plan: Plan) -> Motion:
-    """Return the smooth motion of a plan, in steps at whose ends it is exact.
+    """Return the smooth motion of a plan, in steps with exact ends.
 
-    What is before the first knot and after the last is left out.
+    The parts before the first knot and after the last are omitted.
     """
     grid = plan.scenario.grid
     step, steps = grid.step / _SMOOTH_PARTS, _SMOOTH_PARTS * (grid.knots - 1)
@@ -196,7 +194,7 @@ def _smoothed(plan: Plan) -> Motion:
 
 
 def _true_motion(simulation: Simulation) -> Motion:
-    """Return the true motion of a simulation, in as many steps as its record, of equal length h.
+    """Return the true motion of a simulation, in equal steps h, as many as its record has.
 
     For a point mass in a wind of at most W that changes within a step, the position error is below
     W h²/4; at the ends of the step it is zero.
@@ -229,6 +227,6 @@ def _straight_lines(scenario: Scenario) -> Motion:
         lines.append(np.stack([np.interp(grid.times, times, x) for x in places.T], axis=1))
     p = np.array(lines)
     steps = np.diff(p, axis=1) / grid.step
-    v = np.concatenate([steps, steps[:, -1:]], axis=1)  # that of the last step once more
+    v = np.concatenate([steps, steps[:, -1:]], axis=1)  # velocity of the last step once more
     unknown = np.full((len(p), 3), np.nan)
     return Motion(grid.step, p, v, np.zeros_like(steps), unknown, unknown)

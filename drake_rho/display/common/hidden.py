@@ -1,4 +1,4 @@
-"""What obstacles hide in pictures from the side, and whether these are better taken from above."""
+"""Parts of paths hidden by obstacles, and the choice between views from the side and above."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from drake_rho.scenario.maps.map import Map
 from drake_rho.scenario.shapes.base import Solid
 
 _MOST_HIDDEN = 0.4
-"""Largest part of the flights that maps may hide; if they hide more, the view is from above."""
+"""Largest part of the flights that maps may hide before the view is from above."""
 _SAMPLES = 400
-"""Number of positions from which that part is estimated."""
+"""Number of positions for estimating that part."""
 _CLOSE = 1e-3
-"""Distance from an obstacle at which a line of sight meets it, over its size."""
+"""Distance at which a line of sight counts as meeting an obstacle, over its size."""
 _STEPS = 64
 """Largest number of steps along a line of sight."""
 
 
 def hidden(points: FloatArray, shown: Sequence[Snapshot]) -> BoolArray:
-    """Return which positions (M, 3) are behind obstacles, from the viewpoint of all pictures.
+    """Return flags of positions (M, 3) behind obstacles, from the common viewpoint.
 
     Secondary snapshots, and slices of maps, which are seen from above, hide nothing.
     """
@@ -35,17 +35,17 @@ def hidden(points: FloatArray, shown: Sequence[Snapshot]) -> BoolArray:
 
 
 def best_from_above(points: FloatArray, shown: Sequence[Snapshot]) -> bool:
-    """Return whether maps would hide so many of the flights' positions (M, 3) from the side."""
+    """Return whether maps would hide too many of the flights' positions (M, 3) from the side."""
     maps = [each for each in shown if isinstance(each.shape, Map)]
     some = points[:: max(1, len(points) // _SAMPLES)]
     return bool(hidden(some, maps).mean() > _MOST_HIDDEN)
 
 
 def _hides(solid: Solid, x: FloatArray) -> BoolArray:
-    """Return which positions relative to an obstacle's centre (M, 3) it hides, by sphere tracing.
+    """Return flags of positions (M, 3) hidden by an obstacle at the origin, by sphere tracing.
 
-    Each goes towards the viewer by its distance from the obstacle, again and again, until it meets
-    the obstacle or is beyond it.
+    Each position repeatedly moves towards the viewer by its distance from the obstacle, until it
+    meets the obstacle or is beyond it.
     """
     close, to_viewer = _CLOSE * solid.size, view()[2]
     x, met, left = x + 2.0 * close * to_viewer, np.zeros(len(x), np.bool_), np.arange(len(x))

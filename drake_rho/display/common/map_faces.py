@@ -17,12 +17,12 @@ from drake_rho.scenario.maps.voxels import Voxels
 from drake_rho.scenario.records import Scenario
 
 _MOST_FACES = 60_000
-"""Largest number of faces that are drawn; of larger maps, cells or vertices are merged."""
+"""Largest number of drawn faces; larger maps have cells or vertices merged."""
 _BANDS = 12
-"""Number of bands of height in which a tall rectangle has a colour each."""
+"""Number of height bands for the colours of a tall rectangle."""
 _FINEST = 256
-"""Number of cells along the longest side of a mesh in which its vertices are merged at first, and
-with which its inside is filled where it is cut."""
+"""Number of cells along a mesh's longest side, for merging its vertices at first and for filling
+its inside where it is cut."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -42,18 +42,18 @@ class MapFaces:
 
     @cached_property
     def normals(self) -> FloatArray:
-        """Normals as long as the faces are large [m²], shape (F, 3)."""
+        """Normals whose lengths are the areas of the faces [m²], shape (F, 3)."""
         corners = self.corners
         across = np.cross(corners[:, 2] - corners[:, 0], corners[:, -1] - corners[:, 1])
         normals: FloatArray = across / 2.0
         return normals
 
     def colours(self, corners: FloatArray) -> FloatArray:
-        """Return the colours of positions relative to the centre (..., 3), by height, (..., 3)."""
+        """Return the height colours of positions relative to the centre (..., 3), (..., 3)."""
         return height_colours(corners[..., 2], self.lowest, self.highest)
 
     def in_bands(self) -> FloatArray:
-        """Return the faces with tall rectangles cut at some heights, for colours of one per face.
+        """Return the faces with tall rectangles cut into height bands, for one colour per face.
 
         Returns:
             Corners relative to the centre [m], shape (F, C, 3).
@@ -76,7 +76,7 @@ class MapFaces:
         return np.stack([*at, *opposite], axis=1)
 
     def mesh(self) -> tuple[FloatArray, IntArray]:
-        """Return vertices (V, 3) [m], which faces share, and triangles of their numbers (T, 3)."""
+        """Return shared vertices (V, 3) [m], and triangles as indices of them (T, 3)."""
         points = self.corners.reshape(-1, 3)
         numbers = _same(points)
         firsts = np.unique(numbers, return_index=True)[1]
@@ -86,7 +86,7 @@ class MapFaces:
 
 
 def _same(rows: FloatArray) -> IntArray:
-    """Return a number for each row (M, D), the same for rows that are equal but for rounding."""
+    """Return a number for each row (M, D), the same for rows equal up to rounding."""
     size = float(np.abs(rows).max()) or 1.0
     numbers = np.zeros(len(rows), dtype=np.int64)
     for column in np.rint(rows / size * 2.0**30).astype(np.int64).T:
@@ -106,8 +106,8 @@ def map_faces(solid: Map, between: tuple[float, float] | None = None) -> MapFace
 
     Args:
         solid: the map.
-        between: lower and upper height over its centre [m]. Of cells, all that reach between them
-            are in the slice. Triangles are cut off, and the inside is filled at the upper height.
+        between: lower and upper height over its centre [m]. The slice has all cells that meet this
+            range. Triangles are cut off, and the inside is filled at the upper height.
     """
     lowest, highest = -float(solid.extent[2]), float(solid.extent[2])
     corners, merged = _faces(solid, between or (lowest, highest))
@@ -116,7 +116,7 @@ def map_faces(solid: Map, between: tuple[float, float] | None = None) -> MapFace
 
 @singledispatch
 def _faces(solid: Map, between: tuple[float, float]) -> tuple[FloatArray, float]:
-    """Return faces (F, C, 3) and the side of the cells into which anything was merged [m]."""
+    """Return faces (F, C, 3) and the side of the cells used for merging [m]."""
     raise NotImplementedError(f"solid: got a {type(solid).__name__}, expected Voxels or a Mesh")
 
 
@@ -142,8 +142,8 @@ def _(solid: Voxels, between: tuple[float, float]) -> tuple[FloatArray, float]:
 def _rectangles(cells: IntArray) -> FloatArray:
     """Return the open sides of cells as rectangles, in cells, shape (F, 4, 3).
 
-    Neighbouring sides in one plane are joined: to rows along one axis, and equal rows along the
-    other, in the order of the two that gives fewer.
+    Neighbouring sides in one plane are joined: to rows along one axis, then equal rows along the
+    other, in whichever order of the axes gives fewer rectangles.
     """
     found = [np.zeros((0, 4, 3))]
     for axis, side in np.ndindex(3, 2):

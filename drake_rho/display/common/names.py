@@ -1,4 +1,4 @@
-"""Vehicle names as they are drawn: shown literally, never read as markup or as a path."""
+"""Vehicle names in drawings: shown literally, never parsed as markup or as a path."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ def as_text(name: str) -> str:
 
 
 def brief(name: str) -> str:
-    """Return a long name without its middle, since names often differ at their ends only."""
+    """Shorten a long name in its middle, since names often differ only at their ends."""
     if len(name) <= _BRIEF:
         return name
     return f"{name[: _BRIEF // 2]}…{name[1 - _BRIEF // 2 :]}"

@@ -1,4 +1,4 @@
-"""Obstacles at the instants at which a still picture shows them."""
+"""Obstacles at the instants shown in a still picture."""
 
 from __future__ import annotations
 
@@ -24,11 +24,12 @@ from drake_rho.scenario.shapes.posed import Posed
 MAX_FOLLOWED = 6
 """Largest number of moving obstacles drawn with their paths and their first and last positions."""
 _MAX_NUMBERED = 60
-"""Largest number of obstacles that are numbered; more numbers would cover the picture."""
+"""Largest number of numbered obstacles; more numbers would cover the picture."""
 AROUND = 0.5
-"""Margin around a scene in which moving obstacles and sets enlarge it, over its longest side."""
+"""Margin around a scene within which moving obstacles and sets enlarge it, over its longest
+side."""
 _APART = 0.2
-"""Least displacement at which an obstacle is drawn a second time, over its largest extent."""
+"""Least displacement for a second snapshot of an obstacle, over its largest extent."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -44,12 +45,12 @@ class Snapshot:
     label: str = ""
     """text beside it, escaped for matplotlib"""
     faint: bool = False
-    """true of a secondary snapshot, at the first or last position of a moving obstacle, and of an
+    """true for a secondary snapshot, at the first or last position of a moving obstacle, and for an
     obstacle that is not active in the flight"""
     halo: float = 0.0
-    """how far the obstacle may be from there [m]"""
+    """uncertainty of the obstacle's position [m]"""
     between: tuple[float, float] | None = None
-    """lower and upper height of the slice of a map that is shown [m]; all of it if not given"""
+    """lower and upper height of the shown slice of a map [m]; the whole map if not given"""
 
     @cached_property
     def faces(self) -> MapFaces | None:
@@ -81,7 +82,7 @@ class Snapshot:
 def truncated(shape: Solid, lower: FloatArray, upper: FloatArray) -> Solid:
     """Return the shape, with an infinite cylinder cut off at these coordinates [m].
 
-    `truncated_centers` returns the new centre. One in another pose reaches beyond them.
+    `truncated_centers` returns the new centre. A posed cylinder extends beyond the coordinates.
     """
     if isinstance(shape, Posed) and not np.all(np.isfinite(shape.extent)):
         half = np.full(3, np.linalg.norm(upper - lower))
@@ -103,7 +104,7 @@ def truncated_centers(
 
 
 def _endless_along(shape: Solid) -> FloatArray:
-    """Return the direction in which a posed shape is endless, shape (3,)."""
+    """Return the direction in which a posed shape is infinite, shape (3,)."""
     if isinstance(shape, Posed):
         along: FloatArray = shape.rotation @ _endless_along(shape.shape)
         return along
@@ -122,7 +123,7 @@ def short_label(number: int, obstacle: Obstacle) -> str:
 
 
 def active_in_words(active: tuple[float, float] | None) -> str:
-    """Return the interval of time in which something is required; nothing if that is always."""
+    """Describe a constraint's active interval; nothing if it is always active."""
     if active is None:
         return ""
     first, last = active
@@ -134,11 +135,11 @@ def active_in_words(active: tuple[float, float] | None) -> str:
 def snapshots(plan: Drawn, obstacles: Sequence[Obstacle]) -> list[Snapshot]:
     """Return the snapshots of obstacles in a still picture.
 
-    A static obstacle has one snapshot, a faint one if it is not active in the flight, with the
-    space in which it may be at the closest approach of a vehicle. A moving one
-    is shown at the closest approach of a vehicle and, if few obstacles move, more faintly at its
-    first and last positions, with the times as labels. A moving obstacle that is never near the
-    rest of the scene while active is left out.
+    A static obstacle has one snapshot, faint if it is not active in the flight, with its
+    uncertainty at the closest approach of a vehicle. A moving obstacle is shown at the closest
+    approach of a vehicle and, if few obstacles move, more faintly at its first and last positions,
+    with the times as labels. A moving obstacle never near the rest of the scene while active is
+    omitted.
     """
     shown: list[Snapshot] = []
     few = sum(obstacle.moves for obstacle in obstacles) <= MAX_FOLLOWED
@@ -176,8 +177,8 @@ def approaches(plan: Drawn, obstacles: Sequence[Obstacle]) -> list[FloatArray]:
     """Return the line from vehicle to obstacle at the closest approach to each moving obstacle.
 
     Returns:
-        For each moving obstacle near the scene, the vehicle's position and the nearest point at
-        which the obstacle may be [m], shape (2, 3); nothing if many obstacles move.
+        For each moving obstacle near the scene, the vehicle's position and the nearest possible
+        point of the obstacle [m], shape (2, 3); nothing if many obstacles move.
     """
     moving = [obstacle for obstacle in obstacles if obstacle.moves]
     found = []
@@ -255,10 +256,9 @@ def _is_never_active(plan: Drawn, obstacle: Obstacle) -> bool:
 def _near_scene(
     plan: Drawn, obstacle: Obstacle, obstacles: Sequence[Obstacle]
 ) -> tuple[FloatArray, np.ndarray]:
-    """Return the flight's times on the scenario's clock [s], and whether an obstacle is near then.
+    """Return times on the scenario's clock [s], and whether an obstacle is near at each.
 
-    Only obstacles near the scene are shown, since distant ones would make all else too small to be
-    seen.
+    Only obstacles near the scene are shown: distant ones would shrink everything else.
     """
     resting = [
         Snapshot(each.shape, each.centers(np.zeros(1))[0], 0).bounds

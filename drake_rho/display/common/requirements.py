@@ -1,6 +1,6 @@
-"""Requirements of positions over time: what is left of each, and how its colour tells that.
+"""Requirements of positions over time: their margins, and the scale of their colours.
 
-What is left is the distance from the boundary of the set, positive inside, minus the largest
+The margin is the distance from the boundary of the set, positive inside, minus the largest
 deviation of a moving point from its track.
 """
 
@@ -22,13 +22,13 @@ from drake_rho.scenario.sets import is_own
 from drake_rho.scenario.shapes.base import Shape
 
 _PLENTY = 0.5
-"""Part of the greatest possible distance from the boundary from which on nothing reddens."""
+"""Margin from which on nothing reddens, over the greatest possible one."""
 _SAME = 1e-10
-"""Difference of two values that is rounding, over the largest of all: the first counts as least."""
+"""Relative rounding error: of values that differ by less, the first counts as least."""
 _FEW = 6
-"""Largest number of vehicles that are named in words."""
+"""Largest number of vehicles named in texts."""
 _ZOOMS, _PARTS = 6, 16
-"""Number of times that the time around a least value is divided, and into how many parts."""
+"""Number of refinements of the time around a minimum, and number of parts in each."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -42,7 +42,7 @@ class Kept:
     members: IntArray
     """indices of the vehicles concerned, shape (M,)"""
     partner: int | None
-    """index of the vehicle from which the difference is taken; None if none"""
+    """index of the vehicle that positions are relative to; None if none"""
     interval: tuple[float, float]
     """part of the flight in which it is active, on the scenario's clock [s]"""
 
@@ -58,7 +58,7 @@ class Kept:
         return self.requirement.relative_to is not None
 
     def in_words(self, names: Sequence[str]) -> str:
-        """Return its set, the vehicles that it is about, and when it is active."""
+        """Describe its set, its vehicles, and its active interval."""
         asked = self.requirement
         other = "a moving point" if self.partner is None else names[self.partner]
         few = [brief(names[member]) for member in self.members[:_FEW]]
@@ -71,7 +71,7 @@ class Kept:
         return f"{asked.called(self.number)}: {'; '.join(filter(None, words))}"
 
     def origins(self, shown: Drawn, times: FloatArray) -> FloatArray:
-        """Return the positions at times since the first knot [s] that differences refer to, (T, 3).
+        """Return the reference positions at times since the first knot [s], (T, 3).
 
         They are those of the other vehicle or the moving point; zero if there is none.
         """
@@ -86,22 +86,22 @@ class Kept:
         return grid.clock.within(grid.start + times, self.interval)
 
     def left(self, shown: Drawn, times: FloatArray) -> FloatArray:
-        """Return what is left to the vehicles concerned [m], infinite while not active, (M, T).
+        """Return the margins of the vehicles concerned [m], infinite while not active, (M, T).
 
         Args:
             shown: motion of all vehicles.
-            times: since the first knot [s], shape (T,).
+            times: times since the first knot [s], shape (T,).
         """
         return self._left(shown, shown.motion().at("position", times)[self.members], times)
 
     def _left(self, shown: Drawn, positions: FloatArray, times: FloatArray) -> FloatArray:
-        """Return what is left at positions (..., T, 3) and times (T,) [m], shape (..., T)."""
+        """Return margins at positions (..., T, 3) and times (T,) [m], shape (..., T)."""
         values = positions - self.origins(shown, times)
         left = -np.asarray(self.requirement.set.signed_distance(values))
         return np.where(self.is_active(shown, times), left - self.requirement.deviation, np.inf)
 
     def times(self, shown: Drawn) -> FloatArray:
-        """Return the times since the first knot at which it is drawn [s], those of corners too."""
+        """Return the times since the first knot at which it is drawn [s], corners included."""
         start = shown.scenario.grid.start
         corners = np.append(self.requirement.corners, self.interval) - start
         times = np.union1d(dense_times(shown), corners)
@@ -109,9 +109,9 @@ class Kept:
         return times[(times >= first) & (times <= last)]
 
     def least(self, shown: Drawn) -> tuple[FloatArray, FloatArray]:
-        """Return when least is left to each vehicle concerned [s], and how much [m], (M,) each.
+        """Return the time [s] and value [m] of each vehicle's smallest margin, (M,) each.
 
-        The times are since the first knot, and found between samples too.
+        Times are since the first knot, and refined between samples.
         """
         times, count = self.times(shown), len(self.members)
         left = self.left(shown, times)
@@ -121,7 +121,7 @@ class Kept:
         begins, ends = times[np.maximum(k - 1, 0)], times[np.minimum(k + 1, len(times) - 1)]
         for _ in range(_ZOOMS):
             near = begins + np.linspace(0.0, 1.0, _PARTS + 1)[:, None] * (ends - begins)
-            near = np.concatenate([best[None], near])  # what was found stays if it is the least
+            near = np.concatenate([best[None], near])  # the time found so far stays if least
             who = np.tile(self.members, len(near))
             positions = shown.motion().each_at("position", who, near.ravel())
             each = self._left(shown, positions, near.ravel()).reshape(near.shape)
@@ -132,10 +132,10 @@ class Kept:
         return best, least
 
     def plenty(self, shown: Drawn) -> float:
-        """Return the distance from the boundary from which on nothing reddens [m].
+        """Return the margin from which on nothing reddens [m].
 
-        It is a part of the greatest possible distance or, where that has no bound, of the greatest
-        in the flight.
+        It is a part of the greatest possible margin or, if that is unbounded, of the greatest in
+        the flight.
         """
         if isinstance(self.requirement.set, Shape):
             most = float(self.requirement.set.extent.min())

@@ -1,7 +1,7 @@
-"""Surfaces of the sets in which positions are kept, where they are and no larger than the scene.
+"""Surfaces of required sets of positions, clipped to the scene.
 
-What of a surface lies outside of the scene is left out, so that a fence far away neither shrinks
-the flight nor seems to be nearer than it is.
+Parts outside the scene are omitted, so that a distant fence neither shrinks the flight nor seems
+nearer than it is.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ def near_bounds(
 ) -> tuple[FloatArray, FloatArray] | None:
     """Return the least and greatest coordinates of a set near a scene [m], (3,) each.
 
-    Sides that are far away are replaced by those of the scene. None if the whole set is far away.
+    Distant sides are replaced by those of the scene. None if the whole set is distant.
 
     Args:
         convex_set: the set.
@@ -48,7 +48,7 @@ def near_bounds(
 def surface_within(convex_set: ConvexSet, lower: FloatArray, upper: FloatArray) -> Surface:
     """Return the part of a set's surface inside a box [m], in the scenario's coordinates.
 
-    Nothing is known of a set of a user's own but its functions: it is drawn if it is bounded.
+    A user-defined set is known only by its functions: it is drawn if it is bounded.
     """
     whole = _whole(convex_set, lower, upper)
     faces = [clipped(face, lower, upper) for face in whole.faces]
@@ -61,13 +61,13 @@ def surface_within(convex_set: ConvexSet, lower: FloatArray, upper: FloatArray) 
 def requirements_near(
     plan: Drawn, bounds: Sequence[tuple[FloatArray, FloatArray]]
 ) -> list[tuple[FloatArray, FloatArray]]:
-    """Return least and greatest coordinates of what is drawn of requirements [m], (3,) each.
+    """Return least and greatest coordinates of the drawn requirements [m], (3,) each.
 
-    They are those of moving points, and of the sets of single vehicles as far as they are near.
+    They are those of moving points, and of the sets of single vehicles where they are near.
 
     Args:
         plan: motion to draw.
-        bounds: least and greatest coordinates of what else is drawn [m], (3,) each.
+        bounds: least and greatest coordinates of all other drawn objects [m], (3,) each.
     """
     lower = np.min([low for low, _ in bounds], axis=0)
     upper = np.max([high for _, high in bounds], axis=0)
@@ -84,9 +84,9 @@ def requirements_near(
 
 @singledispatch
 def _whole(convex_set: ConvexSet, lower: FloatArray, upper: FloatArray) -> Surface:
-    """Return a set's surface, of an unbounded set at least the part inside a box [m].
+    """Return a set's surface; for an unbounded set, at least the part inside a box [m].
 
-    Of any bounded set, it is seen from a point inside.
+    The surface of a general bounded set is found by rays from a point inside.
     """
     ends = [-convex_set.support(-np.eye(3)), convex_set.support(np.eye(3))]
     if not np.all(np.isfinite(ends)):
@@ -100,7 +100,7 @@ def _whole(convex_set: ConvexSet, lower: FloatArray, upper: FloatArray) -> Surfa
 
 @_whole.register
 def _(convex_set: Shape, lower: FloatArray, upper: FloatArray) -> Surface:
-    beyond = upper - lower  # so that ends where an infinite shape is cut off are outside
+    beyond = upper - lower  # so that the cut ends of an infinite shape are outside
     cut = Snapshot(convex_set, convex_set.center, 0).truncated(lower - beyond, upper + beyond)
     found = surface(cut.shape)
     return Surface(

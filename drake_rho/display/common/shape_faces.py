@@ -20,7 +20,7 @@ _AROUND = 40
 _BISECTIONS = 40
 """Number of bisections along a ray."""
 _FLAT = 1e-6
-"""Tolerance for triangles of one facet: of the normals' angle, and of the offset over the size."""
+"""Tolerance for triangles of one facet: normals' angle, and relative offset."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -37,7 +37,7 @@ class Surface:
 def surface(shape: Solid) -> Surface:
     """Approximate the surface of a bounded shape by flat faces with their corners on it.
 
-    A shape without a function of its own, which has to contain its centre, is drawn as smooth.
+    A shape without a drawing function of its own must contain its centre, and is drawn as smooth.
     """
     return around(shape, 0.0)
 
@@ -51,14 +51,14 @@ def around(shape: Solid, distance: float) -> Surface:
 def from_inside(
     distances: Callable[[FloatArray], FloatArray], inside: FloatArray, reach: FloatArray
 ) -> Surface:
-    """Approximate the surface where a function of positions (..., 3) becomes positive.
+    """Approximate the zero level set of a function of positions (..., 3).
 
-    Corners are on rays from a point inside, where bisection finds them.
+    Corners are on rays from a point inside, found by bisection.
 
     Args:
-        distances: negative inside, positive outside.
-        inside: a point inside of the surface [m], shape (3,).
-        reach: how far rays reach along each axis [m], shape (3,), beyond the surface.
+        distances: function, negative inside, positive outside.
+        inside: a point inside the surface [m], shape (3,).
+        reach: length of rays along each axis [m], shape (3,), beyond the surface.
     """
     rays = reach * unit_sphere()
     near, beyond = np.zeros(rays.shape[:-1]), np.ones(rays.shape[:-1])

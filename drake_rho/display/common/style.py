@@ -30,12 +30,12 @@ FORBIDDEN = "#888888"
 ALLOWED = "#2E8B57"
 """Colour of sets in which vehicles must stay."""
 LOWEST, HIGHEST = "#3D4B60", "#DCCFB4"
-"""Colours of the lowest and the highest parts of a map, apart from all vehicles'; heights between
-have the colours between in RGB, so that a long wall has the right ones with two at its ends."""
+"""Colours of the lowest and the highest parts of a map, distinct from all vehicles'. Heights in
+between are interpolated in RGB, so that a long wall needs colours at its two ends only."""
 PLENTY_LEFT, NOTHING_LEFT = "#9AA0AA", "#FF2020"
-"""Colours of a link of which much is left, and of one of which nothing is."""
+"""Colours of a link with a large margin, and of a link without a margin."""
 CONFLICT = "#D00000"
-"""Colour of what is in conflict in a scenario without a plan."""
+"""Colour of conflicts in an infeasible scenario."""
 CONTINGENCY = "#B3541E"
 """Colour of contingencies, which brake to rest."""
 LIMIT_STYLE: dict[str, Any] = {"color": "black", "linestyle": "--", "linewidth": 0.8}
@@ -49,13 +49,13 @@ EXTREMUM_STYLE: dict[str, Any] = {
 VIEW_ELEVATION, VIEW_AZIMUTH = 22.0, -58.0
 """Viewpoint of a scene: angle above the horizon and around the vertical axis [deg]."""
 STEEP_ELEVATION = 62.0
-"""Elevation of the viewpoint of an animated scene whose flights are hidden by maps otherwise."""
+"""Elevation of the viewpoint of an animated scene in which maps would hide the flights."""
 _JUST = 1e-6
-"""Part of a step by which a motion is drawn before a jump: more than times differ by rounding."""
+"""Time before a jump at which a motion is drawn, over a step: larger than rounding errors."""
 PER_STEP = 12
 """Least number of points at which the exact motion is drawn in each step."""
 MAX_NAMED = len(COLOURS)
-"""Largest number of vehicles drawn individually: named in a legend, with a colour of their own and
+"""Largest number of vehicles drawn individually: named in a legend, with their own colours and
 marked knots. More are drawn as a swarm, of lines only."""
 
 
@@ -78,13 +78,13 @@ def vehicle_marker(index: int) -> str:
 def window_colours(count: int) -> list[str]:
     """Return a grey for each receding-horizon window, from dark to light in their order.
 
-    Greys, because every hue could be taken for that of a vehicle.
+    Greys, because any hue could be mistaken for a vehicle's.
     """
     return [to_hex(colour) for colour in colormaps["gray"](np.linspace(0.0, 0.75, count))]
 
 
 def reddened(part: float) -> str:
-    """Return the colour of a link, from grey at 1, where plenty is left, to red at 0."""
+    """Return the colour of a link, from grey at 1, for a large margin, to red at 0."""
     grey, red = (np.array(to_rgb(each)) for each in (PLENTY_LEFT, NOTHING_LEFT))
     return to_hex(red + float(np.clip(part, 0.0, 1.0)) * (grey - red))
 
@@ -123,7 +123,7 @@ def view(
 def dense_times(plan: Drawn) -> FloatArray:
     """Return the times since the first knot at which the motion is drawn, knots included [s].
 
-    There is one just before each jump.
+    One time is just before each jump.
     """
     grid = plan.scenario.grid
     per_step = max(PER_STEP, round(grid.step / plan.motion().step))
@@ -132,7 +132,7 @@ def dense_times(plan: Drawn) -> FloatArray:
 
 
 def before_jumps(plan: Drawn) -> FloatArray:
-    """Return times just before the jumps of a motion under way, since its first knot [s], (S,)."""
+    """Return times just before the jumps of a motion, since its first knot [s], (S,)."""
     grid = plan.scenario.grid
     return np.asarray(grid.elapsed[[*plan.jumps]] - _JUST * grid.step)
 

@@ -14,7 +14,7 @@ from drake_rho.scenario.limits import Limits
 from drake_rho.scenario.parts import Airframe
 
 FAST = 30.0
-"""Least top speed of a vehicle that is drawn as an aircraft [m/s]; few quadrotors reach it."""
+"""Least top speed of a vehicle drawn as an aircraft [m/s]; few quadrotors are as fast."""
 _ROTORS = np.pi / 4.0 + np.pi / 2.0 * np.arange(4)
 """Angles of the rotors around a quadrotor [rad]."""
 
@@ -46,8 +46,8 @@ def body(airframe: Airframe, radius: float, *, light: bool) -> Mesh:
 
     Args:
         airframe: kind of vehicle.
-        radius: of the smallest ball around the origin that contains the mesh [m].
-        light: whether to use the fewest triangles by which the airframe can be recognised.
+        radius: radius of the smallest ball around the origin that contains the mesh [m].
+        light: whether to use the fewest triangles that still show the airframe.
     """
     triangles = _aircraft(4 if light else 8) if airframe == "aircraft" else _quadrotor(light)
     triangles *= radius / np.linalg.norm(triangles, axis=2).max()

@@ -39,7 +39,7 @@ _MAX_TRAILS = 100
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Stage:
-    """Everything from which a scene is drawn: motions, geometry, playback, vehicles."""
+    """Data of a scene: motions, geometry, playback, vehicles."""
 
     shown: Drawn
     """motion to draw"""
@@ -98,13 +98,13 @@ def animate(
     figures.
 
     A requirement of positions relative to another vehicle, or to a moving point, is a line between
-    the two, which reddens as less is left. Sets in which single vehicles stay are faint and green.
-    Both are visible while the requirement is active.
+    the two, which reddens as the margin shrinks. Sets required of single vehicles are faint and
+    green. Both are visible while the requirement is active.
 
     A vehicle is drawn as an aircraft or a quadrotor, according to `Vehicle.airframe` or its limits.
-    It is enlarged until it can be seen, but not so far that it would reach into an obstacle, or
-    past the midpoint to another vehicle from which a separation is required. A faint ball around
-    it shows its radius, which is its required distance from obstacles.
+    It is enlarged to be visible, but not into an obstacle, or past the midpoint to another vehicle
+    if a separation is required. A faint ball around it shows its radius, which is its required
+    distance from obstacles.
 
     The result is the scene alone; `viewer_page` adds names, numbers and controls.
 
@@ -117,15 +117,15 @@ def animate(
     through their waypoints to their goals.
 
     More than 24 vehicles make a light scene with few objects: goals are small, trails thin, and
-    starts, predictions, ghosts and the wind are left out.
+    starts, predictions, ghosts and the wind are omitted.
 
     Args:
         flown: plan, flight, simulation or scenario to show.
-        conflicts: the error of a scenario without a plan, whose vehicles and obstacles in conflict
-            are marked in red.
-        meshcat: Meshcat in which to show it, emptied first; a new server if not given.
+        conflicts: error of an infeasible scenario, whose vehicles and obstacles in conflict are
+            marked in red.
+        meshcat: Meshcat to draw in, emptied first; a new server if not given.
         host: network interface of a new server; "*" for all interfaces.
-        port: of a new server, or the next free one; from 7000 if not given.
+        port: first port to try for a new server; 7000 if not given.
         rate: seconds of flight per second of playback; if not given, 1 for flights of up to a
             minute, and for longer ones a rate that limits the playback to a minute.
         trails: whether to draw trails; if not given, for up to a hundred vehicles.
@@ -144,7 +144,7 @@ def animate(
 
 
 def draw(meshcat: Meshcat, stage: Stage, *, trails: bool) -> None:
-    """Draw and record a stage in a Meshcat, which is emptied first."""
+    """Empty a Meshcat, then draw and record a stage in it."""
     plan, scene, vehicles, playback = stage.shown, stage.scene, stage.vehicles, stage.playback
     meshcat.Delete(ROOT)
     meshcat.DeleteRecording()

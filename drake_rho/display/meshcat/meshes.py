@@ -43,7 +43,7 @@ def arrow(length: float) -> Mesh:
 def octahedron(radius: float) -> Mesh:
     """Return an octahedron around the origin, with corners at the distance `radius` [m]."""
     corners = radius * np.concatenate([np.eye(3), -np.eye(3)])
-    faces = [  # every second one is a mirror image
+    faces = [  # every second face is a mirror image
         (x, y, z) if (x + y + z) % 2 == 1 else (x, z, y)
         for x, y, z in product((0, 3), (1, 4), (2, 5))
     ]
@@ -63,8 +63,8 @@ def tube(points: FloatArray, radius: float | FloatArray, sides: int = 3) -> Mesh
     """Return a tube along a polyline, since WebGL draws all lines one pixel wide.
 
     Args:
-        points: along the line [m], shape (M, 3), M >= 2.
-        radius: of the tube [m], a number or one for each point, shape (M,).
+        points: points along the line [m], shape (M, 3), M >= 2.
+        radius: radius of the tube [m], a number or one for each point, shape (M,).
         sides: number of sides of the cross-section, three for a thin tube.
     """
     ahead = np.gradient(points, axis=0)

@@ -2,9 +2,9 @@
 
 In the scene tree, /flight/obstacles/<number> is the obstacle's pose. Its children are `known`, the
 obstacle itself, `unknown`, a fainter copy shown until an obstacle with a later `known_from` becomes
-known, and `edges`, if a shape has edges. Where an uncertain obstacle may be is `halo/<k>` in the
-k-th part of the time in which that grows, as large as at the end of it. Maps are coloured by
-height, and have no halo; where one is not known yet, its bounding box is shown.
+known, and `edges`, if a shape has edges. The uncertainty of an obstacle is shown as `halo/<k>` in
+the k-th part of the time in which it grows, as large as at the end of that part. Maps are coloured
+by height and have no halo; a map that is not known yet is shown by its bounding box.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ _IN_CONFLICT = Rgba(*to_rgb(CONFLICT), 0.5)
 _EDGES = Rgba(0.5, 0.5, 0.55)
 _PATH = Rgba(0.6, 0.6, 0.65)
 _HALOS = 16
-"""Number of sizes of the halo of an obstacle while it grows."""
+"""Number of sizes of an obstacle's growing halo."""
 
 
 def add_obstacles(
@@ -44,7 +44,7 @@ def add_obstacles(
 ) -> None:
     """Add all obstacles as they are at the first knot, and lines along the paths of moving ones.
 
-    Those in conflict are red.
+    Obstacles in conflict are red.
     """
     start, bodies = plan.scenario.grid.start, plan.scenario.bodies
     marked = frozenset[int]().union(*conflicts.obstacles.values()) if conflicts else frozenset()
@@ -65,7 +65,7 @@ def add_obstacles(
 def _add_solid(
     meshcat: Meshcat, path: str, solid: Solid, colour: Rgba | None, *, late: bool
 ) -> None:
-    """Add an obstacle in a colour or in its own, and a fainter copy if it becomes known late."""
+    """Add an obstacle in its own or another colour, and a fainter copy if it is known late."""
     ghost = solid
     if isinstance(solid, Map):
         ghost = Box(solid.center - solid.extent, solid.center + solid.extent)
@@ -82,7 +82,7 @@ def _add_solid(
 
 
 def _halos(plan: Drawn, obstacle: Obstacle) -> list[tuple[float, float]]:
-    """Return the times since the first knot [s] from which halos are shown, and their sizes [m].
+    """Return the first times of halos since the first knot [s], and their sizes [m].
 
     A halo is shown until the next one.
     """
@@ -99,7 +99,7 @@ def _halos(plan: Drawn, obstacle: Obstacle) -> list[tuple[float, float]]:
 
 
 def _put_halo(meshcat: Meshcat, path: str, shape: Solid, size: float) -> None:
-    """Add the surface at a distance [m] from a shape, which hides nothing."""
+    """Add the surface at a distance [m] from a shape; it hides nothing."""
     if isinstance(shape, Sphere):
         put(Sphere(shape.center, shape.radius + size), meshcat, path, _GHOST)
     else:
@@ -108,7 +108,7 @@ def _put_halo(meshcat: Meshcat, path: str, shape: Solid, size: float) -> None:
 
 
 def record_obstacles(meshcat: Meshcat, scene: Scene, plan: Drawn, playback: Playback) -> None:
-    """Record the motion of obstacles, and the times from which they are known."""
+    """Record the motion of obstacles, and the times at which they become known."""
     start = plan.scenario.grid.start
     for number, obstacle in enumerate(plan.scenario.bodies, start=1):
         path = _path(number)
@@ -136,7 +136,7 @@ def _show_while_active(
 ) -> None:
     """Record that an object is visible from `first` to `last` since the first knot [s].
 
-    Nothing is recorded beyond the flight, which would make the playback longer.
+    Nothing is recorded after the flight: it would lengthen the playback.
     """
     end = float(playback.times[-1])
     if first > end or last < 0.0:

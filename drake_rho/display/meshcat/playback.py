@@ -17,8 +17,8 @@ _FRAMES = 32.0
 _LONGEST = 60.0
 """Longest default playback [s]; flights of up to this duration run in real time."""
 _MAX_POSES, _MAX_POSES_IN_MAPS = 50_000, 6_500
-"""Largest number of recorded poses, of all that moves together. There are fewer where a map is in
-the scene, so that a page of both is not too large; Meshcat interpolates between poses."""
+"""Largest number of recorded poses of all moving objects together. It is smaller in a scene with a
+map, to limit the page's size; Meshcat interpolates between poses."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -53,5 +53,5 @@ class Playback:
         return cls(rate, frames_per_second, times)
 
     def time_at(self, time: float) -> float:
-        """Return the playback time at which a time since the first knot [s] is shown [s]."""
+        """Return the playback time of a time since the first knot [s]."""
         return float(time) / self.rate

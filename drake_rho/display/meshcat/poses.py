@@ -19,12 +19,12 @@ _LEFT = np.array([0.0, 1.0, 0.0])
 
 
 def headings(velocities: FloatArray) -> FloatArray:
-    """Return the directions of flight, shape (N, M, 3); a vehicle at rest keeps its last one."""
+    """Return the directions of flight, shape (N, M, 3); vehicles at rest keep their last one."""
     speeds = np.linalg.norm(velocities, axis=2)
     still = speeds <= 1e-3 * speeds.max(axis=1, keepdims=True)
     latest = np.where(still, -1, np.arange(speeds.shape[1]))
     latest = np.maximum.accumulate(latest, axis=1)
-    earliest = np.argmin(still, axis=1)  # of a vehicle that has not moved yet
+    earliest = np.argmin(still, axis=1)  # for a vehicle that has not moved yet
     latest = np.where(latest < 0, earliest[:, None], latest)
     headings = np.take_along_axis(velocities, latest[:, :, None], axis=1)
     lengths = np.linalg.norm(headings, axis=2, keepdims=True)
@@ -36,7 +36,7 @@ def lifts(motion: Motion, times: FloatArray, step: float) -> FloatArray:
 
     The acceleration is averaged over a step around each time, since a plan's acceleration is
     constant in each step and the attitude would jump. The vertical component is at least g/2.
-    Where velocities jump to measured ones, nothing accelerates.
+    Jumps of velocities to measured ones do not count as acceleration.
     """
     half = min(step, float(motion.step) * motion.accelerations.shape[1]) / 2.0
     end = motion.step * motion.accelerations.shape[1]
@@ -94,7 +94,7 @@ def record_poses(meshcat: Meshcat, path: str, values: FloatArray, playback: Play
 
     Args:
         meshcat: a Meshcat that is recording.
-        path: of the object in the scene tree.
+        path: path of the object in the scene tree.
         values: rotations, with positions [m] as last columns, shape (M, 3, 4).
         playback: mapping of flight time to playback time.
     """

@@ -1,9 +1,9 @@
 """Requirements of positions in Meshcat: links as lines that redden, sets as faint shapes.
 
-In the scene tree, /flight/links/<number>/<name> is the line between a vehicle and the vehicle or
-the moving point that requirement <number> relates it to. Meshcat records only poses, scales and
-visibility, so its children are lines in the colours that it takes, of which one is visible at a
-time. /flight/points/<number> is the moving point, /flight/sets/<number> the set of a requirement of
+In the scene tree, /flight/links/<number>/<name> is the line between a vehicle and its partner in
+requirement <number>, another vehicle or a moving point. Meshcat records only poses, scales and
+visibility, so its children are lines in several colours, one of them visible at a time.
+/flight/points/<number> is the moving point, /flight/sets/<number> the set of a requirement of
 single vehicles. All of them are visible only while the requirement is active.
 """
 
@@ -94,9 +94,9 @@ def shown_interval(kept: Kept, plan: Drawn, playback: Playback) -> tuple[float, 
 
 
 def left_while_shown(kept: Kept, plan: Drawn, times: FloatArray, playback: Playback) -> FloatArray:
-    """Return what is left at times since the first knot [m], infinite while not shown, (M, T).
+    """Return margins at times since the first knot [m], infinite while not shown, (M, T).
 
-    Where an interval was widened to be seen, it is what is left at the interval's end.
+    Where an interval was widened to be seen, it is the margin at the interval's end.
     """
     start, (first, last) = plan.scenario.grid.start, shown_interval(kept, plan, playback)
     shown = (times >= first) & ((times < last) | (last >= plan.scenario.grid.duration))
@@ -105,11 +105,11 @@ def left_while_shown(kept: Kept, plan: Drawn, times: FloatArray, playback: Playb
 
 
 def colours_of(left: FloatArray, plenty: float) -> IntArray:
-    """Return colours from 0, red, where nothing is left, to `COLOURS - 1`, grey; -1 if not shown.
+    """Return colours from 0, red, without a margin, to `COLOURS - 1`, grey; -1 if not shown.
 
     Args:
-        left: what is left [m], infinite while not shown.
-        plenty: from where on it is grey [m].
+        left: margins [m], infinite while not shown.
+        plenty: margin from which on the colour is grey [m].
     """
     colours = np.ceil(np.clip(left / plenty, 0.0, 1.0) * (COLOURS - 1)).astype(np.int64)
     return np.where(np.isfinite(left), colours, -1)
@@ -134,7 +134,7 @@ def _record_line(
 def _record_colours(
     meshcat: Meshcat, scene: Scene, path: str, colours: IntArray, playback: Playback
 ) -> None:
-    """Add a line of length 1 in each colour that is taken, visible while it is."""
+    """Add a line of length 1 in each colour that occurs, visible while it applies."""
     unit = tube(np.array([[0.0, 0, 0], [1, 0, 0]]), _THICK * scene.trail_radius, _SIDES)
     for colour in np.unique(colours[colours >= 0]):
         rgba = Rgba(*to_rgb(reddened(colour / (COLOURS - 1))))

@@ -1,4 +1,4 @@
-"""Static objects of the scene in Meshcat, at sizes at which they can be seen.
+"""Static objects of the scene in Meshcat, at visible sizes.
 
 All objects are under /flight in the scene tree, in the scenario's own coordinates and metres.
 """
@@ -43,7 +43,7 @@ More vehicles make a light scene.
 _SEEN = 0.25
 """Least radius at which a vehicle can be recognised, over `Scene.mark_length`."""
 _MAX_OUTLINE = 400
-"""Largest number of vehicle positions that the camera is fitted to."""
+"""Largest number of vehicle positions for fitting the camera."""
 _BOX, _GROUND = Rgba(0.62, 0.64, 0.68), Rgba(0.8, 0.82, 0.85)
 _LIGHT = [-6.0, 10.0, 8.0]
 """Position of the light, in the axes of three.js (y is up)."""
@@ -55,7 +55,7 @@ _FIELD_OF_VIEW = 40.0
 
 @dataclasses.dataclass(frozen=True)
 class Scene:
-    """Extent of the scene, and the sizes at which marks can be seen."""
+    """Extent of the scene, and visible sizes of marks."""
 
     lower: FloatArray
     """least coordinates of the scene [m], shape (3,)"""
@@ -64,8 +64,8 @@ class Scene:
     vehicles: int
     """number of vehicles"""
     outline: FloatArray
-    """points that the camera is fitted to, positions of vehicles and corners of the bounding
-    boxes of obstacles and of requirements [m], shape (M, 3)"""
+    """points for fitting the camera: positions of vehicles and corners of the bounding boxes of
+    obstacles and of requirements [m], shape (M, 3)"""
     elevation: float = VIEW_ELEVATION
     """angle of the viewpoint above the horizon [deg]"""
 
@@ -73,7 +73,7 @@ class Scene:
     def of(cls, plan: Drawn) -> Scene:
         """Return the scene that contains a plan's positions, obstacles and position limits.
 
-        Sets that positions are kept in belong to it as far as they are near.
+        Required sets of positions are included where they are near.
         """
         scenario = plan.scenario
         bounds = [(plan.positions.min(axis=(0, 1)), plan.positions.max(axis=(0, 1)))]
@@ -98,7 +98,7 @@ class Scene:
 
     @property
     def light(self) -> bool:
-        """Whether the number of vehicles requires that they are drawn without detail."""
+        """Whether there are too many vehicles to draw them in detail."""
         return self.vehicles > MAX_DETAILED
 
     @property

@@ -36,7 +36,7 @@ def _columns(vertices: FloatArray, triangles: IntArray) -> tuple[FloatArray, npt
 
 
 def _shade_flat(meshcat: Meshcat, path: str) -> None:
-    """Shade an object's faces flat although they share vertices, which keeps pages small."""
+    """Shade an object's faces flat although they share vertices, for small pages."""
     meshcat.SetProperty(f"{path}/<object>", "material.flatShading", True)
 
 
@@ -44,7 +44,7 @@ def _shade_flat(meshcat: Meshcat, path: str) -> None:
 def put(shape: Solid, meshcat: Meshcat, path: str, colour: Rgba) -> None:
     """Add a bounded shape at a path of the scene tree, with its centre at the path's origin.
 
-    Shapes without an object of Drake's are drawn by the faces of their `surface`.
+    Shapes that Drake does not have are drawn by the faces of their `surface`.
     """
     raise NotImplementedError(f"shape: got a {type(shape).__name__}, expected a shape or a map")
 

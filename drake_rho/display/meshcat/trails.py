@@ -1,6 +1,6 @@
 """Objects that appear in Meshcat during the flight: trails, and predictions of its windows.
 
-Meshcat records only poses and properties, so each piece is a separate object that is made visible
+Meshcat records only poses and properties, so each piece is a separate object that becomes visible
 at its time.
 """
 
@@ -28,15 +28,15 @@ from drake_rho.display.meshcat.scene import ROOT, Scene, coloured
 from drake_rho.scenario.fields import FloatArray, IntArray
 
 _MAX_PIECES, _MAX_PIECES_IN_MAPS = 1200, 600
-"""Largest number of pieces of trail in a scene, and in one with a map, whose page is large."""
+"""Largest number of pieces of trail in a scene, and in a scene with a map, whose page is large."""
 _PER_STEP = 4
 """Straight segments of a curve in each step."""
 _MAX_SEGMENTS_IN_MAPS = 7000
-"""Largest number of segments of all trails in a scene with a map, unless steps are more."""
+"""Largest number of segments of all trails in a scene with a map, but at least one per step."""
 
 
 def record_trails(meshcat: Meshcat, scene: Scene, plan: Drawn, playback: Playback) -> None:
-    """Add trails as tubes of a few steps each, visible once they have been flown."""
+    """Add trails as tubes of a few steps each, visible once flown."""
     per_step, steps = _PER_STEP, len(plan.positions) * (plan.scenario.grid.knots - 1)
     if has_map(plan.scenario):
         per_step = int(np.clip(_MAX_SEGMENTS_IN_MAPS // steps, 1, _PER_STEP))

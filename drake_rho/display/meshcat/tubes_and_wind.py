@@ -90,15 +90,14 @@ def record_disturbed(
 
 
 def has_tube(simulation: Simulation) -> bool:
-    """Tell whether the scenario's disturbance lets vehicles deviate from their plans."""
+    """Return whether the scenario's disturbance lets vehicles deviate from their plans."""
     return bool(np.any(simulation.radii() > 0.0))
 
 
 def strongest_wind(simulation: Simulation) -> float:
-    """Return the wind that an arrow of full length stands for [m/s²]; 0 without wind.
+    """Return the wind of an arrow of full length [m/s²]; 0 without wind.
 
-    It is the scenario's bound on the disturbance, or the strongest simulated wind if that was
-    stronger.
+    It is the scenario's bound on the disturbance, or the strongest simulated wind if stronger.
     """
     around = simulation.scenario.disturbance
     blew = float(np.linalg.norm(simulation.wind, axis=2).max())
@@ -106,7 +105,7 @@ def strongest_wind(simulation: Simulation) -> float:
 
 
 def _add_tubes(meshcat: Meshcat, plan: Drawn, simulation: Simulation) -> None:
-    """Add the tube of every window, with fewer cross-sections if windows and vehicles are many."""
+    """Add the tube of every window, with fewer cross-sections for many windows and vehicles."""
     windows, vehicles = plan.windows, len(plan.positions)
     steps = sum(window.shown.scenario.grid.knots - 1 for window in windows)
     per_step = min(_PER_STEP, _MAX_SECTIONS / (steps * vehicles))

@@ -24,7 +24,7 @@ from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.parts import Airframe, Vehicle
 
 _INSIDE = 0.97
-"""Fraction of the free radius that a body fills, since there may be less between two frames."""
+"""Fraction of the free radius that a body fills: it may be smaller between two frames."""
 _MIN_SCALE = 1e-3
 """Least scale of a body; Meshcat cannot show a size of zero."""
 
@@ -46,11 +46,11 @@ class Vehicles:
 
     @classmethod
     def of(cls, scene: Scene, shown: Drawn, playback: Playback) -> Vehicles:
-        """Choose sizes at which vehicles can be seen and do not reach into obstacles or each other.
+        """Choose sizes at which vehicles are visible and touch neither obstacles nor each other.
 
         The radius of a body is the larger of the vehicle's radius and `Scene.seen`. It is scaled
-        down whenever an obstacle, or the midpoint to another vehicle from which a separation is
-        required, is nearer than that, but never below the vehicle's own radius.
+        down when an obstacle or, if a separation is required, the midpoint to another vehicle is
+        nearer, but never below the vehicle's own radius.
         """
         true = true_radii(shown)
         radii = np.maximum(true, scene.seen)
@@ -72,7 +72,7 @@ class Vehicles:
 
     @property
     def shrink(self) -> bool:
-        """Whether any vehicle is scaled down at some time."""
+        """Whether any vehicle is ever scaled down."""
         return bool(np.any(self.scales < 1.0))
 
 

@@ -24,18 +24,18 @@ _MIN_SIDE = 0.3
 _OUTWARDS = np.array([[0.0, -1.0, -1.0], [1.0, 0.0, -1.0], [1.0, 1.0, 0.0]])
 """Directions from the box's centre in which matplotlib places each axis's ticks and label."""
 _MIN_REACH = 0.62
-"""Least projected distance of such a direction from its axis for which matplotlib's own distances
+"""Least projected distance of such a direction from its axis at which matplotlib's own distances
 of ticks and labels are sufficient."""
 _TICKS, _LABEL = 8.0, 21.0
 """Offsets that matplotlib adds to the given distances of ticks and labels [points]."""
 _PER_INCH = 3.2
 """Largest number of tick intervals per inch of an axis."""
 _TRIES = 4
-"""Number of corrections of a scene's size for its ticks and labels, which do not scale with it."""
+"""Number of corrections of a scene's size for ticks and labels of constant size."""
 
 
 class SceneAxes(Axes3D):  # type: ignore[misc]  # Axes3D is untyped
-    """Three-dimensional axes whose square, which is only partly used, may exceed the figure."""
+    """Three-dimensional axes whose square, only partly used, may exceed the figure."""
 
     def get_tightbbox(self, *args: Any, **kwargs: Any) -> Bbox | None:
         """Return the bounding box of the axes, clipped to the figure."""
@@ -60,8 +60,8 @@ def frame_scene(
 
     Args:
         ax: axes to set.
-        positions: of everything drawn except the obstacles [m], shape (..., 3).
-        shown: the obstacles.
+        positions: positions of all drawn objects except obstacles [m], shape (..., 3).
+        shown: drawn obstacles.
         from_above: whether x and y are seen from above, rather than all three from the side.
     """
     positions = positions.reshape(-1, 3)
@@ -75,7 +75,7 @@ def frame_scene(
     ax.set(xlabel="x [m]", ylabel="y [m]", zlabel="z [m]")
     sides = half / np.linalg.norm(half)
     ax.set_box_aspect(tuple(sides))  # matplotlib would modify an array in place
-    # Lines and surfaces are drawn in the order of their layers, which is exact for parallel lines
+    # Lines and surfaces are drawn in order of their layers, which is exact for parallel lines
     # of sight. Matplotlib's own order compares centres, which can hide objects in front.
     ax.computed_zorder = False
     ax.set_proj_type("ortho")
@@ -97,7 +97,7 @@ def frame_scene(
 
 
 def _without_heights(ax: Axes3D) -> None:
-    """Remove the axis of heights, which is not seen from above, and put labels near the others."""
+    """Remove the height axis, invisible from above, and put labels near the other axes."""
     ax.set(zticks=[], zlabel="")
     ax.zaxis.set_visible(False)
     for axis, tick, label in ((ax.xaxis, -4.0, -6.0), (ax.yaxis, 0.0, 0.0)):
@@ -106,7 +106,7 @@ def _without_heights(ax: Axes3D) -> None:
 
 
 def _axes_of(ax: Axes3D) -> list[Any]:
-    """Return the axes that are shown, untyped in matplotlib."""
+    """Return the visible axes, untyped in matplotlib."""
     return [axis for axis in (ax.xaxis, ax.yaxis, ax.zaxis) if axis.get_visible()]
 
 
@@ -138,7 +138,7 @@ def fit_scene(figure: Figure, ax: Axes3D, area: Area) -> Bbox:
 
 
 def _place(ax: Axes3D, side: float, corner: tuple[float, float]) -> None:
-    """Set the square of the axes in the figure [in], of which only a part is drawn in."""
+    """Set the square of the axes in the figure [in], only a part of which is used."""
     figure = ax.get_figure(True)
     wide, high = figure.get_size_inches()
     ax.set_position((corner[0] / wide, corner[1] / high, side / wide, side / high))
@@ -166,7 +166,7 @@ def _extents(figure: Figure, ax: Axes3D) -> tuple[Bbox, Bbox]:
 
 
 def _drop_overlapping_ticks(figure: Figure, ax: Axes3D) -> None:
-    """Leave out ticks whose numbers would overlap others, of any axis."""
+    """Remove ticks whose numbers would overlap those of any axis."""
     renderer, occupied = renderer_of(figure), list[Bbox]()
     for axis in _axes_of(ax):
         low, high = sorted(axis.get_view_interval())

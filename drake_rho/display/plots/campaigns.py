@@ -34,13 +34,13 @@ def write_campaign_figures(
     file_format: str = "png",
     width: float = DOUBLE_COLUMN,
 ) -> list[Path]:
-    """Write the figures of a campaign into a folder, leaving out those that would be empty.
+    """Write the figures of a campaign into a folder, without empty ones.
 
     Args:
-        results: of the campaign.
+        results: results of the campaign.
         folder: folder of the files, created if it does not exist.
         file_format: png, pdf or svg.
-        width: of each figure [in]; in IEEE journals 3.5 for one column, 7.16 for two.
+        width: width of each figure [in]; in IEEE journals 3.5 for one column, 7.16 for two.
 
     Returns:
         Paths of the files.
@@ -100,7 +100,7 @@ def failures_figure(results: Results, *, width: float = DOUBLE_COLUMN) -> Figure
 
 
 def draw_success(ax: Axes, results: Results) -> None:
-    """Draw success rates with intervals, one line per source, with the methods stacked in it."""
+    """Draw success rates with intervals, one line per source, methods stacked within a line."""
     shown = results.scenarios[:_MAX_LINES]
     colours = vehicle_colours(len(results.methods))
     for j, method in enumerate(results.methods):
@@ -165,7 +165,7 @@ def draw_cost_ratios(ax: Axes, results: Results) -> None:
 
 
 def _few_ticks(span: float) -> Locator:
-    """Return where a logarithmic axis has ticks: few enough to read, enough to read values off.
+    """Return ticks of a logarithmic axis: few enough to be legible, enough to read off values.
 
     Args:
         span: ratio of the axis's upper to its lower end.

@@ -44,7 +44,7 @@ _NORM_LABELS: dict[Norm, str] = {
 }
 
 _NO_CHANGE = 1e-6
-"""Range of a component below which its changes are rounding, over the largest value of all."""
+"""Relative range of a component that is only rounding, over the largest value of all."""
 _DIGITS = 6
 """Significant digits of drawn values, counted from the largest value."""
 _FLAT_RANGE = 0.05
@@ -57,7 +57,7 @@ def draw_separation(ax: Axes, plan: Drawn) -> list[Line2D]:
     Distances are measured as for the separation: z is divided by its downwash factor.
 
     Args:
-        ax: where to draw.
+        ax: axes to draw in.
         plan: motion to draw.
 
     Returns:
@@ -113,10 +113,10 @@ def draw_components(axes: Sequence[Axes], plan: Drawn, quantity: Quantity) -> li
 
 
 def draw_norm(ax: Axes, plan: Drawn, norm: Norm) -> list[Line2D]:
-    """Draw the quantity bounded by a limit on a norm over time, for each vehicle, with the limits.
+    """Draw the quantity of a limit on a norm over time, for each vehicle, with the limits.
 
     Args:
-        ax: where to draw.
+        ax: axes to draw in.
         plan: motion to draw.
         norm: the field of `Limits`; at least one vehicle has such a limit.
     """
@@ -138,7 +138,7 @@ def draw_norm(ax: Axes, plan: Drawn, norm: Norm) -> list[Line2D]:
 def _values_of(
     plan: Drawn, quantity: Quantity
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Return a quantity over time, shape (N, M, 3), and at the knots, each after its times [s].
+    """Return times [s] and values (N, M, 3) of a quantity, then the same at the knots.
 
     Accelerations, and jerks at the knots, are constant in steps.
     """
@@ -157,7 +157,7 @@ def _values_of(
 
 
 def _rounded(values: FloatArray) -> FloatArray:
-    """Round values to the digits that can be seen.
+    """Round values to the visible digits.
 
     The last digits differ between processors. They decide whether points are collinear, and so
     would change single pixels.
@@ -167,7 +167,7 @@ def _rounded(values: FloatArray) -> FloatArray:
 
 
 def draw_limit(ax: Axes, least: float, name: str, bottom: float = 0.0) -> None:
-    """Draw a required distance [m] with its name, and grey out the range from it to `bottom`."""
+    """Draw a required distance [m] with its name, and shade the range down to `bottom`."""
     ax.axhspan(bottom, least, color=FORBIDDEN, alpha=0.18, linewidth=0)
     ax.axhline(least, **LIMIT_STYLE)
     Labels.of(ax).add(name, along(ax, least), bbox=None)
@@ -200,13 +200,13 @@ def draw_curve(
 def draw_planned(
     ax: Axes, piece: Prediction, times: FloatArray, values: FloatArray
 ) -> list[Line2D]:
-    """Draw the values that a window planned for each vehicle as dotted lines.
+    """Draw a window's planned values for each vehicle as dotted lines.
 
     Args:
-        ax: where to draw.
-        piece: the prediction, of which the part in force is drawn.
-        times: since its first knot [s], shape (M,) or (N, M).
-        values: of all vehicles at these times, shape (N, M).
+        ax: axes to draw in.
+        piece: prediction whose part in force is drawn.
+        times: times since its first knot [s], shape (M,) or (N, M).
+        values: values of all vehicles at these times, shape (N, M).
     """
     start, colours = piece.shown.scenario.grid.start, vehicle_colours(len(values))
     lines = []
@@ -223,7 +223,7 @@ def _show_overlapping(ax: Axes, plan: Drawn, lines: Sequence[Line2D]) -> None:
 
 
 def _widen_flat_range(ax: Axes, values: FloatArray) -> None:
-    """Widen the range of axes on which nothing changes, where rounding would fill them.
+    """Widen the range of axes with constant curves, which rounding would fill otherwise.
 
     Args:
         ax: axes of one component.

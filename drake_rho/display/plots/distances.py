@@ -51,7 +51,7 @@ _MAX_DISCOVERIES = 6
 
 
 def obstacle_panels(plan: Drawn, bodies: Sequence[Obstacle]) -> list[Callable[[Axes], object]]:
-    """Return what draws each panel of distances from obstacles."""
+    """Return a drawing function for each panel of distances from obstacles."""
     if len(bodies) > MAX_PANELS:
         return [partial(draw_least_clearances, plan=plan, obstacles=bodies)]
     round_ones = all(isinstance(each.shape, Sphere) and not each.is_uncertain for each in bodies)
@@ -68,13 +68,13 @@ def obstacle_panels(plan: Drawn, bodies: Sequence[Obstacle]) -> list[Callable[[A
 def draw_distances(
     ax: Axes, plan: Drawn, obstacle: Obstacle, *, radius: float = 0.0, title: str | None = None
 ) -> list[Line2D]:
-    """Draw each vehicle's distance from where an obstacle may be, with the required distances.
+    """Draw each vehicle's distance from an obstacle, less its uncertainty, and the limits.
 
     Args:
-        ax: where to draw.
+        ax: axes to draw in.
         plan: motion to draw.
         obstacle: obstacle to measure from.
-        radius: of a sphere, from whose centre distances are; they are from the surface if it is 0.
+        radius: radius of a sphere, for distances from its centre; if 0, from the surface.
         title: title of the axes.
     """
 
@@ -114,9 +114,9 @@ def draw_distances(
 def _mark_least(
     ax: Axes, plan: Drawn, obstacle: Obstacle, found: ClosestApproaches, title: str | None
 ) -> None:
-    """Mark each vehicle's closest approach, and describe above the axes the one of least margin."""
+    """Mark each vehicle's closest approach, and describe the smallest margin above the axes."""
     start, colours = plan.scenario.grid.start, vehicle_colours(len(plan.positions))
-    if not np.isfinite(found.distances).any():  # it is not active in the flight
+    if not np.isfinite(found.distances).any():  # the obstacle is not active in the flight
         add_above(ax, [], title)
         return
     for i, (time, value) in enumerate(zip(found.times, found.distances, strict=True)):
@@ -159,8 +159,8 @@ def draw_least_clearances(ax: Axes, plan: Drawn, obstacles: Sequence[Obstacle]) 
 
     The minimum of each curve has a mark with the obstacle's number.
 
-    A clearance is the distance from where an obstacle may be minus the vehicle's radius and minus
-    the largest deviation of the obstacle from its track.
+    A clearance is the distance from an obstacle, less its uncertainty, the vehicle's radius and the
+    largest deviation of the obstacle from its track.
 
     Returns:
         The curves, and a ring at the overall minimum if there is one.
@@ -243,7 +243,7 @@ def _draw_discoveries(ax: Axes, plan: Drawn, known: dict[float, str]) -> None:
 
 
 def draw_inactive(ax: Axes, plan: Drawn, active: tuple[float, float] | None) -> None:
-    """Shade the times of the flight outside the interval in which something is required."""
+    """Shade the times of the flight outside the interval of a constraint."""
     if active is None:
         return
     grid, (first, last) = plan.scenario.grid, active
@@ -254,7 +254,7 @@ def draw_inactive(ax: Axes, plan: Drawn, active: tuple[float, float] | None) -> 
 
 
 def finish(ax: Axes, plan: Drawn, lines: Sequence[Line2D]) -> None:
-    """Set the axis of times, and make overlapping curves visible, if vehicles are named."""
+    """Set the time axis and, if vehicles are named, make overlapping curves visible."""
     ax.set_xlabel("time [s]")
     ax.set_xlim(plan.scenario.grid.start, plan.scenario.grid.end)
     if lines and len(plan.positions) <= MAX_NAMED:

@@ -49,20 +49,20 @@ def distances_figure(
     ax: Axes | Sequence[Axes] | None = None,
     width: float = DOUBLE_COLUMN,
 ) -> Figure:
-    """Plot the vehicles' distances from the obstacles, and inside the sets they stay in, over time.
+    """Plot distances from obstacles, and margins inside required sets, over time.
 
     Up to four obstacles have one panel each, with distances from the centre if all obstacles are
     spheres, else from the surface. With more obstacles, one panel shows each vehicle's least
     clearance: the distance from the surface minus the vehicle's radius.
 
-    Requirements of positions follow, one panel each as long as there are no more than four panels,
-    else together: what is left is the distance from the boundary of the set, positive inside.
+    Requirements of positions follow, one panel each for up to four panels in all, otherwise
+    together: the margin is the distance from the boundary of the set, positive inside.
 
     Args:
         flown: plan, flight or simulation to draw.
         obstacles: obstacles to measure from; the scenario's if not given.
         ax: axes to draw in, one for each panel, without a legend; a new figure if not given.
-        width: of a new figure [in], see `paths_figure`.
+        width: width of a new figure [in], see `paths_figure`.
 
     Raises:
         ValueError: there is neither an obstacle nor a requirement of positions, the number of axes
@@ -100,7 +100,7 @@ def separation_figure(
     Args:
         flown: plan, flight or simulation to draw.
         ax: axes to draw in; a new figure if not given.
-        width: of a new figure [in], see `paths_figure`.
+        width: width of a new figure [in], see `paths_figure`.
 
     Raises:
         ValueError: the scenario has no separation, or only one vehicle.
@@ -124,7 +124,7 @@ def errors_figure(
         simulation: simulation to draw.
         ax: three axes to draw in: position error, velocity error and feedback; a new figure if not
             given.
-        width: of a new figure [in], see `paths_figure`.
+        width: width of a new figure [in], see `paths_figure`.
 
     Raises:
         ValueError: the number of axes is not three.
@@ -150,10 +150,10 @@ def velocities_figure(
     Args:
         flown: plan, flight or simulation to draw.
         ax: axes to draw in: three, and one for each limited norm; a new figure if not given.
-        width: of a new figure [in], see `paths_figure`.
+        width: width of a new figure [in], see `paths_figure`.
 
     Raises:
-        ValueError: the number of axes is another.
+        ValueError: the number of axes is wrong.
     """
     return _components(drawn(flown), "velocity", ax, width)
 
@@ -170,10 +170,10 @@ def accelerations_figure(
     Args:
         flown: plan, flight or simulation to draw.
         ax: axes to draw in: three, and one for each further panel; a new figure if not given.
-        width: of a new figure [in], see `paths_figure`.
+        width: width of a new figure [in], see `paths_figure`.
 
     Raises:
-        ValueError: the number of axes is another.
+        ValueError: the number of axes is wrong.
     """
     return _components(drawn(flown), "acceleration", ax, width)
 
@@ -187,7 +187,7 @@ def write_figures(
         flown: plan, flight or simulation to draw.
         folder: folder of the files, created if it does not exist.
         file_format: png, pdf or svg.
-        width: of each figure [in], see `paths_figure`.
+        width: width of each figure [in], see `paths_figure`.
 
     Raises:
         ValueError: the format is unknown, or the text would be illegible at the width.
@@ -234,7 +234,7 @@ def _components(
 
 
 def _planned_handles(plan: Drawn) -> list[Line2D]:
-    """Return the legend entry of planned motions, if they are drawn beside the true motion."""
+    """Return the legend entry of planned motions, if drawn beside the true motion."""
     if not plan.planned:
         return []
     return [Line2D([], [], label="planned", color="black", **PLANNED_STYLE)]

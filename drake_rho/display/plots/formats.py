@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 FORMATS = ("png", "pdf", "svg")
-"""Formats of files, by their endings."""
+"""File formats, by their endings."""
 SINGLE_COLUMN, DOUBLE_COLUMN = 3.5, 7.16
 """Widths of figures in IEEE journals, for one column and for two [in]."""
 _NARROWEST, _WIDEST = 3.0, 20.0

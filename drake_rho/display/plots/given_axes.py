@@ -1,4 +1,4 @@
-"""Axes that a user gives to a figure, in place of those of a new figure."""
+"""Axes given by the user, instead of those of a new figure."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ def given_axes(ax: Axes | Sequence[Axes], count: int) -> list[Axes]:
     """Return given axes as a list.
 
     Args:
-        ax: one, or several in any nesting, such as the array that `plt.subplots` returns.
+        ax: one axes, or several in any nesting, such as the array that `plt.subplots` returns.
         count: number of axes that the figure draws in.
 
     Raises:
-        ValueError: their number is another, or one is three-dimensional or no axes at all.
+        ValueError: their number is wrong, or one is three-dimensional or not an axes.
     """
     found = list(np.ravel(np.array(ax, dtype=object)))
     if len(found) != count:

@@ -34,7 +34,7 @@ _PER_ROW = 36.0
 _MARK = 42.0
 """Cost of covering a mark, in covered points of curves."""
 _LAYER = 1000.0
-"""Layer of texts; just below it, when all curves have been drawn, they are placed."""
+"""Layer of texts; they are placed just below it, after all curves are drawn."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -50,7 +50,7 @@ class Spots:
 
 
 class Labels(Artist):
-    """Manager of the texts of one axes, drawn before them to move them to their places.
+    """Texts of one axes, moved to their places just before they are drawn.
 
     Texts that fit nowhere are hidden.
     """
@@ -70,7 +70,7 @@ class Labels(Artist):
         return found[0] if found else cls(ax)
 
     def add(self, words: str, spots: Spots, *, rank: int = 0, **style: Any) -> Text:
-        """Add a text; those of lower rank are placed first."""
+        """Add a text; texts of lower rank are placed first."""
         background = {"facecolor": "white", "edgecolor": "none", "alpha": 0.7, "pad": 0.4}
         style = {"fontsize": 7, "bbox": background, "zorder": _LAYER, **style}
         text = Text(0.0, 0.0, words, ha="left", va="bottom", clip_on=False, **style)
@@ -137,11 +137,11 @@ def _texts_of(figure: Figure) -> list[Text]:
 def _boxes(
     size: tuple[float, float], spots: Spots, pixel: float
 ) -> Iterator[tuple[float, Bbox, FloatArray]]:
-    """Yield the costs of possible places, the boxes there with a margin, and the labelled points.
+    """Yield the cost, the box with a margin, and the labelled point of each possible place.
 
     Args:
         size: width and height of the text [pixels].
-        spots: places that are possible.
+        spots: possible places.
         pixel: length of a point [pixels].
     """
     half = np.array(size) / 2.0

@@ -69,7 +69,7 @@ def add_below(figure: Figure, handles: Sequence[Artist]) -> float:
     """Add a legend at the bottom, in as many columns as fit.
 
     Args:
-        figure: where to draw.
+        figure: figure to draw in.
         handles: labelled artists, one for each entry.
 
     Returns:
@@ -88,7 +88,7 @@ def add_below(figure: Figure, handles: Sequence[Artist]) -> float:
 
 
 def add_above(ax: Axes, handles: Sequence[Line2D], title: str | None = None) -> Legend:
-    """Explain marks above the right end of the axes, in lines no wider than these, with a title."""
+    """Explain marks above the right end of the axes, in lines no wider than the axes."""
     legend = ax.legend(
         handles=handles, loc="lower right", bbox_to_anchor=(1.0, 1.0), handlelength=1.0
     )

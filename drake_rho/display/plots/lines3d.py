@@ -14,19 +14,19 @@ from drake_rho.display.common.obstacle_snapshots import Snapshot
 from drake_rho.scenario.fields import FloatArray
 
 FAINT = 0.4
-"""Opacity of what is behind an obstacle, over that of what is in front of it."""
+"""Opacity of lines behind an obstacle, relative to lines in front of it."""
 
 
 def draw_line(
     ax: Axes3D, points: FloatArray, shown: Sequence[Snapshot], **style: Any
 ) -> list[Line3D]:
-    """Draw a line, or marks, and faintly once more what of it obstacles hide.
+    """Draw a line, or marks, with the parts behind obstacles faint.
 
-    The first line that is returned is the visible one, which legends show.
+    The first returned line is the visible one, which legends show.
     """
     behind = hidden(points, shown)
     before = ~behind
-    before[1:] |= before[:-1]  # a line goes on to the first point that is hidden
+    before[1:] |= before[:-1]  # a line continues to the first hidden point
     faint = {"alpha": FAINT * style.get("alpha", 1.0)}
     parts = [(before, style), (behind, style | faint)]
     return [

@@ -31,7 +31,7 @@ _MOST_VECTORS = 2000
 _FAINT_MAP = 0.15
 """Opacity of maps at secondary positions."""
 _LEFT = 0.5
-"""Part of the figure's width with the picture in space."""
+"""Part of the figure's width for the picture in space."""
 _LABELS = 0.5
 """Space for ticks and labels beside and below the view from above [in]."""
 _BAR, _BESIDE = 0.1, 0.55
@@ -46,11 +46,11 @@ _INTERVALS = 5
 
 @styled
 def map_figure(solid: Map, *, width: float = DOUBLE_COLUMN) -> Figure:
-    """Draw a map in space and, beside it, from above, with a bar of the colours of heights.
+    """Draw a map in space and, beside it, from above, with a colour bar of heights.
 
     Args:
         solid: cells or a mesh.
-        width: of the figure [in], see `paths_figure`.
+        width: width of the figure [in], see `paths_figure`.
 
     Raises:
         ValueError: the text would be illegible at the width.
@@ -83,7 +83,7 @@ def map_figure(solid: Map, *, width: float = DOUBLE_COLUMN) -> Figure:
 def draw_map(ax: Axes3D, shown: Snapshot) -> Poly3DCollection:
     """Draw a map, coloured by height, opaque unless it is faint.
 
-    In files of vector graphics a map of many faces is a picture.
+    In vector graphics, a map with many faces is rasterised.
     """
     faces = shown.faces
     if faces is None:
@@ -95,7 +95,7 @@ def draw_map(ax: Axes3D, shown: Snapshot) -> Poly3DCollection:
         facecolors=colours,
         edgecolors=colours,
         shade=shown.between is None,
-        linewidth=0.0 if shown.faint else 0.3,  # which hides seams between faces
+        linewidth=0.0 if shown.faint else 0.3,  # hides seams between faces
         alpha=_FAINT_MAP if shown.faint else None,
         rasterized=len(polygons) > _MOST_VECTORS,
     )
@@ -119,7 +119,7 @@ def map_notes(shown: Sequence[Snapshot]) -> list[str]:
 
 
 def draw_from_above(ax: Axes, shown: Snapshot) -> PolyCollection:
-    """Draw a map as it is seen from above, the higher faces over the lower ones."""
+    """Draw a map seen from above, higher faces over lower ones."""
     faces = shown.faces
     if faces is None:
         raise ValueError(f"shown: got {shown.shape}, expected a map")
@@ -129,7 +129,7 @@ def draw_from_above(ax: Axes, shown: Snapshot) -> PolyCollection:
     body = PolyCollection(
         list((shown.center + faces.corners[order])[..., :2]),
         facecolors=colours,
-        edgecolors=colours,  # which show walls that are seen as lines
+        edgecolors=colours,  # so that vertical walls are visible as lines
         linewidth=0.3,
         rasterized=len(colours) > _MOST_VECTORS,
     )
@@ -144,9 +144,9 @@ def draw_from_above(ax: Axes, shown: Snapshot) -> PolyCollection:
 
 
 def _add_bar(figure: Figure, ax: Axes, solid: Map) -> None:
-    """Draw the colours of heights on axes."""
+    """Draw the colour bar of heights on axes."""
     low, high = solid.center[2] - solid.extent[2], solid.center[2] + solid.extent[2]
-    if high <= low:  # one height, in the middle colour
+    if high <= low:  # a single height has the middle colour
         low, high = low - 0.5, high + 0.5
     colours = LinearSegmentedColormap.from_list("heights", [LOWEST, HIGHEST])
     bar = figure.colorbar(ScalarMappable(Normalize(low, high), colours), cax=ax)

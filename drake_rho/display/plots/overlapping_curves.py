@@ -24,12 +24,12 @@ _LENGTH = 0.6
 
 
 def marks_every(knots: int, width: float) -> int:
-    """Return n such that every n-th knot is marked on a curve in a figure of a width [in]."""
+    """Return the interval between marked knots on a curve, for a figure's width [in]."""
     return ceil(_APART * knots / (72.0 * _LENGTH * width))
 
 
 def show_overlapping(ax: Axes, lines: Sequence[Line2D]) -> list[Line2D]:
-    """Draw hidden pieces of curves again, as dashes over the curves that cover them.
+    """Redraw hidden pieces of curves as dashes over the covering curves.
 
     Args:
         ax: axes with their final limits.

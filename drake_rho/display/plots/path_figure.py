@@ -72,7 +72,7 @@ _BAR = 0.7
 _BAR_WIDTH = 0.12
 """Width of the colour bar without its labels [in]."""
 _MAX_TICKS = 12
-"""Largest number of windows that are numbered."""
+"""Largest number of numbered windows."""
 _MIN_BESIDE = 5.0
 """Least width of a figure with a legend beside its scene [in]."""
 _HIGHEST = (1.1, 0.45)
@@ -91,21 +91,21 @@ def paths_figure(
 ) -> Figure:
     """Plot the vehicles' paths and the obstacles in space, with a grey for each window.
 
-    A plan has no windows; each of its vehicles has a colour of its own. A scenario is drawn before
-    it is planned, with straight lines from starts through waypoints to goals.
+    Plans have no windows; each vehicle has its own colour instead. A scenario is drawn before
+    planning, with straight lines from starts through waypoints to goals.
 
-    Paths behind obstacles are faint. Maps are coloured by height. If maps would hide too much of
-    the paths, as a building does, the figure shows x and y from above, and of the maps only what is
-    at the heights of the flights.
+    Paths behind obstacles are faint. Maps are coloured by height. If maps, such as a building,
+    would hide too much of the paths, the figure shows x and y from above, and the maps only at the
+    heights of the flights.
 
     Args:
         flown: plan, flight, simulation or scenario to draw.
-        conflicts: the error of a scenario without a plan, whose vehicles and obstacles in conflict
-            are marked in red.
+        conflicts: error of an infeasible scenario, whose vehicles and obstacles in conflict are
+            marked in red.
         obstacles: obstacles to draw; the scenario's if not given.
         ax: three-dimensional axes to draw in, without a legend and notes; a new figure if not
             given.
-        width: of a new figure [in]; in IEEE journals 3.5 for one column, 7.16 for two.
+        width: width of a new figure [in]; in IEEE journals 3.5 for one column, 7.16 for two.
 
     Raises:
         ValueError: the axes are not three-dimensional, or the text would be illegible at the width.
@@ -151,14 +151,14 @@ def paths_figure(
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Content:
-    """Everything that a figure of paths shows."""
+    """Content of a figure of paths."""
 
     plan: Drawn
     bodies: tuple[Obstacle, ...]
     shown: list[Snapshot]
     conflicts: InfeasibleError | None
     heights: tuple[float, float] | None
-    """lower and upper height between which maps are shown, from above [m]; None from the side"""
+    """lower and upper height of the map slice shown from above [m]; None from the side"""
 
     @classmethod
     def of(
@@ -185,7 +185,7 @@ class _Content:
 
     @property
     def handles(self) -> list[Line2D]:
-        """Entries of the legend: vehicles that are not named beside their starts."""
+        """Entries of the legend: vehicles without names beside their starts."""
         scenario = self.plan.scenario
         if self.in_windows:
             return start_handles(scenario) if len(scenario.vehicles) > MAX_LABELLED else []
@@ -227,7 +227,7 @@ class _Content:
             draw_conflicts(ax, plan.scenario, self.conflicts, shown)
 
     def notes(self, figure: Figure) -> list[str]:
-        """Explain marks and lines, in lines of text as wide as the figure, the lowest first."""
+        """Return notes on marks and lines, in texts as wide as the figure, the lowest first."""
         plan, words = self.plan, ["ring: start", "star: goal"]
         if plan.kind == "scenario":
             words.append("dashed: straight lines, not planned")

@@ -1,6 +1,6 @@
 """Style sheet of the figures, and their files in three formats.
 
-The same drawing gives the same file, byte for byte: no file contains a date or its author.
+Equal drawings give equal files, byte for byte: no file contains a date or its author.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ _METADATA: dict[str, dict[str, Any]] = {
     "pdf": {"Creator": None, "Producer": None, "CreationDate": None},
     "svg": {"Creator": None, "Date": None, "Format": None, "Type": None},
 }
-"""Metadata that suppress those that matplotlib writes by default."""
+"""Metadata that suppress matplotlib's defaults."""
 
 styled = style.context(SHEET, after_reset=True)
 """Decorator of drawing functions: applies the sheet to matplotlib's defaults, not to the user's
@@ -36,8 +36,8 @@ def save_figure(figure: Figure, path: str | Path) -> Path:
 
     Args:
         figure: figure to write.
-        path: of the file, ending in .png (300 dots per inch), .pdf (embedded fonts) or .svg (text
-            remains text).
+        path: path of the file, ending in .png (300 dots per inch), .pdf (embedded fonts) or .svg
+            (text remains text).
 
     Returns:
         The path.

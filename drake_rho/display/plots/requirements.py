@@ -1,4 +1,4 @@
-"""Requirements of positions, drawn on given axes: sets and links in space, what is left over time.
+"""Requirements of positions, drawn on given axes: sets and links in space, margins over time.
 
 Every function takes the axes first and returns the artists it has drawn.
 """
@@ -44,13 +44,13 @@ from drake_rho.display.plots.lines3d import draw_line
 _MAX_LABELLED = 8
 """Largest number of sets, or of links, that are labelled in space."""
 _ABOVE = 1.5
-"""Upper end of axes with several requirements, over the largest least value of all."""
+"""Upper end of axes with several requirements, over the peak of their smallest margin."""
 _PARTS = 24
 """Number of parts of a link, each in front of or behind an obstacle."""
 
 
 def draw_sets(ax: Axes3D, plan: Drawn) -> list[Artist]:
-    """Draw the sets that single vehicles are kept in, faint, within the limits of the axes."""
+    """Draw the sets required of single vehicles, faint, within the limits of the axes."""
     lower, upper = np.array([ax.get_xlim(), ax.get_ylim(), ax.get_zlim()]).T
     sets = [each for each in kept_positions(plan.scenario) if not each.is_link]
     artists: list[Artist] = []
@@ -75,12 +75,12 @@ def draw_sets(ax: Axes3D, plan: Drawn) -> list[Artist]:
 
 
 def draw_links(ax: Axes3D, plan: Drawn, shown: Sequence[Snapshot] = ()) -> list[Line3D]:
-    """Draw each link when least is left of it, as a dashed line that is red if nothing is.
+    """Draw each link at its smallest margin, as a dashed line that is red without a margin.
 
     Args:
-        ax: where to draw.
+        ax: axes to draw in.
         plan: motion to draw.
-        shown: obstacles that are drawn, which hide the parts of links behind them.
+        shown: drawn obstacles, which hide the parts of links behind them.
     """
     links = [each for each in kept_positions(plan.scenario) if each.is_link]
     labelled = sum(len(kept.members) for kept in links) <= _MAX_LABELLED
@@ -108,13 +108,13 @@ def draw_links(ax: Axes3D, plan: Drawn, shown: Sequence[Snapshot] = ()) -> list[
 def draw_left(
     ax: Axes, plan: Drawn, kept: Sequence[Kept], *, title: str | None = None
 ) -> list[Line2D]:
-    """Draw what is left of requirements of positions over time, to each vehicle concerned.
+    """Draw each vehicle's margin in requirements of positions over time.
 
-    What is left is the distance from the boundary of the set, positive inside, minus the largest
-    deviation of a moving point from its track. The curves are drawn while it is required.
+    The margin is the distance from the boundary of the set, positive inside, minus the largest
+    deviation of a moving point from its track. Curves are drawn while the requirement is active.
 
     Args:
-        ax: where to draw.
+        ax: axes to draw in.
         plan: motion to draw.
         kept: requirements; of several, each minimum is labelled with its name.
         title: title of the axes.
@@ -147,7 +147,7 @@ def draw_left(
 
 
 def _highest(plan: Drawn, kept: Sequence[Kept]) -> float | None:
-    """Return where axes with several requirements end [m]: above what is ever least of all."""
+    """Return the upper end of axes with several requirements [m]: above their smallest margin."""
     if len(kept) == 1:
         return None
     times = dense_times(plan)
@@ -157,9 +157,9 @@ def _highest(plan: Drawn, kept: Sequence[Kept]) -> float | None:
 
 
 def _draw_curves(ax: Axes, plan: Drawn, kept: Kept, highest: float | None) -> list[Line2D]:
-    """Draw what is left of a requirement, with marks at the minima.
+    """Draw the margins in a requirement, with marks at the minima.
 
-    With a highest value [m], greater ones are left out, and the minima are labelled.
+    With a highest value [m], greater values are omitted, and the minima are labelled.
     """
     most = np.inf if highest is None else highest
     start, colours = plan.scenario.grid.start, vehicle_colours(len(plan.positions))

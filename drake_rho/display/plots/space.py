@@ -60,9 +60,9 @@ def within(ax: Axes3D, shown: Sequence[Snapshot]) -> list[Snapshot]:
 
 
 def draw_obstacles(ax: Axes3D, shown: Sequence[Snapshot]) -> list[Poly3DCollection]:
-    """Draw maps, and other bounded obstacles as translucent bodies, those in front over the others.
+    """Draw maps, and other bounded obstacles as translucent bodies, from back to front.
 
-    Where one may be is a fainter body around it, except around maps.
+    The uncertainty of an obstacle is a fainter body around it, except around maps.
     """
     bodies = []
     to_viewer = view()[2]
@@ -96,7 +96,7 @@ def draw_obstacles(ax: Axes3D, shown: Sequence[Snapshot]) -> list[Poly3DCollecti
 def draw_obstacle_labels(ax: Axes3D, shown: Sequence[Snapshot]) -> list[Text]:
     """Draw the obstacles' numbers in their centres, and names and times above them.
 
-    If there are many obstacles, the numbers of small ones are left out.
+    If there are many obstacles, small ones have no numbers.
     """
     lower, upper = np.array([ax.get_xlim(), ax.get_ylim(), ax.get_zlim()]).T
     artists: list[Text] = []
@@ -141,13 +141,13 @@ def draw_paths(ax: Axes3D, plan: Drawn, shown: Sequence[Snapshot] = ()) -> list[
     knots are not marked, and starts and goals are smaller.
 
     Args:
-        ax: where to draw.
+        ax: axes to draw in.
         plan: motion to draw.
         shown: obstacles drawn by `draw_obstacles`, behind which paths are faint.
 
     Returns:
-        The paths, and what of them obstacles hide; the first line of each vehicle is labelled with
-        its name.
+        The paths, with their hidden parts; the first line of each vehicle is labelled with its
+        name.
     """
     lines = []
     flown = plan.kind != "scenario"
@@ -203,7 +203,7 @@ def draw_windows(ax: Axes3D, plan: Drawn, shown: Sequence[Snapshot] = ()) -> lis
     """Draw the flown part of each window in its grey, and its whole prediction as a thin line.
 
     Args:
-        ax: where to draw.
+        ax: axes to draw in.
         plan: motion of a flight or simulation to draw.
         shown: obstacles drawn by `draw_obstacles`, behind which paths are faint.
 
@@ -217,7 +217,7 @@ def draw_windows(ax: Axes3D, plan: Drawn, shown: Sequence[Snapshot] = ()) -> lis
         first, last = window.first, window.last
         paths = window.shown.motion().at("position", dense_times(window.shown))
         part = grid.clock.within(times, tuple(grid.elapsed[[first, last]].tolist()))
-        if last in plan.jumps:  # the state then is the next window's
+        if last in plan.jumps:  # the state there is the next window's
             part &= grid.clock.before(times, grid.elapsed[last])
         lines.append([])
         for index in range(len(paths)):
@@ -234,7 +234,7 @@ def draw_windows(ax: Axes3D, plan: Drawn, shown: Sequence[Snapshot] = ()) -> lis
 
 
 def draw_braking(ax: Axes3D, braking: Drawn, shown: Sequence[Snapshot] = ()) -> None:
-    """Draw how a contingency brakes, as dotted lines that end in crosses at the places of rest."""
+    """Draw the braking of a contingency as dotted lines that end in crosses at rest."""
     style: dict[str, Any] = {"color": CONTINGENCY, "linewidth": 1.0}
     for path in braking.motion().at("position", dense_times(braking)):
         draw_line(ax, path, shown, linestyle=":", **style)

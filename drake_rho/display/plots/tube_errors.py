@@ -1,4 +1,4 @@
-"""Tracking errors over time, drawn on given axes with their bounds, the radii of the error tube.
+"""Tracking errors over time with the radii of the error tube, drawn on given axes.
 
 Times are those of the scenario's clock. Every function takes the axes first and returns the artists
 it has drawn.
@@ -26,7 +26,7 @@ LABELS: dict[Quantity, str] = {
     "velocity": f"velocity error [{UNITS['velocity']}]",
     "acceleration": f"feedback [{UNITS['acceleration']}]",
 }
-"""Axis labels of the quantities that have a tube."""
+"""Axis labels of the quantities with a tube."""
 _TUBE = "#4A4A4A"
 """Colour of the radii."""
 _TOP = 1.1
@@ -35,7 +35,7 @@ _TOP = 1.1
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Errors:
-    """Errors and radii while one window was in force, both ends of this time included."""
+    """Errors and radii while one window is in force, both ends included."""
 
     times: FloatArray
     """times on the scenario's clock [s], shape (M,)"""
@@ -46,7 +46,7 @@ class Errors:
 
 
 def errors_of(simulation: Simulation, quantity: Quantity) -> list[Errors]:
-    """Return the errors of each window; where one ends and the next begins, both have errors."""
+    """Return the errors of each window; both windows have errors at the time of a change."""
     errors, radii = simulation.errors(quantity), simulation.radii(quantity)
     numbers = simulation.in_force(simulation.times)
     found = []
@@ -66,7 +66,7 @@ def errors_of(simulation: Simulation, quantity: Quantity) -> list[Errors]:
 
 
 def greatest_ratio(windows: list[Errors], negligible: float | FloatArray = 0.0) -> float:
-    """Return the largest ratio of an error, less some of it, to its radius; 0 without a tube."""
+    """Return the largest ratio of error, less a negligible part, to radius; 0 without a tube."""
     return max(float(largest_shares(each.errors, each.radii, negligible).max()) for each in windows)
 
 
@@ -74,7 +74,7 @@ def draw_errors(ax: Axes, simulation: Simulation, quantity: Quantity) -> list[Li
     """Draw each vehicle's error over time, and the radius of the error tube.
 
     Args:
-        ax: where to draw.
+        ax: axes to draw in.
         simulation: simulation to draw.
         quantity: position, velocity, or acceleration for the feedback.
 

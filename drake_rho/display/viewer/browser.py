@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from playwright.sync_api import Browser
 
 NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
-# Without a screen, a graphics card or network requests, and also as root.
+# Works without a screen or a graphics card, without network requests, and as root.
 ARGUMENTS = (
     "--no-sandbox",
     "--use-gl=angle",
@@ -29,12 +29,12 @@ ARGUMENTS = (
 
 
 class BrowserError(DrakeRhoError):
-    """Missing browser or driver; the message says what to install."""
+    """The browser or its driver is missing; the message says what to install."""
 
 
 @contextmanager
 def browser() -> Iterator[Browser]:
-    """Open a headless browser, which is closed at the end.
+    """Open a headless browser, and close it at the end.
 
     Raises:
         BrowserError: Playwright or Chromium is missing, or does not start.
@@ -47,7 +47,7 @@ def browser() -> Iterator[Browser]:
     driver = sync_playwright()
     try:
         playwright = driver.start()
-    except Exception as error:  # the driver's errors have no type of their own
+    except Exception as error:  # the driver's errors have no specific type
         raise BrowserError(f"Playwright's driver does not start: {error}") from None
     try:
         path = installed or playwright.chromium.executable_path

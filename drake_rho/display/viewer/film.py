@@ -28,17 +28,17 @@ _LONGEST = 20.0
 _RATES = {".mp4": 30.0, ".gif": 12.5}
 """Frames per second; a GIF counts in hundredths of a second."""
 SIZES = {".mp4": (1280, 720), ".gif": (840, 472)}
-"""Width and height of a film if none is given [px]."""
+"""Default width and height of a film [px]."""
 SIDES = (240, 4096)
-"""Least and largest side of a film [px]; H.264 takes no larger one everywhere."""
+"""Least and largest side of a film [px]; not every H.264 decoder takes a larger one."""
 _PAGE = 720.0
-"""Shorter side of the page that is recorded [CSS px]: it is scaled to the film's size."""
+"""Shorter side of the recorded page [CSS px], which is scaled to the film's size."""
 _LEAST_SCALE = 0.6
-"""Least scale of the page, at which its text can still be read; smaller films show less of it."""
+"""Least scale of the page with legible text; smaller films show less of the page."""
 _COMMON, _RARE = 96, 159
 """Numbers of colours of a GIF for large areas, such as the background, and for small details."""
 _SAMPLES = 6
-"""Number of frames from which the colours of a GIF are chosen."""
+"""Number of frames for choosing the colours of a GIF."""
 _ENCODER = (
     *("ffmpeg", "-loglevel", "error", "-y", "-f", "image2pipe", "-c:v", "mjpeg"),
     *("-framerate", f"{_RATES['.mp4']:g}", "-i", "-"),
@@ -48,7 +48,7 @@ _ENCODER = (
 
 
 class FilmError(DrakeRhoError):
-    """Missing or failing program for films; the message names it."""
+    """A program for films is missing or fails; the message names it."""
 
 
 def size_of(text: str) -> tuple[int, int]:
@@ -124,7 +124,7 @@ def write_film(
     before: str = "",
     progress: Callable[[], None] = lambda: None,
 ) -> None:
-    """Write a film of a page that `viewer_page` returned.
+    """Write a film of a page made by `viewer_page`.
 
     Args:
         page: the page, HTML.

@@ -23,7 +23,7 @@ _END = "</body>"
 _IDENTIFIER = "drake-rho"
 """Identifier of the block of data in the page."""
 _VIEWPORT = '<meta name="viewport" content="width=device-width, initial-scale=1">'
-"""Tag with which phones show a page at its size, not as one of a wide screen made small."""
+"""Tag that makes phones show a page at its own size, not as a shrunken wide screen."""
 _HEIGHT = 600
 """Height of the frame in a notebook [px]."""
 
@@ -57,7 +57,7 @@ def viewer_page(
 
     Args:
         flown: plan, flight or simulation to show, or a scenario before it is planned.
-        conflicts: the error of a scenario without a plan, as in `animate`.
+        conflicts: error of an infeasible scenario, as in `animate`.
         rate: seconds of flight per second of playback, as in `animate`.
         trails: whether to draw trails, as in `animate`.
 
@@ -100,6 +100,6 @@ def _overlay(ending: str) -> str:
 
 
 def _embedded(data: dict[str, object]) -> str:
-    """Return data as JSON in which no text can end the script or begin a comment."""
+    """Return data as JSON, escaped so that no text can end the script or begin a comment."""
     text = json.dumps(data, ensure_ascii=True, allow_nan=False, separators=(",", ":"))
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")

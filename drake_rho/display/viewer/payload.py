@@ -36,7 +36,7 @@ _MAX_LISTED = 10
 
 
 def payload(stage: Stage) -> dict[str, object]:
-    """Return all data of a stage that the page shows, in SI units, times from the first knot."""
+    """Return all data of a stage for the page, in SI units, times from the first knot."""
     scenario, scene, playback = stage.shown.scenario, stage.scene, stage.playback
     found = Readings.of(stage.shown, playback.times)
     decimals = max(4, _DIGITS - int(np.floor(np.log10(scene.size))))
@@ -104,7 +104,7 @@ def _obstacles(stage: Stage) -> list[dict[str, object]]:
 
 
 def _requirements(stage: Stage, found: Readings, decimals: int) -> list[dict[str, object]]:
-    """Return what is left of requirements of positions over time, of many only the tightest.
+    """Return margins in requirements of positions over time, of many only the tightest.
 
     From `plenty` metres on, nothing of their colour is red.
     """
@@ -247,7 +247,7 @@ def _legend(stage: Stage) -> list[dict[str, str]]:
 
 
 def _merged(scenario: Scenario) -> str:
-    """Return how coarsely very large maps are drawn; nothing if they are drawn exactly."""
+    """Return a note on the resolution of very large maps; empty if they are drawn exactly."""
     maps = [each.shape for each in scenario.bodies if isinstance(each.shape, Map)]
     merged = max(map_faces(each).merged for each in maps)
     return f", drawn in cells of {merged:.2g} m" if merged > 0.0 else ""

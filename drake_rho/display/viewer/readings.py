@@ -1,9 +1,10 @@
-"""Numbers that the viewer shows over time: speeds, clearances, and least values of the fleet.
+"""Readings of the viewer over time: speeds, clearances, and least values of the fleet.
 
-A clearance is the distance minus its limit. For an obstacle it is the distance from where it may be
-minus the vehicle's radius and the obstacle's largest deviation from its track. For another vehicle
-it is the distance, scaled for downwash, minus the separation. Without a separation, other vehicles
-are ignored. What is left of a requirement of positions is the distance from its set's boundary.
+A clearance is the distance minus its limit. For an obstacle it is the distance less the obstacle's
+uncertainty, the vehicle's radius and the obstacle's largest deviation from its track. For another
+vehicle it is the distance, scaled for downwash, minus the separation. Without a separation, other
+vehicles are ignored. The margin in a requirement of positions is the distance from its set's
+boundary.
 """
 
 from __future__ import annotations
@@ -46,7 +47,7 @@ class Readings:
     speeds: FloatArray
     """speeds [m/s], shape (N, M)"""
     clearances: FloatArray
-    """least clearances [m], infinite if nothing is to be avoided, shape (N, M)"""
+    """least clearances [m], infinite if there is nothing to avoid, shape (N, M)"""
     nearest: IntArray
     """index of the nearest obstacle or, plus the number of obstacles, vehicle, shape (N, M)"""
     obstacles: Curve | None
@@ -54,7 +55,7 @@ class Readings:
     pairs: Curve | None
     """distance of the closest two vehicles; None for a single vehicle"""
     requirements: Curve | None
-    """least that is left of requirements of positions; None without such requirements"""
+    """smallest margin in requirements of positions; None without such requirements"""
     kept: tuple[Kept, ...]
     """requirements of positions, R of them"""
 
@@ -93,7 +94,7 @@ def _from_obstacles(shown: Drawn, times: FloatArray, clear: FloatArray) -> Curve
 
 
 def _of_requirements(shown: Drawn, times: FloatArray, kept: Sequence[Kept]) -> Curve:
-    """Return the least that is left of all requirements."""
+    """Return the smallest margin in all requirements."""
     left = np.min([each.left(shown, times).min(axis=0) for each in kept], axis=0)
     least = [each.least(shown) for each in kept]
     number = int(np.argmin([values.min() for _, values in least]))
@@ -120,7 +121,7 @@ def _between_two(shown: Drawn, times: FloatArray, away: FloatArray) -> Curve:
 def _with(
     shown: Drawn, times: FloatArray, values: FloatArray, time: float, value: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Return times and values with another point, which replaces a point at the same time."""
+    """Return times and values with an added point, which replaces a point at the same time."""
     (same,) = np.nonzero(Clock.of(shown.scenario.grid.step).same(times, time))
     if len(same) > 0:
         values = values.copy()

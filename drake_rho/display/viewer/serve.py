@@ -17,11 +17,11 @@ _CLIENTS = 32
 """Largest number of connections at a time; further ones are closed."""
 
 _PATIENCE = 10.0
-"""Longest time to wait for a client to send or to take something [s]."""
+"""Longest time to wait for a client to send or receive [s]."""
 
 
 class _Server(ThreadingHTTPServer):
-    """Server with a bounded number of connections, which is silent when a client hangs up."""
+    """Server with a bounded number of connections, silent when a client hangs up."""
 
     def __init__(self, address: tuple[str, int], handler: type[BaseHTTPRequestHandler]) -> None:
         self._free = threading.BoundedSemaphore(_CLIENTS)
@@ -39,7 +39,7 @@ class _Server(ThreadingHTTPServer):
             self._free.release()
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """Say nothing where the client has hung up or does not go on."""
+        """Ignore clients that have hung up or stopped."""
         if not isinstance(sys.exception(), OSError):
             super().handle_error(request, client_address)
 
@@ -65,7 +65,7 @@ def serve(page: str, *, host: str = "localhost", port: int | None = None) -> Pag
     """Serve a page.
 
     Only requests to this server by its own name or by an address are answered: a page of another
-    site, whose name is made to stand for this machine, cannot read this one.
+    site whose name resolves to this machine (DNS rebinding) cannot read this one.
 
     Args:
         page: the page, HTML.
@@ -111,9 +111,9 @@ def serve(page: str, *, host: str = "localhost", port: int | None = None) -> Pag
 
 
 def _is_own(header: str, host: str) -> bool:
-    """Return whether a request names this server: as it was told to listen, or by an address.
+    """Return whether a request names this server: by its own host name, or by an address.
 
-    The port is left out of account, since tunnels have others.
+    The port is ignored, since tunnels have other ports.
 
     Args:
         header: field `Host` of the request.
