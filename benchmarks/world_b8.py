@@ -81,7 +81,7 @@ def run(seeds: int = 50, stores: Path | None = None) -> Table:
                 0.0,
                 100.0 - _success(ways, [plan.counts for plan in plans]),
             ),
-            Goal("index above that of GCS, draws [%]", 5.0, _dearer(plans, laps)),
+            Goal("index above that of GCS, draws [%]", 5.0, _costlier(plans, laps)),
             Goal("index / that of GCS, median", 1.0, _over(plans, laps)),
             Goal("time / that of GCS, medians", 1.0, _slower(plans, laps)),
         ),
@@ -177,7 +177,7 @@ def _over(plans: Sequence[Trial], laps: Sequence[Lap]) -> float | None:
     return statistics.median(parts) if parts else None
 
 
-def _dearer(plans: Sequence[Trial], laps: Sequence[Lap]) -> float | None:
+def _costlier(plans: Sequence[Trial], laps: Sequence[Lap]) -> float | None:
     """Return the percentage of draws in which both count and the plan's index is above the peer's.
 
     By more than a thousandth, which accelerations that are constant in steps may cost.

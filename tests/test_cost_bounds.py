@@ -89,7 +89,7 @@ def test_in_wind_flights_cost_at_most_their_bounds(seed: int) -> None:
         assert window.cost_bound >= window.plan.cost * (1 - 1e-12)
 
 
-def test_a_dearer_plan_is_not_accepted_and_the_window_says_so() -> None:
+def test_a_costlier_plan_is_not_accepted_and_the_window_says_so() -> None:
     scenario = scene(count=1)
 
     def wiggling(scenario: rho.Scenario, *, reference: rho.Plan | None, solver: object) -> rho.Plan:

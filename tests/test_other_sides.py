@@ -10,7 +10,7 @@ import pytest
 import drake_rho as rho
 
 WORTH = 0.03
-"""Part of a cost by which a plan may be dearer than the best one known."""
+"""Part of a cost by which a plan may be costlier than the best one known."""
 
 SAME = 1e-4
 """Relative difference of costs of the same plan in mirror images."""

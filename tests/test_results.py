@@ -107,10 +107,10 @@ def test_methods_are_compared_on_the_same_runs(results: rho.Results) -> None:
     assert found.both == both.sum() > 0
     assert found.both + found.only_method + found.only_base + found.neither == len(one)
     assert found.cost_ratio.median == pytest.approx(ratios.median())
-    assert found.dearer == (ratios > 1.0 + 1e-6).sum() > 0
+    assert found.costlier == (ratios > 1.0 + 1e-6).sum() > 0
     back = results.compare("best", "convex")
     assert back is not None
-    assert (back.cheaper, back.dearer) == (found.dearer, found.cheaper)
+    assert (back.cheaper, back.costlier) == (found.costlier, found.cheaper)
     assert back.cost_ratio.least == pytest.approx(1.0 / found.cost_ratio.greatest)
     with pytest.raises(ValueError, match="method: got 'worst', expected one of best, convex"):
         results.compare("worst", "best")

@@ -1,4 +1,4 @@
-"""Weights of vehicles in the cost: of two that meet, the lighter one gives way more."""
+"""Weights of vehicles in the cost: of two that meet, the lighter one makes the larger detour."""
 
 from __future__ import annotations
 

@@ -74,7 +74,7 @@ def index(plan: rho.Plan) -> float:
     return float(sum(w * effort for w, effort in zip(weights, efforts(plan), strict=True)))
 
 
-# Who gives way
+# Weights and costs
 
 
 @pytest.mark.parametrize("solver", ["clarabel", "daqp", "osqp"])

@@ -85,7 +85,7 @@ class Comparison:
     """cost of the method over that of the base, where both succeed"""
     cheaper: int
     """number of these runs in which the method costs less, by more than a millionth"""
-    dearer: int
+    costlier: int
     """number of these runs in which the method costs more, by more than a millionth"""
     duration_ratio: Quantiles
     """final time of the method over that of the base, counted from the first knot, where both
@@ -105,7 +105,7 @@ class Comparison:
     @property
     def p_cost(self) -> float:
         """P-value of the difference in cost (sign test)."""
-        return sign_test(self.cheaper, self.dearer)
+        return sign_test(self.cheaper, self.costlier)
 
     @property
     def p_duration(self) -> float:
@@ -182,7 +182,7 @@ def compare(
         neither=int(np.sum(~one & ~other)),
         cost_ratio=Quantiles.of(ratios),
         cheaper=int(np.sum(ratios < 1.0 - SAME)),
-        dearer=int(np.sum(ratios > 1.0 + SAME)),
+        costlier=int(np.sum(ratios > 1.0 + SAME)),
         duration_ratio=Quantiles.of(longer),
         shorter=int(np.sum(longer < 1.0 - SAME)),
         longer=int(np.sum(longer > 1.0 + SAME)),

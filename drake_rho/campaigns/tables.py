@@ -79,13 +79,13 @@ def _comparisons(comparisons: Sequence[Comparison]) -> str:
             str(each.only_base),
             f"{each.p_success:.2g}",
             _spread(each.cost_ratio),
-            f"{each.cheaper}:{each.dearer}",
+            f"{each.cheaper}:{each.costlier}",
             f"{each.p_cost:.2g}",
             _spread(each.time_ratio),
         )
         for each in comparisons
     ]
-    return _grid((*heads, "cost ratio", "cheaper:dearer", "p", "time ratio"), rows)
+    return _grid((*heads, "cost ratio", "cheaper:costlier", "p", "time ratio"), rows)
 
 
 def _final_times(comparisons: Sequence[Comparison]) -> str:
