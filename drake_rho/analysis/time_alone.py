@@ -124,13 +124,18 @@ class TimesAlone:
             passing = passing_of(self._waypoints, free, grid)
             accelerations = Problem.of(free.ending_with(grid)).effort.motion.accelerations
             starts.append(Timed(free, grid.step, accelerations, passing))
-            if longer == _LATER[0]:
+            if longer == _LATER[0] and not self._requires_slowness:
                 LeastTime(ROUGH).check_bounded(starts[0])
             with suppress(SolverError):
                 found, least = in_least_time(starts[-1], ROUGH, self._progress)
                 if least <= found.duration:
                     return found
         return starts[0]
+
+    @property
+    def _requires_slowness(self) -> bool:
+        """Whether any requirement, also one for a while or of several vehicles, is no position."""
+        return any(each.quantity != "position" for each in self._scenario.requirements)
 
     def _one(self, free: Scenario, passing: Passing, number: int) -> Timed:
         """Return the least-time motion of one vehicle.
