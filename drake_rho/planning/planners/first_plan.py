@@ -187,13 +187,14 @@ class FirstPlan:
             dataclasses.replace(problem, scenario=scenario.of_vehicles(group.tolist()))
             for group in groups
         ]
+        thorough = repeat(self.thorough)
         if self.backend.executor is not None:  # workers cannot report progress
-            own = repeat(self.backend.here()), repeat(self.options), repeat(self.thorough)
-            found = list(self.backend.executor.map(_on_worker, alone, *own))
+            own = repeat(self.backend.here()), repeat(self.options)
+            found = list(self.backend.executor.map(_on_worker, alone, *own, thorough))
         else:
             parts = [within(self.progress, scenario.names[group[0]]) for group in groups]
             own = repeat(self.backend), repeat(self.options)
-            found = list(map(plan_along_paths, alone, *own, parts, repeat(self.thorough)))
+            found = list(map(plan_along_paths, alone, *own, parts, thorough))
         accelerations = np.array(free.accelerations)
         for group, along in zip(groups, found, strict=True):
             spent += along.spent
