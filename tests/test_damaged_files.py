@@ -277,7 +277,7 @@ def test_the_page_is_for_its_own_name_only() -> None:
     port = int(server.url.rpartition(":")[2])
 
     def answer(host: str) -> bytes:
-        with socket.create_connection(("localhost", port)) as client:
+        with socket.create_connection(("127.0.0.1", port)) as client:
             client.sendall(f"GET / HTTP/1.1\r\n{host}\r\n".encode())
             return client.recv(12)[9:]
 
@@ -297,12 +297,12 @@ def test_clients_that_hang_up_or_wait_are_no_matter(capfd: pytest.CaptureFixture
     port = int(server.url.rpartition(":")[2])
     try:
         for _ in range(3):
-            client = socket.create_connection(("localhost", port))
+            client = socket.create_connection(("127.0.0.1", port))
             client.sendall(b"GET / HTTP/1.0\r\nHost: localhost\r\n\r\n")
             client.recv(1000)
             client.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
             client.close()
-        waiting = [socket.create_connection(("localhost", port)) for _ in range(60)]
+        waiting = [socket.create_connection(("127.0.0.1", port)) for _ in range(60)]
         for each in waiting:
             each.close()
     finally:
