@@ -19,6 +19,7 @@ from rich.progress import track
 
 import drake_rho as rho
 from benchmarks.tables import Goal, Table
+from drake_rho.scenario.fields import unchecked
 from tests.judged import violations
 from tests.mixed import mixed
 
@@ -170,12 +171,20 @@ def _fault(window: rho.Window) -> str:
     """Return what a window's plan violates, though it says that it holds; empty if nothing."""
     if not _promises(window) or window.off_tube or window.not_avoided:
         return ""
-    found = [each.what for each in rho.verify(window.plan).checks if not each.holds]
-    if not found and window.plan.scenario.smoothing is None:
-        found = violations(window.plan)
+    plan = _of_known(window.plan)
+    found = [each.what for each in rho.verify(plan).checks if each.asked and not each.holds]
+    if not found and plan.scenario.smoothing is None:
+        found = violations(plan)
     if window.stopping:  # a contingency promises neither goals nor waypoints
         found = [each for each in found if "goal" not in each and "waypoint" not in each]
     return found[0] if found else ""
+
+
+def _of_known(plan: rho.Plan) -> rho.Plan:
+    """Return a window's plan as one of the scenario with the obstacles known when it begins."""
+    scenario = plan.scenario
+    known = tuple(each for each in scenario.bodies if each.known_from <= scenario.grid.start)
+    return dataclasses.replace(plan, scenario=unchecked(scenario, obstacles=known))
 
 
 def _difference(flight: rho.Flight, horizon: rho.RecedingHorizon) -> float:
