@@ -11,6 +11,7 @@ import multiprocessing
 import os
 import traceback
 import warnings
+from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from typing import Any
 
@@ -150,12 +151,13 @@ def _flown(rng: np.random.Generator, horizon: rho.RecedingHorizon, seed: int) ->
             raised = f"{type(error).__name__}: {str(error)[:80]} ({where.name}:{where.lineno})"
             break
     windows = horizon.windows
-    broken = [fault for window in windows if (fault := _fault(window))]
+    promised = _promised(windows)
+    broken = [fault for window in promised if (fault := _fault(window))]
     return Loop(
         seed,
         len(windows),
         sum(window.kept for window in windows),
-        sum(not _promises(window) for window in windows),
+        len(windows) - len(promised),
         raised,
         len(broken),
         _difference(horizon.flight, horizon),
@@ -163,13 +165,19 @@ def _flown(rng: np.random.Generator, horizon: rho.RecedingHorizon, seed: int) ->
     )
 
 
-def _promises(window: rho.Window) -> bool:
-    return not window.infeasible or window.kept or window.stopping
+def _promised(windows: Sequence[rho.Window]) -> list[rho.Window]:
+    """Return the windows whose plans are said to hold: a rest of a plan holds if the plan does."""
+    found, holds = list[rho.Window](), True
+    for window in windows:
+        holds = not window.infeasible or window.stopping or (window.kept and holds)
+        if holds:
+            found.append(window)
+    return found
 
 
 def _fault(window: rho.Window) -> str:
     """Return what a window's plan violates, though it says that it holds; empty if nothing."""
-    if not _promises(window) or window.off_tube or window.not_avoided:
+    if window.off_tube or window.not_avoided:
         return ""
     plan = _of_known(window.plan)
     found = [each.what for each in rho.verify(plan).checks if each.asked and not each.holds]
