@@ -134,7 +134,7 @@ class TimesAlone:
 
     @property
     def _requires_slowness(self) -> bool:
-        """Whether any requirement, also one for a while or of several vehicles, is no position."""
+        """Whether a requirement of any vehicles, at any time, limits how fast they move."""
         return any(each.quantity != "position" for each in self._scenario.requirements)
 
     def _one(self, free: Scenario, passing: Passing, number: int) -> Timed:
