@@ -90,7 +90,7 @@ def test_the_worst_of_dense_samples_is_found_in_a_piece(seed: int) -> None:
         (p, v, a),
         step,
         np.array([[first, last]]),
-        lambda x, _: where.signed_distance(x),
+        lambda _who, x, _times: np.asarray(where.signed_distance(x)),
         np.array([margin]),
         np.array([threshold]),
         np.array([4]),

@@ -11,7 +11,7 @@ import drake_rho as rho
 from drake_rho.planning.planners.from_paths import plan_along_paths
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.scp import curved_sets
-from drake_rho.scenario.convex_sets import Balls, ConvexSets, UprightCones
+from drake_rho.scenario.convex_sets import Balls, Cones, ConvexSets
 from tests.cones import TWIN, twin_cost
 from tests.scenarios import single
 
@@ -41,7 +41,7 @@ def creeping(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) ->
             {"radii": np.inf},
         ),
         (
-            UprightCones(np.array([[0.0, 0.0, -9.81]]), np.array([1e-6]), np.array([0.8])),
+            Cones(np.array([[0.0, 0.0, -9.81]]), np.array([1e-6]), np.array([0.8])),
             {"angles": np.pi},
         ),
     ],
@@ -56,7 +56,7 @@ def test_a_cone_equals_the_set_and_measures_the_distance_to_it(
     matrices, reaches = sets.cones(who)
     seen = np.einsum("rij,rj->ri", matrices, values)
     excess = np.linalg.norm(seen[:, 1:], axis=1) - seen[:, 0] - reaches
-    known = sets.excess(who, sets.origins + values)
+    known = sets.signed_distance(who, sets.origins + values)
     assert 50 < np.sum(known < 0.0) < count - 50
     np.testing.assert_allclose(excess, known, atol=1e-12)
     limitless = {name: np.array([value]) for name, value in free.items()}

@@ -56,7 +56,7 @@ def least_margin(plan: rho.Plan, per_step: int = 100) -> float:
         for limit in fleet.norms.values():
             if limit.kind.quantity == quantity:
                 for i, each in enumerate(value):
-                    outside = limit.sets.excess(np.full(len(each), i), each) + radius
+                    outside = limit.sets.signed_distance(np.full(len(each), i), each) + radius
                     left.append(-float(outside.max()) / float(scale[i, 0]))
     for _, obstacle in scenario.known:
         kept = fleet.radii[:, None] + obstacle.deviation + r

@@ -32,7 +32,6 @@ from drake_rho.planning.programs.reduced import rows_of
 from drake_rho.planning.programs.rows import about
 from drake_rho.planning.scp.cutting_planes import CuttingPlanes
 from drake_rho.scenario.fields import FloatArray, IntArray
-from drake_rho.scenario.parts import Quantity
 
 _LEAST_CURVATURE = 1e-6
 """Least eigenvalue of the Hessian, over that of norm(u)², for which the minimum is computed."""
@@ -198,18 +197,6 @@ class Lagrangian:
         return float(np.linalg.norm(self._free.T @ gradient)) / size
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class _AtInstants(Margins):
-    """Margins equal to the error radii at given times, not to the greatest radii of steps."""
-
-    def at(self, quantity: Quantity, times: FloatArray) -> FloatArray:
-        """Return radii at times since the first knot [s]; for feedback, those of whole steps."""
-        if self.tube is None or quantity not in ("position", "velocity"):
-            return super().at(quantity, times)
-        radii: FloatArray = getattr(self.tube, quantity)(self.grid.start + times)
-        return radii
-
-
 def _at_instants(rows: HalfSpaces) -> HalfSpaces:
     """Return rows tightened by the error radii at their times, not by the planners' margins.
 
@@ -219,8 +206,7 @@ def _at_instants(rows: HalfSpaces) -> HalfSpaces:
     margins = getattr(constraint, "margins", None)
     if not isinstance(margins, Margins) or margins.tube is None:
         return rows
-    fields = (getattr(margins, field.name) for field in dataclasses.fields(Margins))
-    exact = _AtInstants(*fields)
+    exact = margins.pointwise
     if constraint.linearised:  # its quadratics are computed from its margins
         changes: dict[str, Any] = {"margins": exact}  # not all constraints have such a field
         changed = dataclasses.replace(constraint, **changes)

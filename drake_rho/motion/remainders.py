@@ -71,7 +71,7 @@ def _without_rounding(fleet: Fleet, quantity: Quantity, values: FloatArray) -> F
         values = np.where(np.abs(values - nearest) <= bounds.tolerances, nearest, values)
     for limit in fleet.norms.values():
         if limit.kind.quantity == quantity:
-            excess = limit.sets.excess(np.arange(len(values)), values)
+            excess = limit.sets.signed_distance(np.arange(len(values)), values)
             satisfied = excess <= limit.sets.tolerances
             values = np.where(satisfied[:, None], limit.sets.nearest(values), values)
     return values

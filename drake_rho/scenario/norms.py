@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from drake_rho.scenario.convex_sets import Balls, ConvexSets, UprightCones, tolerances_of
+from drake_rho.scenario.convex_sets import Balls, Cones, ConvexSets, tolerances_of
 from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.limits import GRAVITY
@@ -76,7 +76,7 @@ class Inclination(Kind):
         angles: FloatArray = np.arctan2(np.hypot(x[..., 0], x[..., 1]), x[..., 2])
         return angles
 
-    def sets(self, most: FloatArray, scale: FloatArray) -> UprightCones:
+    def sets(self, most: FloatArray, scale: FloatArray) -> Cones:
         """Return upright cones; angles of pi stand for no limit.
 
         For its tolerance, the width of a cone is that at the thrust of hovering.
@@ -84,7 +84,7 @@ class Inclination(Kind):
         apexes = np.tile(self.origin, (len(most), 1))
         angles = np.minimum(most, np.pi)
         widths = float(np.linalg.norm(self.origin)) * np.tan(angles)
-        return UprightCones(apexes, tolerances_of(widths, apexes, scale), angles)
+        return Cones(apexes, tolerances_of(widths, apexes, scale), angles)
 
 
 _FREE_FALL = np.array([0.0, 0.0, -GRAVITY])
@@ -123,7 +123,8 @@ class NormLimit:
         Raises:
             ScenarioError: a value violates the limit.
         """
-        outside = self.sets.excess(np.arange(len(values)), values) > self.sets.tolerances
+        distances = self.sets.signed_distance(np.arange(len(values)), values)
+        outside = distances > self.sets.tolerances
         if np.any(outside):
             i = int(np.argmax(outside))
             found = float(self.kind.measured(values[i]))

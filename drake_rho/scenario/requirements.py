@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, Self
 import numpy as np
 from pydantic import BeforeValidator, model_validator
 
+from drake_rho.scenario.convex_sets import Balls, ConvexSets, Each
 from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.fields import (
     Finite,
@@ -24,6 +25,7 @@ from drake_rho.scenario.limits import GRAVITY
 from drake_rho.scenario.parts import UNITS, Grid, Quantity
 from drake_rho.scenario.sets import AnySet, is_own
 from drake_rho.scenario.shapes.base import TOLERANCE
+from drake_rho.scenario.shapes.quadrics import Sphere
 from drake_rho.scenario.times import EXACT, Clock
 from drake_rho.scenario.tracks import Track
 
@@ -212,6 +214,15 @@ class KeepIn:
         tolerances: FloatArray = TOLERANCE * np.clip(size, _LEAST * scales, scales)
         return np.maximum(tolerances, errors) if self.of == "position" else tolerances
 
+    def sets(self, fleet: Fleet, names: Sequence[str]) -> ConvexSets:
+        """Return the set for every vehicle; tolerances of others than members are 0."""
+        tolerances, count = np.zeros(len(names)), len(names)
+        tolerances[self.members(names)] = self.tolerances(fleet, names)
+        if isinstance(self.set, Sphere) and self.track is None:
+            center = self.set.center + self.offset(np.zeros(1))
+            return Balls(np.tile(center, (count, 1)), tolerances, np.full(count, self.set.radius))
+        return Required(np.zeros((count, 3)), tolerances, self.set, requirement=self)
+
     def of_vehicles(self, names: Sequence[str]) -> Self | None:
         """Return the requirement for some vehicles; None if it does not apply to them alone."""
         if self.leader is not None and self.leader not in names:
@@ -234,6 +245,35 @@ class KeepIn:
         if isinstance(relative_to, Track):
             relative_to = unchecked(relative_to, times=read_only(relative_to.times - grid.start))
         return unchecked(self, active=active, relative_to=relative_to)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Required(Each):
+    """Set of a requirement, which moves with the requirement's track."""
+
+    requirement: KeepIn = dataclasses.field(kw_only=True)
+    """requirement on a clock that is 0 at the first knot"""
+
+    def offset(
+        self, times: FloatArray, *, before: bool = False, clock: Clock = EXACT
+    ) -> FloatArray:
+        """Return the track's values at times since the first knot [s], shape (R, 3)."""
+        return self.requirement.offset(times, before=before, clock=clock)
+
+    @property
+    def corners(self) -> FloatArray:
+        """Times since the first knot at which the track turns [s], ascending."""
+        return np.zeros(0) if self.requirement.track is None else self.requirement.track.times
+
+    @property
+    def jumps(self) -> bool:
+        """Whether the track's velocity is what values are relative to."""
+        return self.requirement.track is not None and self.requirement.of == "velocity"
+
+    @property
+    def deviation(self) -> float:
+        """Deviation of the track [m]."""
+        return self.requirement.deviation
 
 
 def linked_groups(requirements: Sequence[KeepIn], names: Sequence[str], grid: Grid) -> IntArray:

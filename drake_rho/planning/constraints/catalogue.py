@@ -9,12 +9,10 @@ from drake_rho.planning.constraints.base import Constraint
 from drake_rho.planning.constraints.boxes import boxes_of
 from drake_rho.planning.constraints.convex_obstacles import KeepOutOfShape
 from drake_rho.planning.constraints.keep_out import EvaluationPoints
+from drake_rho.planning.constraints.limits import norms_of, requirements_of, waypoints_of
 from drake_rho.planning.constraints.maps import KeepOutOfMap
 from drake_rho.planning.constraints.margins import PlanMargins
-from drake_rho.planning.constraints.norms import norms_of
 from drake_rho.planning.constraints.obstacles import KeepOutOfObstacle
-from drake_rho.planning.constraints.requirements import requirements_of
-from drake_rho.planning.constraints.waypoints import waypoints_of
 from drake_rho.scenario.kinds import BOXES
 from drake_rho.scenario.maps.parts import Parts
 from drake_rho.scenario.norms import NORMS

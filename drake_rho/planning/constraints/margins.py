@@ -52,16 +52,27 @@ class Margins:
         at_knot = Clock.of(self.grid.step).same(times, self.grid.step * k)
         return np.where(at_knot, knots[k], steps[np.minimum(k, len(steps) - 1)])
 
-    def position_radius(self, times: FloatArray) -> FloatArray:
-        """Return position radii [m] at times since the first knot [s] of any shape."""
-        if self.tube is None:
-            return self.at("position", times)
-        return self.tube.position(self.grid.start + times)
-
     @cached_property
     def largest(self) -> float:
         """Largest margin of the position [m]."""
         return float(self.steps["position"].max())
+
+    @cached_property
+    def pointwise(self) -> Margins:
+        """Radii of the same tube at the instants themselves, not the largest in their steps."""
+        return PointMargins(self.grid, self.steps, self.knots, self.tube)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class PointMargins(Margins):
+    """Radii of an error tube at each instant; for feedback, those of whole steps."""
+
+    def at(self, quantity: Quantity, times: FloatArray) -> FloatArray:
+        """Return radii at times since the first knot [s] of any shape, in the quantity's unit."""
+        if self.tube is None or quantity not in ("position", "velocity"):
+            return super().at(quantity, times)
+        radii: FloatArray = getattr(self.tube, quantity)(self.grid.start + times)
+        return radii
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

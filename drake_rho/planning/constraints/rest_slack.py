@@ -75,7 +75,7 @@ def _limits(scenario: Scenario, radii: dict[Quantity, FloatArray]) -> Iterator[T
             yield TighteningSlack(name, _WHERE, quantity, available, needed, tolerances)
         for limit in fleet.norms.values():
             if limit.kind.quantity == quantity:
-                available = -limit.sets.excess(np.arange(len(values)), values)
+                available = -limit.sets.signed_distance(np.arange(len(values)), values)
                 name, tolerances = limit.kind.name, limit.sets.tolerances
                 yield TighteningSlack(name, _WHERE, quantity, available, needed, tolerances)
 

@@ -9,13 +9,7 @@ or two averages, and conservative with three.
 
 from __future__ import annotations
 
-import dataclasses
-
-import numpy as np
-
-from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.records import Scenario
-from drake_rho.scenario.sets import ConvexSet
 
 
 def jerk_factor(scenario: Scenario) -> float | None:
@@ -26,25 +20,3 @@ def jerk_factor(scenario: Scenario) -> float | None:
     """
     smoothing = scenario.smoothing
     return None if smoothing is None else smoothing.width / scenario.grid.step
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class Scaled:
-    """Convex set times a positive factor."""
-
-    own: ConvexSet
-    """the set"""
-    factor: float
-    """factor of its values"""
-
-    def support(self, n: FloatArray, /) -> FloatArray:
-        """Return the largest n · x of all x in the set, shape (...)."""
-        return np.asarray(self.factor * self.own.support(n))
-
-    def signed_distance(self, x: FloatArray, /) -> FloatArray:
-        """Return distances from the boundary, at most 0 for x in the set, shape (...)."""
-        return np.asarray(self.factor * self.own.signed_distance(x / self.factor))
-
-    def outward(self, x: FloatArray, /) -> FloatArray:
-        """Return unit vectors that point away from the set, shape (..., 3)."""
-        return np.asarray(self.own.outward(x / self.factor))

@@ -165,7 +165,7 @@ def _limit_slacks(scenario: Scenario, margins: Margins) -> Iterator[TighteningSl
                 )
     for number, waypoints in enumerate(fleet.waypoints, start=1):
         times = np.where(waypoints.present, waypoints.times - scenario.grid.start, 0.0)
-        needed = np.where(waypoints.present, margins.position_radius(times), 0.0)
+        needed = np.where(waypoints.present, margins.pointwise.at("position", times), 0.0)
         tolerances = waypoints.tolerances(fleet.scale("position"))
         name = f"waypoint {number}"
         yield TighteningSlack(name, "middle", "position", waypoints.within, needed, tolerances)
@@ -191,7 +191,7 @@ def _state_slacks(scenario: Scenario, margins: Margins, end: int) -> Iterator[Ti
             )
         for limit in fleet.norms.values():
             if limit.kind.quantity == quantity:
-                available = -limit.sets.excess(np.arange(len(values)), values)
+                available = -limit.sets.signed_distance(np.arange(len(values)), values)
                 tolerances = limit.sets.tolerances
                 yield TighteningSlack(
                     limit.kind.name, ENDS[end], quantity, available, needed, tolerances

@@ -26,7 +26,7 @@ def worst_instants(
     states: tuple[FloatArray, FloatArray, FloatArray],
     step: float,
     pieces: FloatArray,
-    distance: Callable[[FloatArray, FloatArray], FloatArray],
+    distance: Callable[[IntArray, FloatArray, FloatArray], FloatArray],
     margins: FloatArray,
     thresholds: FloatArray,
     vehicles: IntArray,
@@ -38,8 +38,8 @@ def worst_instants(
             of shape (M, K-1, 3), in SI units.
         step: duration of a step [s].
         pieces: beginnings and ends of pieces of time, each in one step [s], shape (J, 2).
-        distance: convex and 1-Lipschitz function of positions (..., 3), with values of shape
-            (...), at times (...), between which it moves linearly in each piece.
+        distance: convex and 1-Lipschitz function of positions (P, S, 3), with values of shape
+            (P, S), of P vehicles at times (P, S), between which it moves linearly in each piece.
         margins: margin in each piece, shape (J,).
         thresholds: largest allowed value of each motion, above 0, shape (M,).
         vehicles: index of the vehicle of each motion, ascending, shape (M,).
@@ -57,7 +57,7 @@ def worst_instants(
         k = steps[j]
         s = (times - (step * k)[:, None])[..., None]
         x = p[m, k, None] + s * (v[m, k, None] + s / 2.0 * a[m, k, None])
-        return np.asarray(distance(x, times)) + margins[j, None]
+        return distance(vehicles[m], x, times) + margins[j, None]
 
     each, ends = np.arange(len(piece)), pieces[piece]
     bends, least = np.linalg.norm(a[which, steps[piece]], axis=1), thresholds[which]

@@ -21,7 +21,7 @@ from scipy.sparse import bsr_array, csc_array, csc_matrix, eye_array, hstack, kr
 
 from drake_rho.motion.dynamics import Motion
 from drake_rho.planning.constraints.base import HalfSpaces
-from drake_rho.planning.constraints.convex_sets import KeepInSets
+from drake_rho.planning.constraints.keep_in import KeepInSets
 from drake_rho.planning.minimum_effort import MinimumEffort
 from drake_rho.planning.programs.backend import Backend
 from drake_rho.planning.programs.dense import add_rows
@@ -213,10 +213,10 @@ class Cones:
     @classmethod
     def of(cls, constraint: KeepInSets, motion: Motion, group: IntArray) -> Self:
         """Return the cones of some vehicles at all instants of the constraint."""
-        required = constraint.required_values(motion, group)
-        matrices, constants = constraint.sets.cones(required.vehicles)
+        kept = constraint.values(motion, group)
+        matrices, constants = constraint.sets.cones(kept.vehicles)
         limited = np.isfinite(constants)
-        vehicles, times = required.vehicles[limited], required.times[limited]
+        vehicles, times = kept.vehicles[limited], kept.times[limited]
         constants = constants[limited] - constraint.margin(times)
         return cls(constraint, vehicles, times, matrices[limited], constants)
 
@@ -304,5 +304,7 @@ class Cones:
         sizes = np.linalg.norm(inward, axis=1)
         active = np.flatnonzero(sizes > _INACTIVE * sizes.max(initial=0.0))
         outward = -inward[active] / sizes[active, None]
-        rows = self.constraint.rows(self.vehicles[active], self.times[active], outward)
+        times = self.times[active]
+        places = self.constraint.sets.offset(times)
+        rows = self.constraint.rows(self.vehicles[active], times, outward, places)
         return rows, sizes[active] * lengths[::3][active]

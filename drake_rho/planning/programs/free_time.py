@@ -21,8 +21,7 @@ import numpy as np
 from drake_rho.motion.dynamics import Motion, roll_out
 from drake_rho.planning.constraints.base import Constraint, HalfSpaces
 from drake_rho.planning.constraints.boxes import KeepInBox
-from drake_rho.planning.constraints.convex_sets import KeepInSets
-from drake_rho.planning.constraints.requirements import KeepInSet
+from drake_rho.planning.constraints.keep_in import KeepInSets
 from drake_rho.planning.minimum_effort import TerminalState
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs.backend import Backend
@@ -54,7 +53,8 @@ class FreeTimePrograms:
     """Programs of one problem with a free final time.
 
     Boxes of velocities, accelerations and jerks enter at all knots, norms and waypoints with given
-    times as cones, and other constraints as the rows passed to `solve`.
+    times as cones, required velocities and accelerations as cones or boxes around their sets, and
+    other constraints as the rows passed to `solve`.
 
     Args:
         problem: the problem, on a grid with the step h0.
@@ -68,16 +68,14 @@ class FreeTimePrograms:
         group, motion = np.arange(len(problem)), problem.effort.motion
         boxes = [each for each in problem.convex if isinstance(each, KeepInBox)]
         self._boxes = [each.every_row(motion) for each in boxes if each.quantity != "position"]
-        sets = [each for each in problem.convex if isinstance(each, KeepInSets)]
+        self._cones = list[Cones]()
         for each in problem.convex:
-            if not isinstance(each, KeepInSet) or not each.is_own_rate:
+            if not isinstance(each, KeepInSets) or not (each.as_cone or each.is_own_rate):
                 continue
-            if (norm := each.as_norm()) is not None:
-                sets.append(norm)
-            elif len(faces := each.faces()) > 0:
+            if len(cones := Cones.of(each, motion, group)) > 0:
+                self._cones.append(cones)
+            elif not each.as_cone and len(faces := each.faces()) > 0:
                 self._boxes.append(faces)
-        cones = [Cones.of(each, motion, group) for each in sets]
-        self._cones = [each for each in cones if len(each) > 0]
         self._unit = self._limit() or float(problem.effort.units.max())
 
     @property

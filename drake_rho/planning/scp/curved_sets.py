@@ -8,7 +8,7 @@ import numpy as np
 
 from drake_rho.motion.dynamics import Motion
 from drake_rho.planning.constraints.base import Constraint, HalfSpaces
-from drake_rho.planning.constraints.convex_sets import KeepInSets
+from drake_rho.planning.constraints.keep_in import KeepInSets
 from drake_rho.planning.programs.conic import ConicPrograms
 from drake_rho.scenario.fields import BoolArray, IntArray
 
@@ -44,7 +44,7 @@ class CurvedSets:
         """Register further constraints."""
         for each in constraints:
             self.soft |= bool(np.isfinite(each.penalty))
-            if isinstance(each, KeepInSets):
+            if isinstance(each, KeepInSets) and each.as_cone:
                 self.sets.append(each)
 
     def planes_to_add(self, rows: HalfSpaces, motion: Motion) -> HalfSpaces:

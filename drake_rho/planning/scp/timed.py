@@ -14,7 +14,6 @@ from drake_rho.motion.plan import Plan
 from drake_rho.motion.smooth import response_of
 from drake_rho.planning.constraints.base import Constraint, HalfSpaces
 from drake_rho.planning.constraints.boxes import KeepInBox
-from drake_rho.planning.constraints.convex_sets import KeepInSets
 from drake_rho.planning.constraints.coupling import coupled
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs.free_times import FreeTime, Passing
@@ -92,7 +91,7 @@ class Timed:
         """Waypoints of `passing_averaged`, tightened by the margins for a disturbance."""
         margins, passing = self.problem.margins, self.passing_averaged
         own = margins.steps if margins.convex is None else margins.convex
-        radii = own.position_radius(passing.times)
+        radii = own.pointwise.at("position", passing.times)
         return dataclasses.replace(passing, within=passing.within - radii)
 
     @property
@@ -157,8 +156,7 @@ class Timed:
         return [
             each
             for each in self.problem.linearized(reference, coupled)
-            if not isinstance(each, KeepInSets)
-            and (not isinstance(each, KeepInBox) or each.quantity == "position")
+            if not each.as_cone and (not isinstance(each, KeepInBox) or each.quantity == "position")
         ]
 
     def after(self, found: FreeTime, rows: Sequence[HalfSpaces]) -> Timed:

@@ -135,9 +135,7 @@ class Cone:
     def signed_distance(self, x: FloatArray) -> FloatArray:
         """Return distances of x (..., 3) from the surface, negative inside, shape (...)."""
         beside, up, _ = self._parts(x)
-        sine, cosine = np.sin(self.half_angle), np.cos(self.half_angle)
-        nearest = self._nearest_is_apex(beside, up)
-        return np.where(nearest, np.hypot(beside, up), beside * cosine - up * sine)
+        return distance_from_cone(beside, up, self.half_angle)
 
     def outward(self, x: FloatArray) -> FloatArray:
         """Return normals of the surface; directions from the apex where that is nearest, (..., 3).
@@ -145,12 +143,7 @@ class Cone:
         On the axis, the normal is one of several that are as near.
         """
         beside, up, sideways = self._parts(x)
-        sine, cosine = np.sin(self.half_angle), np.cos(self.half_angle)
-        length = np.hypot(beside, up)
-        nearest = self._nearest_is_apex(beside, up) & (length > 0.0)
-        scale = np.where(length > 0.0, length, 1.0)
-        level = np.where(nearest, beside / scale, cosine)
-        along = np.where(nearest, up / scale, -sine)
+        level, along = outward_of_cone(beside, up, self.half_angle)
         outward: FloatArray = level[..., None] * sideways + along[..., None] * self._along
         return outward
 
@@ -166,8 +159,37 @@ class Cone:
         )
         return beside, up, sideways
 
-    def _nearest_is_apex(self, beside: FloatArray, up: FloatArray) -> BoolArray:
-        """Return for which points the apex is the nearest point of the cone."""
-        sine, cosine = np.sin(self.half_angle), np.cos(self.half_angle)
-        behind: BoolArray = (up < 0.0) & (beside * sine + up * cosine <= 0.0)
-        return behind
+
+def distance_from_cone(beside: FloatArray, up: FloatArray, angle: npt.ArrayLike) -> FloatArray:
+    """Return distances from the surfaces of cones, negative inside, shape (...).
+
+    Args:
+        beside: distances of points from the axis, shape (...).
+        up: their heights above the apex, along the axis, shape (...).
+        angle: half-angles of the cones [rad], broadcast to (...).
+    """
+    from_side = beside * np.cos(angle) - up * np.sin(angle)
+    return np.where(_is_nearest_to_apex(beside, up, angle), np.hypot(beside, up), from_side)
+
+
+def outward_of_cone(
+    beside: FloatArray, up: FloatArray, angle: npt.ArrayLike
+) -> tuple[FloatArray, FloatArray]:
+    """Return the parts across and along the axis of outward unit vectors, of shape (...) each.
+
+    Args:
+        beside: distances of points from the axis, shape (...).
+        up: their heights above the apex, along the axis, shape (...).
+        angle: half-angles of the cones [rad], broadcast to (...).
+    """
+    length = np.hypot(beside, up)
+    from_apex = _is_nearest_to_apex(beside, up, angle) & (length > 0.0)
+    scale = np.where(length > 0.0, length, 1.0)
+    across = np.where(from_apex, beside / scale, np.cos(angle))
+    return across, np.where(from_apex, up / scale, -np.sin(angle))
+
+
+def _is_nearest_to_apex(beside: FloatArray, up: FloatArray, angle: npt.ArrayLike) -> BoolArray:
+    """Return for which points the apex is the nearest point of the cone."""
+    behind: BoolArray = (up < 0.0) & (beside * np.sin(angle) + up * np.cos(angle) <= 0.0)
+    return behind

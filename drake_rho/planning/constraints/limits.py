@@ -1,0 +1,159 @@
+"""Keep-in constraints of a scenario: limits on norms, waypoints, requirements."""
+
+from __future__ import annotations
+
+import sys
+
+import numpy as np
+
+from drake_rho.planning.constraints.base import END_MARGIN, constrained_knots
+from drake_rho.planning.constraints.keep_in import KeepInSets
+from drake_rho.planning.constraints.margins import Margins, PlanMargins
+from drake_rho.planning.constraints.smooth_jerks import jerk_factor
+from drake_rho.scenario.fields import FloatArray
+from drake_rho.scenario.norms import NORMS
+from drake_rho.scenario.parts import Grid
+from drake_rho.scenario.records import Scenario
+from drake_rho.scenario.requirements import KeepIn
+
+_ACCEPTED = 0.25
+"""Violation of a requirement, in tolerances, up to which no row is added. Each round quarters the
+violation of a set with a curved surface, at the knots and again between them, and linked vehicles
+need many rounds."""
+
+
+def norms_of(scenario: Scenario, margins: PlanMargins) -> list[KeepInSets]:
+    """Return the limits on norms of all vehicles, imposed at the knots.
+
+    Velocities are linear between knots, accelerations constant, and jerks are their changes at the
+    knots. A motion that is in a convex set at all knots is therefore in it at every instant. The
+    first and the last velocity are not constrained, since start and goal fix them.
+    """
+    norms = list[KeepInSets]()
+    for norm in NORMS:
+        if norm not in scenario.fleet.norms:
+            continue
+        limit = scenario.fleet.norms[norm]
+        quantity = limit.kind.quantity
+        factor = jerk_factor(scenario) if quantity == "jerk" else None
+        own, pieces = margins.of(quantity)
+        times = own.grid.elapsed[constrained_knots(quantity)]
+        first = int(quantity == "velocity")
+        norms.append(
+            KeepInSets(
+                kind=norm,
+                key=norm,
+                name=limit.kind.name,
+                quantity=quantity,
+                sets=limit.sets if factor is None else limit.sets.scaled(factor),
+                members=np.arange(len(scenario.vehicles)),
+                per_width=factor is not None,
+                times=times,
+                knots=slice(first, first + len(times)),
+                margins=own,
+                roundings=np.zeros(len(scenario.vehicles)),
+                pieces=pieces,
+            )
+        )
+    return norms
+
+
+def waypoints_of(scenario: Scenario, margins: PlanMargins) -> list[KeepInSets]:
+    """Return the waypoints of all vehicles: the k-th of every vehicle with at least k of them.
+
+    A waypoint is a ball of positions at one time, which need not be a knot's. If it is to be passed
+    exactly the radius is zero, which needs no special treatment: the boundary of every half-space
+    that a motion violates contains the waypoint. With a smoothing the ball is one of averaged
+    positions, which are linear in the accelerations too.
+    """
+    fleet = scenario.fleet
+    scale, own = fleet.scale("position"), margins.convex or margins.steps
+    return [
+        KeepInSets(
+            kind="waypoints",
+            key=("waypoint", index),
+            name=f"waypoint {index + 1}",
+            quantity="position",
+            sets=waypoints.balls(scale),
+            members=np.arange(len(scenario.vehicles)),
+            roundings=fleet.coordinate_errors,
+            times=scenario.grid.since_start(waypoints.times)[:, None],
+            averaged=scenario.smoothing,
+            margins=own.pointwise,
+        )
+        for index, waypoints in enumerate(fleet.waypoints)
+    ]
+
+
+def requirements_of(scenario: Scenario, margins: PlanMargins) -> list[KeepInSets]:
+    """Return the constraints of all requirements, except those that have ended."""
+    found, names, grid = list[KeepInSets](), scenario.names, scenario.grid
+    local = grid.beginning_at(0.0)
+    for number, asked in enumerate(scenario.requirements, start=1):
+        each = asked.since(grid).longer(scenario.lead)
+        if (interval := each.interval(local)) is None:
+            continue
+        own, quantity = margins.of(each.quantity)[0], each.quantity
+        factor = jerk_factor(scenario) if quantity == "jerk" else None
+        sets, every_instant = each.sets(scenario.fleet, names), scenario.between_knots
+        times = _instants(each, interval, local, own, every_instant=every_instant)
+        if factor is not None:  # jerks of averages are those at knots
+            times = times[grid.clock.within(times, interval)]
+        found.append(
+            KeepInSets(
+                kind="requirements",
+                key=("requirement", number),
+                name=asked.called(number),
+                quantity=quantity,
+                active=None if each.active is None else interval,
+                clock=grid.clock,
+                sets=sets if factor is None else sets.scaled(factor),
+                members=each.members(names),
+                per_width=factor is not None,
+                partner=each.partner(names),
+                coupled=each.leader is not None,
+                times=times,
+                margins=own,
+                roundings=scenario.fleet.coordinate_errors * (quantity == "position"),
+                as_cone=False,
+                threshold=_ACCEPTED,
+                searches=sys.maxsize * (quantity == "position" and every_instant),
+            )
+        )
+    return found
+
+
+def _instants(
+    each: KeepIn,
+    interval: tuple[float, float],
+    grid: Grid,
+    margins: Margins,
+    *,
+    every_instant: bool,
+) -> FloatArray:
+    """Return the times of a requirement's rows that are not searched for, (T,).
+
+    Accelerations have one time for each step that meets the interval. So have jerks, which are
+    changes at the beginnings of steps, and one at the last knot. Velocities are linear in a step,
+    so that the ends of the interval and corners of the track suffice beside the knots. The states
+    at the first and the last knot are given.
+
+    Args:
+        each: requirement on a clock that is 0 at the first knot.
+        interval: its first and last active time on that clock [s].
+        grid: grid of the plan on that clock.
+        margins: margins of its values.
+        every_instant: whether it applies at every instant, not at the knots only.
+    """
+    (first, last), h, clock = interval, grid.step, grid.clock
+    if each.quantity in ("acceleration", "jerk"):
+        begins = grid.elapsed[constrained_knots(each.quantity)]
+        return np.asarray(begins[clock.meets(begins, begins + h, interval)])
+    knots = margins.grid.elapsed if every_instant else grid.elapsed
+    times = knots[clock.within(knots, interval)]
+    if every_instant or first == last:
+        corners = np.append(each.corners, interval)
+        corners = corners[(corners >= first) & (corners <= last)]
+        times = np.union1d(times, clock.apart(corners, knots))
+    near = END_MARGIN * h
+    return np.asarray(times[(times > near) & (times < grid.duration - near)])
