@@ -152,7 +152,7 @@ def _flown(rng: np.random.Generator, horizon: rho.RecedingHorizon, seed: int) ->
             break
     windows = horizon.windows
     promised = _promised(windows)
-    broken = [fault for window in promised if (fault := _fault(window))]
+    broken = [fault for each in promised if (fault := _fault(*each))]
     return Loop(
         seed,
         len(windows),
@@ -165,33 +165,40 @@ def _flown(rng: np.random.Generator, horizon: rho.RecedingHorizon, seed: int) ->
     )
 
 
-def _promised(windows: Sequence[rho.Window]) -> list[rho.Window]:
-    """Return the windows whose plans are said to hold: a rest of a plan holds if the plan does."""
-    found, holds = list[rho.Window](), True
+def _promised(windows: Sequence[rho.Window]) -> list[tuple[rho.Window, rho.Plan]]:
+    """Return the windows whose plans are said to hold, each with the plan that its own is part of.
+
+    A rest of a plan holds if the plan does, with the tolerances of the plan.
+    """
+    found, holds, whole = list[tuple[rho.Window, rho.Plan]](), True, windows[0].plan
     for window in windows:
         holds = not window.infeasible or window.stopping or (window.kept and holds)
+        whole = whole if window.kept else window.plan
         if holds:
-            found.append(window)
+            found.append((window, whole))
     return found
 
 
-def _fault(window: rho.Window) -> str:
+def _fault(window: rho.Window, whole: rho.Plan) -> str:
     """Return what a window's plan violates, though it says that it holds; empty if nothing."""
     if window.off_tube or window.not_avoided:
         return ""
-    plan = _of_known(window.plan)
+    plan = _of_known(whole, window.plan.scenario.grid.start)
     found = [each.what for each in rho.verify(plan).checks if each.asked and not each.holds]
     if not found and plan.scenario.smoothing is None:
         found = violations(plan)
-    if window.stopping:  # a contingency promises neither goals nor waypoints
-        found = [each for each in found if "goal" not in each and "waypoint" not in each]
+    if window.stopping:  # a contingency promises nothing that belongs to the mission
+        asked = enumerate(plan.scenario.requirements, start=1)
+        timed = [each.called(number) for number, each in asked if each.active is not None]
+        mission = "goal", "waypoint", *timed
+        found = [each for each in found if not any(word in each for word in mission)]
     return found[0] if found else ""
 
 
-def _of_known(plan: rho.Plan) -> rho.Plan:
-    """Return a window's plan as one of the scenario with the obstacles known when it begins."""
+def _of_known(plan: rho.Plan, time: float) -> rho.Plan:
+    """Return a plan as one of the scenario with the obstacles known at a time."""
     scenario = plan.scenario
-    known = tuple(each for each in scenario.bodies if each.known_from <= scenario.grid.start)
+    known = tuple(each for each in scenario.bodies if each.known_from <= time)
     return dataclasses.replace(plan, scenario=unchecked(scenario, obstacles=known))
 
 
