@@ -16,6 +16,7 @@ from scipy.optimize import minimize
 
 import drake_rho as rho
 from drake_rho.motion.dynamics import Motion, response
+from drake_rho.planning.constraints.base import about
 from drake_rho.planning.constraints.close_pairs import pairs_within
 from drake_rho.planning.constraints.coupling import coupled, decoupled
 from drake_rho.planning.minimum_effort import MinimumEffort
@@ -23,7 +24,6 @@ from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs import reduced as program
 from drake_rho.planning.programs import solve
 from drake_rho.planning.programs.reduced import programs_of
-from drake_rho.planning.programs.rows import about
 from drake_rho.planning.scp.restoration import SoftRows
 from drake_rho.planning.scp.subproblem import Subproblem
 from tests.scenarios import (

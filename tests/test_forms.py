@@ -11,12 +11,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import drake_rho as rho
+from drake_rho.planning.constraints.base import about
 from drake_rho.planning.constraints.stretches import with_neighbours
 from drake_rho.planning.minimum_effort import MinimumEffort
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs import reduced as program
 from drake_rho.planning.programs.reduced import programs_of, rows_of
-from drake_rho.planning.programs.rows import about
 from drake_rho.planning.programs.solve import solve
 from drake_rho.planning.scp.cutting_planes import CuttingPlanes
 from drake_rho.planning.scp.subproblem import plan_around

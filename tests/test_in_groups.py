@@ -15,7 +15,7 @@ from scipy.optimize import lsq_linear
 
 import drake_rho as rho
 from drake_rho.motion.plan import Plan
-from drake_rho.planning.constraints.base import HalfSpaces
+from drake_rho.planning.constraints.base import HalfSpaces, about
 from drake_rho.planning.constraints.coupling import coupled, grouped
 from drake_rho.planning.errors import SolverError
 from drake_rho.planning.minimum_effort import MinimumEffort
@@ -27,7 +27,6 @@ from drake_rho.planning.programs.dense import add_rows
 from drake_rho.planning.programs.dual import multipliers_of
 from drake_rho.planning.programs.group_duals import GroupDuals
 from drake_rho.planning.programs.reduced import rows_of
-from drake_rho.planning.programs.rows import Rows
 from drake_rho.planning.scp.fleet_improvement import AroundReferences
 from drake_rho.planning.scp.group_references import InGroups
 from drake_rho.planning.scp.groups import groups_with_multipliers
@@ -122,7 +121,7 @@ def _rows(scenario: rho.Scenario, reference: Plan) -> list[HalfSpaces]:
 
 def _by_drake(effort: MinimumEffort, everyone: IntArray, rows: list[HalfSpaces]) -> float:
     """Return the cost of the same program, accelerations and goals written out, by Clarabel."""
-    parts = [Rows.of(part, effort.motion) for part in rows]
+    parts = about(effort.motion, rows)
     matrix, needed, penalties = rows_of(effort.changes, everyone, parts)
     program = MathematicalProgram()
     x = program.NewContinuousVariables(matrix.shape[1])
@@ -213,7 +212,7 @@ def test_soft_rows_are_violated_where_that_costs_less(scenario: rho.Scenario, fi
     pressures = np.concatenate([multipliers for _, multipliers in hard.active_rows()])
     penalty = float(np.median(pressures))
     soft = [
-        dataclasses.replace(part, constraint=dataclasses.replace(part.constraint, penalty=penalty))
+        dataclasses.replace(part, form=dataclasses.replace(part.constraint, penalty=penalty))
         for part in rows
     ]
     program = GroupDuals(effort, np.zeros(len(scenario.vehicles), dtype=int))
@@ -233,7 +232,7 @@ def test_rows_fixed_by_the_goal_are_left_out(scenario: rho.Scenario, first: Plan
     box_rows = rows[0]
     at_goal = dataclasses.replace(
         box_rows.select(slice(1)),
-        constraint=dataclasses.replace(box_rows.constraint, quantity="position"),
+        form=dataclasses.replace(box_rows.constraint, quantity="position"),
         times=np.array([scenario.grid.duration]),
         bounds=np.array([1e3]),
     )

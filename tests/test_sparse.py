@@ -9,14 +9,13 @@ import pytest
 
 import drake_rho as rho
 from drake_rho.motion.dynamics import Motion
-from drake_rho.planning.constraints.base import HalfSpaces
+from drake_rho.planning.constraints.base import HalfSpaces, about
 from drake_rho.planning.constraints.boxes import KeepInBox, boxes_of
 from drake_rho.planning.constraints.coupling import coupled
 from drake_rho.planning.constraints.margins import margins_of
 from drake_rho.planning.minimum_effort import MinimumEffort
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs.reduced import rows_of
-from drake_rho.planning.programs.rows import about
 from drake_rho.planning.programs.sparse import SparseRows
 from tests.scenarios import box, fleet
 from tests.tolerances import ROUNDING

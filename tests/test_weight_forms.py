@@ -14,7 +14,7 @@ from pydrake.solvers import ClarabelSolver, MathematicalProgram
 import drake_rho as rho
 from drake_rho.motion.costs import cost_of
 from drake_rho.motion.dynamics import Motion
-from drake_rho.planning.constraints.base import HalfSpaces
+from drake_rho.planning.constraints.base import HalfSpaces, about
 from drake_rho.planning.constraints.coupling import CouplingName, coupled
 from drake_rho.planning.constraints.keep_in import KeepInSets
 from drake_rho.planning.minimum_effort import Changes
@@ -24,7 +24,6 @@ from drake_rho.planning.programs.backend import Backend, SolverName
 from drake_rho.planning.programs.conic import ConicPrograms
 from drake_rho.planning.programs.group_duals import GroupDuals
 from drake_rho.planning.programs.parallel import solve_all
-from drake_rho.planning.programs.rows import about
 from drake_rho.planning.scp import curved_sets
 from drake_rho.planning.scp.minimum_violation import minimum_violation
 from drake_rho.scenario.fields import FloatArray, IntArray
@@ -289,7 +288,7 @@ def test_every_form_finds_the_least_weighted_cost_with_its_penalties(
     for constraint in (*problem.convex, *pairs):
         rows = constraint.violated_rows(problem.effort.motion, np.arange(4))
         soft = dataclasses.replace(constraint, penalty=price)
-        parts += [dataclasses.replace(rows, constraint=soft)] if len(rows) > 0 else []
+        parts += [dataclasses.replace(rows, form=soft)] if len(rows) > 0 else []
     assert {part.constraint.coupled for part in parts} == {False, together}
     known, violated = written_out(problem, parts)
     least = cost_of(problem.scenario.fleet, problem.effort.motion.accelerations)

@@ -12,12 +12,11 @@ from hypothesis import strategies as st
 
 import drake_rho as rho
 from drake_rho.motion.dynamics import Motion
-from drake_rho.planning.constraints.base import Constraint, HalfSpaces
+from drake_rho.planning.constraints.base import Constraint, HalfSpaces, about
 from drake_rho.planning.constraints.coupling import coupled
 from drake_rho.planning.minimum_effort import MinimumEffort
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs.reduced import rows_of
-from drake_rho.planning.programs.rows import about
 from drake_rho.planning.scp.cutting_planes import CuttingPlanes
 from drake_rho.planning.scp.subproblem import Subproblem
 from drake_rho.planning.scp.working_set import RowKeys, WorkingSet

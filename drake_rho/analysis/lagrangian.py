@@ -25,11 +25,10 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve, eigvalsh, null_space
 from scipy.sparse import csc_array, vstack
 
-from drake_rho.planning.constraints.base import HalfSpaces, Quadratic
+from drake_rho.planning.constraints.base import HalfSpaces, Quadratic, about
 from drake_rho.planning.constraints.margins import Margins
 from drake_rho.planning.minimum_effort import MinimumEffort
 from drake_rho.planning.programs.reduced import rows_of
-from drake_rho.planning.programs.rows import about
 from drake_rho.planning.scp.cutting_planes import CuttingPlanes
 from drake_rho.scenario.fields import FloatArray, IntArray
 
@@ -210,7 +209,7 @@ def _at_instants(rows: HalfSpaces) -> HalfSpaces:
     if constraint.linearised:  # its quadratics are computed from its margins
         changes: dict[str, Any] = {"margins": exact}  # not all constraints have such a field
         changed = dataclasses.replace(constraint, **changes)
-        return dataclasses.replace(rows, constraint=changed)
+        return dataclasses.replace(rows, form=changed)
     more = margins.at(constraint.quantity, rows.times) - exact.at(constraint.quantity, rows.times)
     vehicles = 2.0 if constraint.coupled else 1.0
     return dataclasses.replace(rows, bounds=rows.bounds - vehicles * more)

@@ -7,15 +7,16 @@ with z divided by the downwash, in which the separation is a sphere.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from drake_rho.motion.dynamics import Motion, vectors_of
 from drake_rho.motion.extremes import lengths_of, nearest_moments
-from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
+from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.parts import Separation
+from drake_rho.system.table import Table
 from drake_rho.system.threads import thread_pool
 
 if TYPE_CHECKING:
@@ -37,7 +38,7 @@ are more candidate pairs."""
 
 
 @dataclasses.dataclass(frozen=True)
-class CloseApproaches:
+class CloseApproaches(Table):
     """Instants at which a vehicle is close to another vehicle or to a point."""
 
     one: IntArray
@@ -49,25 +50,9 @@ class CloseApproaches:
     distances: FloatArray
     """distances [m], shape (M,)"""
 
-    def __len__(self) -> int:
-        """Return the number of instants, M."""
-        return len(self.times)
-
-    @classmethod
-    def joined(cls, parts: Sequence[CloseApproaches]) -> CloseApproaches:
-        """Concatenate close approaches in the given order."""
-        arrays = zip(*((p.one, p.other, p.times, p.distances) for p in parts), strict=True)
-        return cls(*map(np.concatenate, arrays))
-
-    def select(self, which: BoolArray | IntArray | slice) -> CloseApproaches:
-        """Return a selection of the close approaches."""
-        return CloseApproaches(
-            self.one[which], self.other[which], self.times[which], self.distances[which]
-        )
-
-    def union(self, more: CloseApproaches) -> CloseApproaches:
+    def merged(self, more: CloseApproaches) -> CloseApproaches:
         """Return the union of both, sorted by pair and then by time, without duplicate instants."""
-        every = CloseApproaches.joined([self, more])
+        every = self.union(more)
         every = every.select(np.lexsort((every.times, every.other, every.one)))
         duplicate = np.diff(every.one, prepend=-1) == 0
         duplicate &= np.diff(every.other, prepend=-1) == 0

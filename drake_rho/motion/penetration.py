@@ -30,6 +30,7 @@ from drake_rho.scenario.obstacles import Obstacle
 from drake_rho.scenario.shapes.base import Solid
 from drake_rho.scenario.shapes.quadrics import Sphere
 from drake_rho.scenario.times import Clock
+from drake_rho.system.table import Table
 
 _PARTS = 8
 """Number of parts into which a piece is split."""
@@ -42,7 +43,7 @@ _PRECISION = 1e-3
 
 
 @dataclasses.dataclass(frozen=True)
-class Pieces:
+class Pieces(Table):
     """Pieces of relative motions: p + s v + s²/2 a for s from 0 to a piece's duration."""
 
     owners: IntArray
@@ -68,11 +69,6 @@ class Pieces:
         """Return positions [m], shape (M, 3), at times s [s] since each piece's beginning, (M,)."""
         positions: FloatArray = self.p + s[:, None] * (self.v + s[:, None] / 2 * self.a)
         return positions
-
-    def select(self, which: BoolArray | IntArray) -> Pieces:
-        """Return a selection of the pieces."""
-        fields = (getattr(self, field.name) for field in dataclasses.fields(self))
-        return Pieces(*(field[which] for field in fields))
 
 
 def pieces_near(motion: Motion, obstacle: Obstacle, within: FloatArray) -> Pieces:

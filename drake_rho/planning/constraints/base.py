@@ -11,17 +11,17 @@ import dataclasses
 import sys
 from collections.abc import Hashable, Iterable, Sequence
 from functools import cached_property
-from typing import Any, Self
+from typing import Self, cast
 
 import numpy as np
 
 from drake_rho.motion.dynamics import Motion
-from drake_rho.motion.smooth import SmoothMotion, response_of
+from drake_rho.motion.smooth import SmoothMotion
+from drake_rho.planning.constraints.rows import Form, Rows
 from drake_rho.planning.constraints.stretches import worst_of_pieces
 from drake_rho.scenario.clock import clock_time
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
-from drake_rho.scenario.parts import Grid, Quantity
-from drake_rho.scenario.smoothing import Smoothing
+from drake_rho.scenario.parts import Quantity
 from drake_rho.scenario.times import EXACT, Clock
 
 VIOLATED = 0.01
@@ -60,8 +60,8 @@ class Quadratic:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
-class Constraint(abc.ABC):
-    """Constraint on all vehicles, as programs and messages see it."""
+class Constraint(Form, abc.ABC):
+    """Constraint on all vehicles, as loops and messages see it; programs see its form only."""
 
     kind: str
     """kind of the requirement, one of `drake_rho.scenario.kinds.KINDS`"""
@@ -69,18 +69,10 @@ class Constraint(abc.ABC):
     """identifier, unique among the scenario's constraints and equal around every reference"""
     name: str
     """name in messages"""
-    quantity: Quantity
-    """quantity that the rows bound"""
-    penalty: float = np.inf
-    """cost per unit of violation of a row; infinite if rows must hold"""
     rounds: int = sys.maxsize
     """number of rounds that add violated rows at the knots; small while plans are intermediate"""
     searches: int = 0
     """number of searches for worst instants between knots; 0 if only knots can violate it"""
-    coupled: bool = False
-    """true if rows bound the difference to a partner, not the quantity of a single vehicle"""
-    curved: bool = False
-    """true if one instant may need several rows with different normals"""
     as_cone: bool = False
     """true if its sets can enter programs as second-order cones instead of rows"""
     linearised: bool = False
@@ -93,8 +85,6 @@ class Constraint(abc.ABC):
     """true if sides are numbers of a map's parts, which a motion meets one after the other"""
     clock: Clock = EXACT
     """clock by which instants are compared with the active interval"""
-    averaged: Smoothing | None = None
-    """moving averages of positions that rows bound, in place of positions; None for these"""
     per_width: bool = False
     """true if it bounds the jerk of averages: changes of acceleration over their width, which does
     not change with the step"""
@@ -129,7 +119,7 @@ class Constraint(abc.ABC):
 
     def renewed(self, rows: HalfSpaces) -> HalfSpaces:
         """Return rows of another reference, linearised around this constraint's own."""
-        return dataclasses.replace(rows, constraint=self)
+        return dataclasses.replace(rows, form=self)
 
     def bounds_at(self, rows: HalfSpaces, times: FloatArray) -> FloatArray:
         """Return the bounds of rows with the same normals at other times [s], shape (R,)."""
@@ -166,34 +156,14 @@ class Constraint(abc.ABC):
         return dataclasses.replace(self, penalty=penalty, searches=searches)
 
 
-@dataclasses.dataclass(frozen=True)
-class HalfSpaces:
-    """Rows normal · quantity(vehicle, time) >= bound of one constraint.
+@dataclasses.dataclass(frozen=True, eq=False)
+class HalfSpaces(Rows):
+    """Rows of one constraint."""
 
-    If the constraint couples vehicles, its rows bound the quantity of a vehicle minus that of its
-    partner.
-    """
-
-    constraint: Constraint
-    """constraint that the rows belong to"""
-    vehicles: IntArray
-    """constrained vehicles, as indices into the scenario's vehicles, shape (R,)"""
-    partners: IntArray
-    """other vehicles of pairs; the vehicle itself if a row is not about a pair, shape (R,)"""
-    sides: IntArray
-    """sides of a box, or numbers of the cuts if the set is curved, shape (R,)"""
-    times: FloatArray
-    """times since the first knot [s], shape (R,)"""
-    normals: FloatArray
-    """unit normals, shape (R, 3)"""
-    bounds: FloatArray
-    """least values along the normals, in the quantity's unit, shape (R,)"""
-    tolerances: FloatArray
-    """largest violations that count as satisfied, in the quantity's unit, shape (R,)"""
-
-    def __len__(self) -> int:
-        """Return the number of rows, R."""
-        return len(self.times)
+    @property
+    def constraint(self) -> Constraint:
+        """Constraint that the rows belong to."""
+        return cast(Constraint, self.form)
 
     def margins(self, motion: Motion) -> FloatArray:
         """Return the distances of rows above their bounds, in the quantity's unit, shape (R,).
@@ -201,13 +171,13 @@ class HalfSpaces:
         Args:
             motion: the motion of all vehicles of the scenario.
         """
-        quantity = self.constraint.quantity
-        if self.constraint.averaged is None:
+        quantity = self.form.quantity
+        if self.form.averaged is None:
             values = motion.each_at(quantity, self.vehicles, self.times)
         else:
-            smooth = SmoothMotion(motion, self.constraint.averaged)
+            smooth = SmoothMotion(motion, self.form.averaged)
             values = smooth.each_at(self.vehicles, self.times)
-        if self.constraint.coupled:
+        if self.form.coupled:
             values = values - motion.each_at(quantity, self.partners, self.times)
         margins: FloatArray = np.vecdot(self.normals, values) - self.bounds
         return margins
@@ -240,55 +210,28 @@ class HalfSpaces:
         margins = self.margins(motion) / self.tolerances
         return self.select(worst_of_pieces(follows, margins, pieces))
 
-    def responses(self, grid: Grid) -> FloatArray:
-        """Return the responses of rows to unit accelerations along their normals, (R, K-1).
 
-        By (10)-(11) they are equal along every axis: acceleration a[j] of step j adds
-        responses[r, j] normals[r] · a[j] to row r.
-        """
-        averaged = self.constraint.averaged
-        return response_of(self.constraint.quantity, averaged, grid, self.times)
+def about(motion: Motion, parts: Iterable[HalfSpaces]) -> list[Rows]:
+    """Return picklable rows that bound changes of a motion of all vehicles.
 
-    def slacks(self) -> IntArray:
-        """Return the number of each row's slack variable, counted from 0, shape (R,).
-
-        Soft rows of a curved set share one slack variable per instant, since the violation of the
-        set is that of its worst row.
-        """
-        if not self.constraint.curved or np.isinf(self.constraint.penalty):
-            return np.arange(len(self))
-        instants = np.stack([self.vehicles, self.partners, self.times])
-        numbers: IntArray = np.unique(instants, axis=1, return_inverse=True)[1]
-        return numbers
-
-    def select(self, rows: BoolArray | IntArray | slice) -> HalfSpaces:
-        """Return some of the rows."""
-        return HalfSpaces(self.constraint, *some_of(self._arrays(), rows))
-
-    def union(self, more: HalfSpaces) -> HalfSpaces:
-        """Return these rows followed by more rows of the same constraint."""
-        pairs = zip(self._arrays(), more._arrays(), strict=True)
-        return HalfSpaces(more.constraint, *(np.concatenate(pair) for pair in pairs))
-
-    def _arrays(self) -> tuple[Any, ...]:
-        return (
-            self.vehicles,
-            self.partners,
-            self.sides,
-            self.times,
-            self.normals,
-            self.bounds,
-            self.tolerances,
+    Args:
+        motion: the motion.
+        parts: half-spaces, constraint by constraint.
+    """
+    return [
+        Rows(
+            part.constraint.form,
+            part.vehicles,
+            part.partners,
+            part.sides,
+            part.times,
+            part.normals,
+            -part.margins(motion),
+            part.tolerances,
         )
+        for part in parts
+    ]
 
 
 _WHOLE, _REAL = np.zeros(0, dtype=np.int64), np.zeros(0)
 _NONE = _WHOLE, _WHOLE, _WHOLE, _REAL, np.zeros((0, 3)), _REAL, _REAL
-
-
-def some_of(arrays: Iterable[Any], rows: BoolArray | IntArray | slice) -> list[Any]:
-    """Return array[rows] of each array, by `take`, which is several times as fast for vectors."""
-    if isinstance(rows, slice):
-        return [array[rows] for array in arrays]
-    which = rows.nonzero()[0] if rows.dtype == bool else rows
-    return [array.take(which, axis=0) for array in arrays]

@@ -20,7 +20,8 @@ from drake_rho.planning.constraints.margins import Margins
 from drake_rho.planning.constraints.stretches import with_neighbours
 from drake_rho.planning.constraints.worst_instants import worst_instants
 from drake_rho.scenario.convex_sets import ConvexSets
-from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
+from drake_rho.scenario.fields import FloatArray, IntArray
+from drake_rho.system.table import Table
 
 _SOFT_ROUNDS = 16
 """Limit on the rounds that add tangent planes of soft sets. Where only violations are penalised,
@@ -31,7 +32,7 @@ _SOFT_THRESHOLD = 1e3
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class KeptValues:
+class KeptValues(Table):
     """Values of a quantity to keep in their vehicles' sets, less the places of these."""
 
     vehicles: IntArray
@@ -42,11 +43,6 @@ class KeptValues:
     """values less the places, in the quantity's unit, shape (R, 3)"""
     places: FloatArray
     """places of the sets, in the quantity's unit, shape (R, 3)"""
-
-    def select(self, which: BoolArray | IntArray) -> KeptValues:
-        """Return some of the values."""
-        who, times = self.vehicles[which], self.times[which]
-        return KeptValues(who, times, self.values[which], self.places[which])
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)

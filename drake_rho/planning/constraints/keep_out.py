@@ -22,7 +22,8 @@ import numpy as np
 
 from drake_rho.motion.dynamics import Motion
 from drake_rho.planning.constraints.base import END_MARGIN, VIOLATED, Constraint, HalfSpaces
-from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
+from drake_rho.scenario.fields import FloatArray, IntArray
+from drake_rho.system.table import Table
 
 _AROUND, _ZOOMS, _FINER = np.linspace(-1.0, 1.0, 17), 4, 8.0
 """Search for the most violated row: offsets from a worst instant in steps, number of refinements,
@@ -35,7 +36,7 @@ are not those of the most violated rows. They approach these each round without 
 
 
 @dataclasses.dataclass(frozen=True)
-class EvaluationPoints:
+class EvaluationPoints(Table):
     """Points at which rows are evaluated: vehicles, their partners and times."""
 
     vehicles: IntArray
@@ -63,18 +64,6 @@ class EvaluationPoints:
             return motion.each_at("position", vehicles, self.times)
         at: FloatArray = motion.positions[vehicles, self.knots]
         return at
-
-    def __len__(self) -> int:
-        """Return the number of points, R."""
-        return len(self.times)
-
-    def select(self, which: BoolArray | IntArray) -> EvaluationPoints:
-        """Return a subset of the points."""
-        knots = None if self.knots is None else self.knots[which]
-        parts = None if self.parts is None else self.parts[which]
-        return EvaluationPoints(
-            self.vehicles[which], self.partners[which], self.times[which], knots, parts
-        )
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)

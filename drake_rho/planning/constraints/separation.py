@@ -273,7 +273,7 @@ def pairs_of(
         responsibility=coupling.responsibility,
         one_normal=one_normal,
         reference=reference,
-        points=points_of(near.union(close)),
+        points=points_of(near.merged(close)),
         searches=1 if soft else sys.maxsize,
         every_instant=scenario.between_knots,
     )

@@ -20,14 +20,14 @@ from pydrake.solvers import MathematicalProgram
 from scipy.sparse import bsr_array, csc_array, csc_matrix, eye_array, hstack, kron
 
 from drake_rho.motion.dynamics import Motion
-from drake_rho.planning.constraints.base import HalfSpaces
+from drake_rho.planning.constraints.base import HalfSpaces, about
 from drake_rho.planning.constraints.keep_in import KeepInSets
+from drake_rho.planning.constraints.rows import Rows
 from drake_rho.planning.minimum_effort import MinimumEffort
 from drake_rho.planning.programs.backend import Backend
 from drake_rho.planning.programs.dense import add_rows
 from drake_rho.planning.programs.parallel import Answers
 from drake_rho.planning.programs.reduced import slacks_of
-from drake_rho.planning.programs.rows import Rows, about
 from drake_rho.planning.programs.solve import solve
 from drake_rho.planning.programs.sparse import SparseRows, scale_of, without_rows
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
@@ -153,7 +153,7 @@ class ConicPrograms:
         self, group: IntArray, rows: Sequence[Rows], sets: Sequence[KeepInSets]
     ) -> _ProgramWithoutRows:
         """Return the program with its sets only, and with the variables that rows need."""
-        quantities = frozenset(part.quantity for part in rows)
+        quantities = frozenset(part.form.quantity for part in rows)
         key = *group.tolist(), quantities, *((each.key, each.penalty) for each in sets)
         if key not in self._without_rows:
             self._without_rows[key] = self._write(group, rows, sets)

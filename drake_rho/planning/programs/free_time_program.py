@@ -19,11 +19,10 @@ from scipy.sparse import (
 )
 
 from drake_rho.motion.dynamics import Motion
-from drake_rho.planning.constraints.base import Constraint, HalfSpaces
+from drake_rho.planning.constraints.base import Constraint, HalfSpaces, about
 from drake_rho.planning.minimum_effort import Changes, MinimumEffort
 from drake_rho.planning.programs.conic import Cones
 from drake_rho.planning.programs.free_times import Change, FreeTime, Passing
-from drake_rho.planning.programs.rows import about
 from drake_rho.planning.programs.solution import Solution
 from drake_rho.planning.programs.sparse import SparseRows, add_goal, scale_of
 from drake_rho.scenario.fields import FloatArray, IntArray
@@ -100,7 +99,9 @@ class FreeTimeProgram:
             self.program.AddLinearEqualityConstraint(scaled, np.zeros(count), self._x)
         matrix, needed, _, _ = sparse.matrix()
         by_time = np.concatenate([*map(self._by_time, halves), self._passing_by_time(velocities)])
-        finer = np.concatenate([np.full(len(each), self._finer(each.quantity)) for each in parts])
+        finer = np.concatenate(
+            [np.full(len(each), self._finer(each.form.quantity)) for each in parts]
+        )
         matrix = diags_array(finer) @ matrix @ scales
         self._matrix = csc_array(hstack([matrix, csc_array(-by_time)], format="csc"))
         self._needed = needed * finer - by_time.sum(axis=1)

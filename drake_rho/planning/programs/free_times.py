@@ -9,8 +9,8 @@ import numpy as np
 
 from drake_rho.motion.dynamics import Motion
 from drake_rho.motion.smooth import SmoothMotion
+from drake_rho.planning.constraints.rows import Form, Rows
 from drake_rho.planning.minimum_effort import MinimumEffort
-from drake_rho.planning.programs.rows import Rows
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.smoothing import Smoothing
 
@@ -156,8 +156,8 @@ class Passing:
         at, _ = self.states(effort.motion)
         needed = (self.positions - at).reshape(-1)
         none = np.zeros(len(who), dtype=int)
-        parts = who, who, times, normals, needed, none, self.averaged
-        return Rows("position", np.inf, False, *parts)
+        form = Form(quantity="position", averaged=self.averaged)
+        return Rows(form, who, who, none, times, normals, needed, np.zeros(len(who)))
 
     def states(self, motion: Motion) -> tuple[FloatArray, FloatArray]:
         """Return positions [m] and velocities [m/s] of a motion at the waypoints, (W, 3) each."""

@@ -12,19 +12,20 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterator
 from itertools import pairwise
-from typing import Any, get_args
+from typing import get_args
 
 import numpy as np
 
 from drake_rho.motion.dynamics import Motion
 from drake_rho.motion.smooth import response_of
-from drake_rho.planning.constraints.base import HalfSpaces, some_of
+from drake_rho.planning.constraints.base import HalfSpaces
 from drake_rho.planning.minimum_effort import Changes, MinimumEffort
 from drake_rho.planning.programs.backend import Backend
 from drake_rho.planning.programs.dual import multipliers_of
 from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.parts import Quantity
 from drake_rho.scenario.smoothing import Smoothing
+from drake_rho.system.table import Table
 from drake_rho.system.threads import single_threaded_blas
 
 _RIDGE = 1e-9
@@ -46,7 +47,7 @@ _AVERAGED = len(_QUANTITIES)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Duals:
+class Duals(Table):
     """Rows of several groups, sorted by group, in a picklable form."""
 
     changes: Changes
@@ -73,34 +74,6 @@ class Duals:
     """upper bounds of the multipliers, half the penalties, shape (R,)"""
     multipliers: FloatArray
     """initial guess of the multipliers, shape (R,)"""
-
-    def __len__(self) -> int:
-        """Return the number of rows, R."""
-        return len(self.times)
-
-    def select(self, rows: IntArray | slice) -> Duals:
-        """Return some of the rows."""
-        own = some_of(self._arrays(), rows)
-        return Duals(self.changes, self.by_daqp, self.averages, *own)
-
-    def union(self, more: Duals) -> Duals:
-        """Return these rows followed by more."""
-        pairs = zip(self._arrays(), more._arrays(), strict=True)
-        averages = self.averages or more.averages
-        return Duals(self.changes, self.by_daqp, averages, *map(np.concatenate, pairs))
-
-    def _arrays(self) -> tuple[Any, ...]:
-        return (
-            self.groups,
-            self.one,
-            self.other,
-            self.quantities,
-            self.times,
-            self.normals,
-            self.needed,
-            self.most,
-            self.multipliers,
-        )
 
     @single_threaded_blas()
     def solved(self) -> tuple[FloatArray, IntArray, FloatArray]:
@@ -226,7 +199,7 @@ class GroupDuals:
         more = Duals(
             self._effort.changes,
             self._rows.by_daqp,
-            constraint.averaged,
+            constraint.averaged or self._rows.averages,
             groups=self._groups[rows.vehicles],
             one=rows.vehicles,
             other=rows.partners if constraint.coupled else np.full(len(rows), -1),

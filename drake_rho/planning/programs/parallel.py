@@ -8,11 +8,12 @@ from functools import partial
 
 import numpy as np
 
+from drake_rho.planning.constraints.rows import Rows
 from drake_rho.planning.minimum_effort import Changes
 from drake_rho.planning.programs.backend import Backend
 from drake_rho.planning.programs.dense import Program
+from drake_rho.planning.programs.groups import each_of, groups_of
 from drake_rho.planning.programs.reduced import Batch, programs_of
-from drake_rho.planning.programs.rows import Rows, each_of, groups_of
 from drake_rho.planning.programs.solution import Solution
 from drake_rho.planning.programs.solve import solve, solve_side_by_side
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
@@ -119,7 +120,7 @@ def _in_blocks(vehicles: int, rows: Sequence[Rows]) -> Iterator[Sequence[Rows]]:
     if has_rows.sum() <= _BLOCK:
         yield rows
         return
-    groups = groups_of(vehicles, [part for part in rows if part.coupled])
+    groups = groups_of(vehicles, [part for part in rows if part.form.coupled])
     sizes = np.bincount(groups, has_rows)
     numbers = ((np.cumsum(sizes) - sizes) // _BLOCK).astype(int)[groups]
     for _, own in each_of(np.unique(numbers[has_rows]), numbers, rows):

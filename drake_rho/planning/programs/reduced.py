@@ -29,9 +29,10 @@ from pydrake.solvers import MathematicalProgram
 from scipy.sparse import coo_array, csc_array, csr_array
 
 from drake_rho.motion.dynamics import sparse_response
+from drake_rho.planning.constraints.rows import Rows
 from drake_rho.planning.minimum_effort import Changes
 from drake_rho.planning.programs.dense import DenseProgram, Program, add_rows
-from drake_rho.planning.programs.rows import Rows, each_of, groups_of
+from drake_rho.planning.programs.groups import each_of, groups_of
 from drake_rho.planning.programs.solution import Solution
 from drake_rho.planning.programs.sparse import SparseRows, without_rows
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
@@ -96,7 +97,7 @@ def programs_of(
         dense: whether the solver is for dense programs, such as `Daqp`. It needs no basis of the
             rows' span, and the sparse form pays off for more rows only.
     """
-    groups = groups_of(len(changes.units), [part for part in rows if part.coupled])
+    groups = groups_of(len(changes.units), [part for part in rows if part.form.coupled])
     count = np.bincount(np.concatenate([groups[part.vehicles] for part in rows]))
     size = np.bincount(groups)[: len(count)]
     in_sparse = _cheaper_sparse(changes.grid.knots - 1, size, count, _DENSE if dense else 1.0)
@@ -144,8 +145,8 @@ def _reduced(changes: Changes, rows: Sequence[Rows], dense: bool) -> Iterator[Ba
     which, lengths = which[order], np.sqrt(np.vecdot(responses, responses))
     responses, lengths = changes.inside(responses / lengths[:, None]), lengths[which]
     normals = np.concatenate([part.normals for part in rows])[order]
-    needed = np.concatenate([part.needed for part in rows])[order]
-    costs = [part.penalty for part in rows]
+    needed = np.concatenate([part.bounds for part in rows])[order]
+    costs = [part.form.penalty for part in rows]
     penalties = np.repeat(costs, [len(part) for part in rows])[order]
     slacks = slacks_of(rows)[order]
     vehicles, sizes = vehicles[order], sizes[order]
@@ -197,17 +198,17 @@ def _reduced_group(changes: Changes, group: IntArray, rows: Sequence[Rows], dens
 
 def _sparse_responses(grid: Grid, rows: Rows) -> csr_array:
     """Return the responses of rows as a sparse array, shape (R, K-1)."""
-    if rows.averaged is not None:
+    if rows.form.averaged is not None:
         return csr_array(rows.responses(grid))
-    return sparse_response(rows.quantity, grid.step, grid.knots, rows.times)
+    return sparse_response(rows.form.quantity, grid.step, grid.knots, rows.times)
 
 
 def slacks_of(rows: Sequence[Rows]) -> IntArray:
     """Return the index of each half-space's slack, constraint by constraint, shape (R,)."""
     if all(not part.soft for part in rows):
         return np.zeros(sum(map(len, rows)), dtype=int)  # no slacks
-    first = np.cumsum([0, *(1 + part.slacks.max(initial=-1) for part in rows)])[:-1]
-    return np.concatenate([n + part.slacks for n, part in zip(first, rows, strict=True)])
+    first = np.cumsum([0, *(1 + part.slacks().max(initial=-1) for part in rows)])[:-1]
+    return np.concatenate([n + part.slacks() for n, part in zip(first, rows, strict=True)])
 
 
 def rows_of(
@@ -226,11 +227,11 @@ def rows_of(
     for part in rows:
         responses = _sparse_responses(changes.grid, part).tocoo()
         terms = [(part.vehicles, 1.0)]
-        if part.coupled:
+        if part.form.coupled:
             terms.append((part.partners, -1.0))
         lengths = np.sqrt(len(terms) * responses.power(2).sum(axis=1))
         if changes.factors is not None:
-            both = changes.factors_of(part.vehicles, part.partners if part.coupled else None)
+            both = changes.factors_of(part.vehicles, part.partners if part.form.coupled else None)
             lengths *= both / np.sqrt(len(terms))
         r, j = responses.coords
         for vehicles, sign in terms:
@@ -241,8 +242,8 @@ def rows_of(
             entries.append(values.reshape(-1))
             columns = (3 * vectors[:, None] + np.arange(3)).reshape(-1)
             where.append(np.stack([np.repeat(first + r, 3), columns]))
-        needed.append(part.needed / (lengths * unit))
-        penalties.append(part.penalty * lengths / unit)
+        needed.append(part.bounds / (lengths * unit))
+        penalties.append(part.form.penalty * lengths / unit)
         first += len(part)
     shape = (first, 3 * (knots - 1) * len(group))
     matrix = coo_array((np.concatenate(entries), tuple(np.concatenate(where, axis=1))), shape=shape)

@@ -19,9 +19,9 @@ from scipy.sparse import coo_array, csc_array, csc_matrix, diags_array, eye_arra
 
 from drake_rho.motion.dynamics import step_at
 from drake_rho.motion.smooth import steps_around
+from drake_rho.planning.constraints.rows import Rows
 from drake_rho.planning.minimum_effort import Changes
 from drake_rho.planning.programs.dense import add_cost
-from drake_rho.planning.programs.rows import Rows
 from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.parts import Quantity
 
@@ -54,7 +54,7 @@ class SparseRows:
     ) -> None:
         self.changes, self.group, self.steps = changes, group, changes.grid.knots - 1
         self._rows = [part for part in rows if len(part) > 0]
-        quantities = {part.quantity for part in (*self._rows, *beside)}
+        quantities = {part.form.quantity for part in (*self._rows, *beside)}
         self._positions = "position" in quantities
         self._velocities = self._positions or "velocity" in quantities
 
@@ -80,16 +80,16 @@ class SparseRows:
         places, entries, needed, penalties, lengths = [], [], [], [], []
         first = 0
         for part in self._rows:
-            scale, terms = scale_of(part.quantity, grid.step), self._terms(part)
+            scale, terms = scale_of(part.form.quantity, grid.step), self._terms(part)
             rows = first + np.arange(len(part))
             for vectors, factors in terms:
                 there = vectors >= 0
                 columns = 3 * vectors[there, None] + np.arange(3)
                 places.append(np.stack([np.repeat(rows[there], 3), columns.reshape(-1)]))
                 entries.append((factors[there, None] * part.normals[there]).reshape(-1))
-            needed.append(part.needed / (unit * scale))
-            penalties.append(np.full(len(part), part.penalty * scale / unit))
-            partners = part.partners if part.coupled else None
+            needed.append(part.bounds / (unit * scale))
+            penalties.append(np.full(len(part), part.form.penalty * scale / unit))
+            partners = part.partners if part.form.coupled else None
             several = self.changes.factors_of(part.vehicles, partners)
             norms = np.linalg.norm(part.responses(grid), axis=1)
             lengths.append(several * norms / scale)
@@ -105,7 +105,7 @@ class SparseRows:
     def _terms(self, rows: Rows) -> list[_Term]:
         """Return the terms whose sum is the rows' quantity, in its scale."""
         terms = self._terms_of(rows, rows.vehicles)
-        if rows.coupled:
+        if rows.form.coupled:
             less = self._terms_of(rows, rows.partners)
             terms += [(vectors, -factors) for vectors, factors in less]
         return terms
@@ -114,9 +114,9 @@ class SparseRows:
         n, h = self.steps, self.changes.grid.step
         one, all_steps = self.changes.factors_of(vehicles), n * len(self.group)
         u = n * np.searchsorted(self.group, vehicles)  # index of the vehicle's first vector
-        if rows.quantity in ("acceleration", "jerk"):
+        if rows.form.quantity in ("acceleration", "jerk"):
             k = step_at(rows.times, h)
-            if rows.quantity == "acceleration":
+            if rows.form.quantity == "acceleration":
                 return [(u + k, one)]
             later, earlier = np.where(k < n, u + k, -1), np.where(k > 0, u + k - 1, -1)
             return [(later, one), (earlier, -one)]
@@ -126,12 +126,12 @@ class SparseRows:
         s = times / h - k
         # knots count from 0; the first state variable belongs to knot 1
         velocities = np.where(k > 0, all_steps + u + k - 1, -1)
-        if rows.quantity == "velocity":
+        if rows.form.quantity == "velocity":
             return [(velocities, one), (u + k, s * one)]
         positions = np.where(k > 0, 2 * all_steps + u + k - 1, -1)
         terms = [(positions, one), (velocities, s * one), (u + k, s**2 / 2 * one)]
-        if rows.averaged is not None:
-            steps, added = steps_around(rows.averaged, self.changes.grid, rows.times)
+        if rows.form.averaged is not None:
+            steps, added = steps_around(rows.form.averaged, self.changes.grid, rows.times)
             near = np.where(steps >= 0, u[:, None] + steps, -1)
             terms += [(near[:, i], added[:, i] / h**2 * one) for i in range(near.shape[1])]
         return terms

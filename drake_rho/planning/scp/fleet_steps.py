@@ -93,7 +93,7 @@ class FleetSteps:
         """
         found, motion = self._subproblem.violations(reference), reference.motion()
         near = self._neighbours(motion, infeasible)
-        approaches = near.union(found.pairs)
+        approaches = near.merged(found.pairs)
         few = len(found.vehicles) <= _GROUPED_FRACTION * len(self._subproblem.problem)
         self._groups.regroup(
             approaches if few else near,

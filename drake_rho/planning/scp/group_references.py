@@ -219,7 +219,7 @@ class InGroups:
         for rows, multipliers in program.active_rows():
             if rows.constraint.key in (PAIRS, _BETWEEN_GROUPS):
                 first, second = np.sort([rows.vehicles, rows.partners], axis=0)
-                rows = dataclasses.replace(rows, constraint=pairs, vehicles=first, partners=second)
+                rows = dataclasses.replace(rows, form=pairs, vehicles=first, partners=second)
                 same = self.groups[first] == self.groups[second]
                 weighted.append(np.where(same, _REPEATED, 1.0) * multipliers)
             key = rows.constraint.key

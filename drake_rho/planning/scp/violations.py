@@ -148,7 +148,7 @@ def violations_of(
     beyond = _beyond(problem, motion, checked)
     if before is not None and changed is not None:
         old = before[1]
-        pairs = pairs.union(
+        pairs = pairs.merged(
             old.pairs.select(~np.isin(old.pairs.one, changed) & ~np.isin(old.pairs.other, changed))
         )
         inconsistent = np.union1d(inconsistent, np.setdiff1d(old.inconsistent, changed))

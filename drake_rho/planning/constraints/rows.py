@@ -1,0 +1,85 @@
+"""Rows normal · quantity(vehicle, time) >= bound: half-spaces of motions, a table for each form."""
+
+from __future__ import annotations
+
+import dataclasses
+from functools import cached_property
+
+import numpy as np
+
+from drake_rho.motion.smooth import response_of
+from drake_rho.scenario.fields import FloatArray, IntArray
+from drake_rho.scenario.parts import Grid, Quantity
+from drake_rho.scenario.smoothing import Smoothing
+from drake_rho.system.table import Table
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class Form:
+    """Form of rows: the properties that programs need to write them."""
+
+    quantity: Quantity
+    """quantity that the rows bound"""
+    penalty: float = np.inf
+    """cost per unit of violation of a row; infinite if rows must hold"""
+    coupled: bool = False
+    """true if rows bound the difference to a partner, not the quantity of a single vehicle"""
+    curved: bool = False
+    """true if one instant may need several rows with different normals"""
+    averaged: Smoothing | None = None
+    """moving averages of positions that rows bound, in place of positions; None for these"""
+
+    @cached_property
+    def form(self) -> Form:
+        """The form alone, which is picklable."""
+        return Form(**{each.name: getattr(self, each.name) for each in dataclasses.fields(Form)})
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Rows(Table):
+    """Rows of one form. If it couples vehicles, they bound a vehicle's quantity minus a partner's.
+
+    Rows of programs bound changes of a motion, and their bounds are the changes needed.
+    """
+
+    form: Form
+    """form of all rows; the constraint to which they belong, if they are its half-spaces"""
+    vehicles: IntArray
+    """constrained vehicles, as indices into the scenario's vehicles, shape (R,)"""
+    partners: IntArray
+    """other vehicles of pairs; the vehicle itself if a row is not about a pair, shape (R,)"""
+    sides: IntArray
+    """sides of a box, or numbers of the cuts if the set is curved, shape (R,)"""
+    times: FloatArray
+    """times since the first knot [s], shape (R,)"""
+    normals: FloatArray
+    """unit normals, shape (R, 3)"""
+    bounds: FloatArray
+    """least values along the normals, in the quantity's unit, shape (R,)"""
+    tolerances: FloatArray
+    """largest violations that count as satisfied, in the quantity's unit, shape (R,)"""
+
+    @property
+    def soft(self) -> bool:
+        """Whether rows may be violated."""
+        return bool(np.isfinite(self.form.penalty))
+
+    def responses(self, grid: Grid) -> FloatArray:
+        """Return the responses of rows to unit accelerations along their normals, (R, K-1).
+
+        By (10)-(11) they are equal along every axis: acceleration a[j] of step j adds
+        responses[r, j] normals[r] · a[j] to row r.
+        """
+        return response_of(self.form.quantity, self.form.averaged, grid, self.times)
+
+    def slacks(self) -> IntArray:
+        """Return the number of each row's slack variable, counted from 0, shape (R,).
+
+        Soft rows of a curved set share one slack variable per instant, since the violation of the
+        set is that of its worst row.
+        """
+        if not self.form.curved or not self.soft:
+            return np.arange(len(self))
+        instants = np.stack([self.vehicles, self.partners, self.times])
+        numbers: IntArray = np.unique(instants, axis=1, return_inverse=True)[1]
+        return numbers
