@@ -11,7 +11,7 @@ import dataclasses
 import sys
 from collections.abc import Hashable, Iterable, Sequence
 from functools import cached_property
-from typing import Self, cast
+from typing import Self
 
 import numpy as np
 
@@ -163,7 +163,7 @@ class HalfSpaces(Rows):
     @property
     def constraint(self) -> Constraint:
         """Constraint that the rows belong to."""
-        return cast(Constraint, self.form)
+        return self.form  # type: ignore[return-value]  # of half-spaces, the form is the constraint
 
     def margins(self, motion: Motion) -> FloatArray:
         """Return the distances of rows above their bounds, in the quantity's unit, shape (R,).
