@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Callable, Sequence
 from functools import cache
 from operator import attrgetter
-from typing import Any, ClassVar, Self
+from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -18,8 +18,6 @@ class Table:
     Columns are the fields with an array type, or an array or None. Other fields belong to the whole
     table; joined tables have those of the last one.
     """
-
-    __dataclass_fields__: ClassVar[dict[str, dataclasses.Field[Any]]]
 
     def __len__(self) -> int:
         """Return the number of rows."""
@@ -61,10 +59,13 @@ class Table:
         return self.joined([self, more])
 
 
-@cache
-def _fields_of(table: type[Any]) -> tuple[Callable[[Table], tuple[Any, ...]], list[bool]]:
+def _read(table: Any) -> tuple[Callable[[Table], tuple[Any, ...]], list[bool]]:
     """Return a function that reads all fields of a table, and whether each is a column."""
     fields = dataclasses.fields(table)
     return attrgetter(*(each.name for each in fields)), [
         "Array" in str(each.type) for each in fields
     ]
+
+
+_fields_of: Callable[[Any], tuple[Callable[[Table], tuple[Any, ...]], list[bool]]] = cache(_read)
+"""The same, computed once for each type of table."""
