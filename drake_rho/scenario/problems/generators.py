@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from collections import defaultdict
+from collections.abc import Iterator, Mapping
 from itertools import product
 
 import numpy as np
 
 from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.errors import ScenarioError
-from drake_rho.scenario.fields import LARGEST, FloatArray, IntArray
+from drake_rho.scenario.fields import LARGEST, FloatArray
 from drake_rho.scenario.records import (
     Box,
     Grid,
@@ -19,6 +21,9 @@ from drake_rho.scenario.records import (
     State,
     Vehicle,
 )
+
+_Cell = tuple[int, int, int]
+_Point = tuple[float, float, float]
 
 TRIES = 10_000
 """Number of random positions tried for a vehicle or an obstacle before generation fails."""
@@ -166,13 +171,14 @@ def _draw(
     if separation is None:
         return rng.uniform(volume.lower, volume.upper, (n, 3))
     drawn: list[FloatArray] = []
-    cells: defaultdict[tuple[int, ...], list[FloatArray]] = defaultdict(list)
+    cells: defaultdict[_Cell, list[_Point]] = defaultdict(list)
     while len(drawn) < n:
-        for _ in range(TRIES):
+        for _ in range(TRIES):  # in numbers of Python, which are faster than such small arrays
             position = rng.uniform(volume.lower, volume.upper)
-            scaled = separation.scaled(position) / separation.distance
-            cell = np.floor(scaled).astype(np.int64)
-            if all(np.sum((scaled - other) ** 2) >= 1.0 for other in _around(cell, cells)):
+            x, y, z = (separation.scaled(position) / separation.distance).tolist()
+            cell = math.floor(x), math.floor(y), math.floor(z)
+            near = _around(cell, cells)
+            if all((x - a) ** 2 + (y - b) ** 2 + (z - c) ** 2 >= 1.0 for a, b, c in near):
                 break
         else:
             expected = (
@@ -180,14 +186,13 @@ def _draw(
                 f"next in {volume.lower.tolist()} to {volume.upper.tolist()} were all too close"
             )
             raise ScenarioError("n", n, expected)
-        cells[tuple(cell)].append(scaled)
+        cells[cell].append((x, y, z))
         drawn.append(position)
     return np.array(drawn)
 
 
-def _around(
-    cell: IntArray, cells: defaultdict[tuple[int, ...], list[FloatArray]]
-) -> list[FloatArray]:
-    x, y, z = cell.tolist()
-    near = product((x - 1, x, x + 1), (y - 1, y, y + 1), (z - 1, z, z + 1))
-    return [other for key in near for other in cells.get(key, ())]
+def _around(cell: _Cell, cells: Mapping[_Cell, list[_Point]]) -> Iterator[_Point]:
+    """Yield the points in a cell and in the 26 cells around it."""
+    x, y, z = cell
+    for key in product((x, x - 1, x + 1), (y, y - 1, y + 1), (z, z - 1, z + 1)):
+        yield from cells.get(key, ())
