@@ -170,12 +170,13 @@ def _draw(
     """
     if separation is None:
         return rng.uniform(volume.lower, volume.upper, (n, 3))
+    widths, scales = volume.upper - volume.lower, separation.shape.scales
     drawn: list[FloatArray] = []
     cells: defaultdict[_Cell, list[_Point]] = defaultdict(list)
     while len(drawn) < n:
         for _ in range(TRIES):  # in numbers of Python, which are faster than such small arrays
-            position = rng.uniform(volume.lower, volume.upper)
-            x, y, z = (separation.scaled(position) / separation.distance).tolist()
+            position = volume.lower + widths * rng.random(3)
+            x, y, z = (scales * position / separation.distance).tolist()
             cell = math.floor(x), math.floor(y), math.floor(z)
             near = _around(cell, cells)
             if all((x - a) ** 2 + (y - b) ** 2 + (z - c) ** 2 >= 1.0 for a, b, c in near):
