@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
-import multiprocessing
-import os
-from concurrent.futures import ProcessPoolExecutor
 
 import numpy as np
-from rich.progress import track
 
 import drake_rho as rho
+from benchmarks.all_cores import on_all_cores
 from benchmarks.tables import Goal, Table
 from drake_rho.scenario.fields import FloatArray
 
@@ -46,14 +43,8 @@ class SceneResult:
 
 def run() -> Table:
     """Plan all scenes on all cores."""
-    fresh = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(os.cpu_count(), mp_context=fresh) as processes:
-        moving = list(
-            track(processes.map(on_a_clock, range(SCENES)), "moving obstacles", total=SCENES)
-        )
-        hovering = list(
-            track(processes.map(somewhere, range(HOVERING)), "hovering", total=HOVERING)
-        )
+    moving = on_all_cores(on_a_clock, range(SCENES), "moving obstacles")
+    hovering = on_all_cores(somewhere, range(HOVERING), "hovering")
     known = [each for each in hovering if each.is_known]
     return Table(
         name="flight_clocks",

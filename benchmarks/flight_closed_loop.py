@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 import dataclasses
-import multiprocessing
-import os
 import time
-from concurrent.futures import ProcessPoolExecutor
 from functools import cache
 from itertools import pairwise
 
 import numpy as np
 from pydrake.solvers import SolverInterface
-from rich.progress import track
 
 import drake_rho as rho
 from benchmarks.adversaries import Chaser, WorstAtClosest
+from benchmarks.all_cores import on_all_cores
 from benchmarks.flown import violations
 from benchmarks.tables import Cell, Goal, Table
 from benchmarks.windy_worlds import WORLDS
@@ -38,9 +35,6 @@ _MIX = (*WINDS[:3] * 3, WINDS[3])
 
 VIOLATED = 1e-6
 """Violation that counts, over the limit's scale: twice the package's tolerance, and rounding."""
-
-_ONCE = 20
-"""Flights in a batch of a process."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -82,11 +76,8 @@ def run(flights: int = FLIGHTS) -> Table:
         for place, wind in enumerate(_MIX)
     ][:flights]
     compared = [place % max(1, len(tasks) // COMPARED) == 0 for place in range(len(tasks))]
-    found: list[Outcome] = []
-    fresh = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(os.cpu_count(), mp_context=fresh) as processes:
-        done = processes.map(outcome, *zip(*tasks, strict=True), compared, chunksize=_ONCE)
-        found.extend(track(done, "flights", total=len(tasks)))
+    cases = [(*task, also) for task, also in zip(tasks, compared, strict=True)]
+    found = on_all_cores(_outcome, cases, "flights")
     rows = [
         _row([each for each in found if (each.world, each.wind) == (world, wind)])
         for world in WORLDS
@@ -149,6 +140,10 @@ def _most(found: list[Outcome], field: str) -> float:
 
 def _most_apart(found: list[Outcome]) -> float:
     return max(each.apart for each in found if not np.isnan(each.apart))
+
+
+def _outcome(case: tuple[str, str, int, bool]) -> Outcome:
+    return outcome(*case)
 
 
 def outcome(world: str, kind: str, number: int, compared: bool) -> Outcome:

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
-import multiprocessing
-import os
-from concurrent.futures import ProcessPoolExecutor
 
 import numpy as np
-from rich.progress import track
 
 import drake_rho as rho
+from benchmarks.all_cores import on_all_cores
 from benchmarks.clearance import displacement, distances
 from benchmarks.flight_closed_loop import VIOLATED
 from benchmarks.flown import above, beyond, finer
@@ -21,9 +18,6 @@ from drake_rho.planning.errors import InfeasibleError, OutOfTimeError, SolverErr
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.simulation.closed_loop import flown
 from drake_rho.simulation.feedback import Feedback
-
-_AT_ONCE = 10
-"""Flights in a batch of a process."""
 
 _TAKEN = 20
 """Samples in each step of a contingency."""
@@ -67,10 +61,7 @@ class Late:
 
 def run(flights: int) -> Table:
     """Fly scenes, as many as given, on all cores: ten windows each, about."""
-    fresh = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(os.cpu_count(), mp_context=fresh) as processes:
-        done = processes.map(late, range(flights), chunksize=_AT_ONCE)
-        return table(list(track(done, "flights", total=flights)))
+    return table(on_all_cores(late, range(flights), "flights"))
 
 
 def table(found: list[Late]) -> Table:

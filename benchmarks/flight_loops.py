@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
-import multiprocessing
-import os
-from concurrent.futures import ProcessPoolExecutor
 
 import numpy as np
-from rich.progress import track
 
 import drake_rho as rho
+from benchmarks.all_cores import on_all_cores
 from benchmarks.flight_closed_loop import VIOLATED
 from benchmarks.flown import violations
 from benchmarks.tables import Cell, Goal, Table
@@ -25,9 +22,6 @@ FLIGHTS = 4000
 
 KINDS = ("wall", "room", "pair", "waypoint")
 """Kinds of constraints close to the goal, or to the path just before it."""
-
-_AT_ONCE = 20
-"""Flights in a batch of a process."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -88,10 +82,7 @@ class Biased:
 
 def run(flights: int = FLIGHTS) -> Table:
     """Fly all flights on all cores."""
-    fresh = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(os.cpu_count(), mp_context=fresh) as processes:
-        done = processes.map(flown_loop, range(flights), chunksize=_AT_ONCE)
-        found = list(track(done, "flights", total=flights))
+    found = on_all_cores(flown_loop, range(flights), "flights")
     flown = [each for each in found if each.windows > 0]
     return Table(
         name="flight_loops",

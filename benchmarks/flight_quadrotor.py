@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-import multiprocessing
-import os
 import statistics
 import time
-from concurrent.futures import ProcessPoolExecutor
 
 import numpy as np
-from rich.progress import track
 
 import drake_rho as rho
+from benchmarks.all_cores import on_all_cores
 from benchmarks.flown import violations
 from benchmarks.tables import Goal, Table
 
@@ -64,10 +61,7 @@ class Outcome:
 
 def run() -> Table:
     """Fly all flights on all cores."""
-    fresh = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(os.cpu_count(), mp_context=fresh) as processes:
-        done = processes.map(outcome, range(FLIGHTS), chunksize=5)
-        found = list(track(done, "flights", total=FLIGHTS))
+    found = on_all_cores(outcome, range(FLIGHTS), "flights")
     differences = [each.difference for each in found]
     broken = sum(each.worst > VIOLATED for each in found)
     row = (

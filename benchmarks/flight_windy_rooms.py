@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
-import multiprocessing
-import os
 import time
 import warnings
-from concurrent.futures import ProcessPoolExecutor
-
-from rich.progress import track
 
 import drake_rho as rho
+from benchmarks.all_cores import on_all_cores
 from benchmarks.tables import Goal, Table
 from tests.disturbed import windy_room
 
@@ -51,10 +47,7 @@ class Flown:
 
 def run(scenes: int) -> Table:
     """Fly scenes, as many as given, on all cores."""
-    fresh = multiprocessing.get_context("spawn")
-    drawn = range(_FIRST, _FIRST + scenes)
-    with ProcessPoolExecutor(os.cpu_count(), mp_context=fresh) as processes:
-        return _table(list(track(processes.map(flown, drawn, chunksize=5), "rooms", scenes)))
+    return _table(on_all_cores(flown, range(_FIRST, _FIRST + scenes), "rooms"))
 
 
 def flown(seed: int) -> Flown:

@@ -7,17 +7,13 @@ Each scene is drawn around a motion that is known to hold (`tests/mixed.py`). Pl
 from __future__ import annotations
 
 import dataclasses
-import multiprocessing
-import os
 import time
 import traceback
 import warnings
 from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor
-
-from rich.progress import track
 
 import drake_rho as rho
+from benchmarks.all_cores import on_all_cores
 from benchmarks.tables import Cell, Goal, Table
 from tests.judged import violations
 from tests.mixed import Mixed, mixed
@@ -30,9 +26,6 @@ _FIRST = 10_000
 
 _ERRORS = (rho.InfeasibleError, rho.OutOfTimeError, rho.SolverError)
 """Errors that every planner documents."""
-
-_AT_ONCE = 20
-"""Scenes in a batch of a process."""
 
 _LONGER = 1.002
 """Ratio of a least time to a known one up to which it counts as no longer."""
@@ -57,12 +50,8 @@ class Outcome:
 
 def run(seeds: int) -> Table:
     """Plan scenes, as many as given, on all cores."""
-    fresh = multiprocessing.get_context("spawn")
-    drawn = range(_FIRST, _FIRST + seeds)
-    with ProcessPoolExecutor(os.cpu_count(), mp_context=fresh) as processes:
-        done = processes.map(outcomes, drawn, chunksize=_AT_ONCE)
-        found = [each for some in track(done, "scenes", total=seeds) for each in some]
-    return _table(found)
+    found = on_all_cores(outcomes, range(_FIRST, _FIRST + seeds), "scenes")
+    return _table([each for some in found for each in some])
 
 
 def outcomes(seed: int) -> list[Outcome]:

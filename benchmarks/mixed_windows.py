@@ -7,18 +7,15 @@ planned, off the plan within a tube or outside, or not measured at all.
 from __future__ import annotations
 
 import dataclasses
-import multiprocessing
-import os
 import traceback
 import warnings
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
 from typing import Any
 
 import numpy as np
-from rich.progress import track
 
 import drake_rho as rho
+from benchmarks.all_cores import on_all_cores
 from benchmarks.tables import Goal, Table
 from drake_rho.scenario.fields import unchecked
 from tests.judged import violations
@@ -32,9 +29,6 @@ SAME = 1e-9
 
 _FIRST = 20_000
 """First seed."""
-
-_AT_ONCE = 10
-"""Flights in a batch of a process."""
 
 Array = np.ndarray
 
@@ -63,11 +57,7 @@ class Loop:
 
 def run(flights: int) -> Table:
     """Fly scenes, as many as given, on all cores."""
-    fresh = multiprocessing.get_context("spawn")
-    drawn = range(_FIRST, _FIRST + flights)
-    with ProcessPoolExecutor(os.cpu_count(), mp_context=fresh) as processes:
-        done = processes.map(loop, drawn, chunksize=_AT_ONCE)
-        return _table(list(track(done, "flights", total=flights)))
+    return _table(on_all_cores(loop, range(_FIRST, _FIRST + flights), "flights"))
 
 
 def loop(seed: int) -> Loop:

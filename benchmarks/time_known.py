@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
-import multiprocessing
-import os
 import time
 import warnings
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
-
-from rich.progress import track
 
 import drake_rho as rho
+from benchmarks.all_cores import on_all_cores
 from benchmarks.tables import Cell, Goal, Table
 from tests.mixed import Mixed, mixed, timed
 
@@ -73,10 +69,8 @@ _MEANS = ("the known motion", "`rho.plan`, fewer seconds", "`rho.plan`, given ti
 
 def run(scenes: int) -> Table:
     """Plan scenes, as many as given, on all cores."""
-    fresh = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(os.cpu_count(), mp_context=fresh) as processes:
-        done = processes.map(drawn, range(_FIRST, _FIRST + scenes), chunksize=5)
-        return _table([each for each in track(done, "scenes", total=scenes) if each is not None])
+    found = on_all_cores(drawn, range(_FIRST, _FIRST + scenes), "scenes")
+    return _table([each for each in found if each is not None])
 
 
 def drawn(seed: int) -> Compared | None:
