@@ -10,12 +10,10 @@ from drake_rho.scenario.fleet import Fleet
 
 def cost_of(fleet: Fleet, accelerations: FloatArray) -> float:
     """Return the cost [m²/s⁴] of accelerations of all vehicles of a fleet, shape (N, K-1, 3)."""
-    if fleet.weights is None:
-        return float(np.sum(accelerations**2))
-    return float(np.sum(costs_of(fleet, accelerations)))
+    return float(costs_of(fleet, accelerations).sum())
 
 
 def costs_of(fleet: Fleet, accelerations: FloatArray) -> FloatArray:
     """Return the cost of each vehicle [m²/s⁴], shape (N,), of accelerations (N, K-1, 3)."""
-    costs: FloatArray = np.sum(accelerations**2, axis=(1, 2))
-    return costs if fleet.weights is None else fleet.weights * costs
+    flat = accelerations.reshape(len(accelerations), -1)
+    return np.asarray(fleet.weights * np.vecdot(flat, flat))

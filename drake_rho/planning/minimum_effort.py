@@ -49,9 +49,9 @@ class Changes:
     """rows of (12), as in `Goals`"""
     units: FloatArray
     """unit of each vehicle's accelerations in programs [m/s²], shape (N,)"""
-    factors: FloatArray | None = None
+    factors: FloatArray
     """accelerations of each vehicle for an unknown of one unit: one over the square root of its
-    weight, so that the cost is the sum of squared unknowns, shape (N,); None if all are 1"""
+    weight, so that the cost is the sum of squared unknowns, shape (N,)"""
     free: bool = False
     """whether changes have no cost: goals may then be missed, and only violations have a cost"""
 
@@ -62,11 +62,8 @@ class Changes:
             vehicles: indices of vehicles, shape (R,).
             partners: indices of the vehicles whose values are subtracted, if any, shape (R,).
         """
-        one = np.ones(len(vehicles)) if self.factors is None else self.factors[vehicles]
-        if partners is None:
-            return one
-        other = np.ones(len(partners)) if self.factors is None else self.factors[partners]
-        return np.asarray(np.hypot(one, other))
+        one = self.factors[vehicles]
+        return one if partners is None else np.hypot(one, self.factors[partners])
 
     def inside(self, rows: FloatArray) -> FloatArray:
         """Return rows (R, K-1) projected onto the null space of the goals."""
@@ -89,7 +86,7 @@ class MinimumEffort:
     """unit of each vehicle's accelerations in programs [m/s²], shape (N,)"""
     unreachable: BoolArray
     """flags of vehicles whose goals cannot be reached in a single step, shape (N,)"""
-    factors: FloatArray | None = None
+    factors: FloatArray
     """as in `Changes`"""
 
     @classmethod
@@ -105,7 +102,7 @@ class MinimumEffort:
             Motion.from_starts(fleet, accelerations, grid.step),
             fleet.units,
             np.abs(missed).max(axis=1) > TOLERANCE * fleet.lengths,
-            None if fleet.weights is None else 1.0 / np.sqrt(fleet.weights),
+            1.0 / np.sqrt(fleet.weights),
         )
 
     @cached_property

@@ -49,10 +49,9 @@ class Fleet:
         return np.array([vehicle.radius for vehicle in self._vehicles])
 
     @cached_property
-    def weights(self) -> FloatArray | None:
-        """Weights of the vehicles in the cost, shape (N,); None if all are 1."""
-        weights = np.array([vehicle.weight for vehicle in self._vehicles])
-        return weights if np.any(weights != 1.0) else None
+    def weights(self) -> FloatArray:
+        """Weights of the vehicles in the cost, shape (N,)."""
+        return np.array([vehicle.weight for vehicle in self._vehicles])
 
     @cached_property
     def start_positions(self) -> FloatArray:

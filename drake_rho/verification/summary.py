@@ -93,7 +93,5 @@ def least_effort(scenario: Scenario) -> float:
         ]
     )
     least, *_ = np.linalg.lstsq(rows, changes.reshape(2, -1), rcond=None)
-    if fleet.weights is None:
-        return float(np.sum(least**2))
     efforts = np.sum(least.reshape(steps, -1, 3) ** 2, axis=(0, 2))
     return float(fleet.weights @ efforts)

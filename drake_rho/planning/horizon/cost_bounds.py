@@ -56,9 +56,7 @@ def largest_correction(plan: Plan, steps: int, ahead: int = 0) -> float:
     effort = effort_of_errors(steps, scenario.grid.step)
     each = effort[0, 0] * position**2 + 2.0 * abs(effort[0, 1]) * position * velocity
     each += effort[1, 1] * velocity**2
-    weights = scenario.fleet.weights
-    vehicles = len(scenario.vehicles) if weights is None else float(weights.sum())
-    return float(np.sqrt(vehicles * each))
+    return float(np.sqrt(float(scenario.fleet.weights.sum()) * each))
 
 
 def effort_of_errors(steps: int, step: float) -> FloatArray:

@@ -99,8 +99,8 @@ class _Efforts:
     """largest difference of these positions [m]"""
     radii: FloatArray
     """radii of the vehicles [m], shape (N,)"""
-    weights: FloatArray | None
-    """weights of the vehicles in the cost, shape (N,); None if all are 1"""
+    weights: FloatArray
+    """weights of the vehicles in the cost, shape (N,)"""
     clearances: FloatArray
     """distance of every goal from the nearest obstacle [m], shape (N,)"""
 
@@ -127,9 +127,7 @@ class _Efforts:
     def between(self, starts: IntArray, goals: IntArray) -> FloatArray:
         """Return the costs of pairs of indices that broadcast; infinite if there is no motion."""
         apart = self.starts[starts] - self.goals[goals]
-        efforts: FloatArray = np.einsum("...c,...c->...", apart, apart)
-        if self.weights is not None:
-            efforts = self.weights[starts] * efforts
+        efforts = self.weights[starts] * np.einsum("...c,...c->...", apart, apart)
         missed = np.abs(self.start_rests[starts] - self.goal_rests[goals]).max(axis=-1)
         impossible = (missed > self.tolerance) | (self.radii[starts] > self.clearances[goals])
         return np.where(impossible, np.inf, efforts)

@@ -79,7 +79,9 @@ class FreeTimeProgram:
         halves = [*limits, *(each.axes for each in cones)]
         parts = [*about(effort.motion, halves), passing.axes(effort)]
         group = np.arange(len(effort.units))
-        changes = Changes(effort.grid, effort.goals.rows, np.full(len(group), unit))
+        changes = Changes(
+            effort.grid, effort.goals.rows, np.full(len(group), unit), np.ones(len(group))
+        )
         sparse = SparseRows(changes, group, parts)
         self._steps, self._unit = sparse.steps, unit
         self.program = MathematicalProgram()
@@ -90,7 +92,7 @@ class FreeTimeProgram:
         self._soft = np.flatnonzero(soft)
         self._misses = self.program.NewContinuousVariables(len(self._soft))
         count = 3 * self._steps * len(group)
-        self._weights = np.ones(len(group)) if effort.factors is None else effort.factors**-2
+        self._weights = effort.factors**-2
         self._about = effort.motion.accelerations.reshape(-1) / unit
         add_goal(self.program, changes, self._x[:count])
         scales = diags_array(np.repeat(float(self._steps) ** np.arange(3), count)[: len(self._x)])

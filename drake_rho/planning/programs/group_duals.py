@@ -83,7 +83,6 @@ class Duals(Table):
             SolverError: no multipliers are found for a group.
         """
         inside, which, lengths = self._responses()
-        factors = self.changes.factors
         scales = np.divide(1.0, lengths, out=np.zeros_like(lengths), where=lengths > 0.0)
         normals, needed = scales[:, None] * self.normals, scales * self.needed  # of unit length
         begins = np.flatnonzero(np.diff(self.groups, prepend=-1))
@@ -108,8 +107,7 @@ class Duals(Table):
             else:
                 parts = [(signs * weighted[:, axis]) @ responses for axis in range(3)]
                 added.append(np.stack(parts, axis=2))
-            if factors is not None:
-                added[-1] = factors[several, None, None] * added[-1]
+            added[-1] *= self.changes.factors[several, None, None]
         return unit * scales * y, np.concatenate(vehicles), np.concatenate(added)
 
     def _responses(self) -> tuple[FloatArray, IntArray, FloatArray]:
@@ -131,11 +129,8 @@ class Duals(Table):
         inside = self.changes.inside(every)
         before, lengths = (np.sqrt(np.vecdot(each, each)) for each in (every, inside))
         lengths[lengths <= _FIXED * before] = 0.0
-        if self.changes.factors is None:
-            several = np.where(self.other >= 0, np.sqrt(2.0), 1.0)
-        else:
-            both = self.changes.factors_of(self.one, self.other)  # the last one's, if none
-            several = np.where(self.other >= 0, both, self.changes.factors[self.one])
+        both = self.changes.factors_of(self.one, self.other)  # the last one's, if none
+        several = np.where(self.other >= 0, both, self.changes.factors[self.one])
         return inside, which, lengths[which] * several
 
     def _signs(self, own: slice) -> tuple[IntArray, FloatArray | None]:
@@ -146,8 +141,7 @@ class Duals(Table):
         several = np.unique(np.concatenate([one, other[other >= 0]]))
         signs = (several[:, None] == one).astype(np.float64)
         signs -= several[:, None] == other
-        if self.changes.factors is not None:
-            signs *= self.changes.factors[several, None]
+        signs *= self.changes.factors[several, None]
         return several, signs
 
 

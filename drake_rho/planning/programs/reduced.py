@@ -150,9 +150,7 @@ def _reduced(changes: Changes, rows: Sequence[Rows], dense: bool) -> Iterator[Ba
     penalties = np.repeat(costs, [len(part) for part in rows])[order]
     slacks = slacks_of(rows)[order]
     vehicles, sizes = vehicles[order], sizes[order]
-    units = changes.units[vehicles]
-    if changes.factors is not None:
-        lengths = lengths * changes.factors[vehicles]
+    units, lengths = changes.units[vehicles], lengths * changes.factors[vehicles]
     needed, penalties = needed / (lengths * units), penalties * lengths / units
     for size in np.bincount(sizes).nonzero()[0][::-1].tolist():
         own = slice(*np.searchsorted(sizes, [size, size + 1]))
@@ -229,16 +227,13 @@ def rows_of(
         terms = [(part.vehicles, 1.0)]
         if part.form.coupled:
             terms.append((part.partners, -1.0))
-        lengths = np.sqrt(len(terms) * responses.power(2).sum(axis=1))
-        if changes.factors is not None:
-            both = changes.factors_of(part.vehicles, part.partners if part.form.coupled else None)
-            lengths *= both / np.sqrt(len(terms))
+        both = changes.factors_of(part.vehicles, part.partners if part.form.coupled else None)
+        lengths = both * np.sqrt(responses.power(2).sum(axis=1))
         r, j = responses.coords
         for vehicles, sign in terms:
             vectors = place[vehicles[r]] * (knots - 1) + j
-            values = (sign * responses.data / lengths[r])[:, None] * part.normals[r]
-            if changes.factors is not None:
-                values *= changes.factors[vehicles[r], None]
+            factors = sign * changes.factors[vehicles[r]]
+            values = (factors * responses.data / lengths[r])[:, None] * part.normals[r]
             entries.append(values.reshape(-1))
             columns = (3 * vectors[:, None] + np.arange(3)).reshape(-1)
             where.append(np.stack([np.repeat(first + r, 3), columns]))

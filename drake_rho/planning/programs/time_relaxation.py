@@ -163,7 +163,7 @@ class _Relaxation(FreeTimeProgram):
         start = _passing(effort, [Place(0.0, np.zeros(3), np.zeros(3), _NONE, np.zeros(0))])
         super().__init__(effort, unit, None, limits, cones, start, np.zeros((1, 3)))
         self._sparse = SparseRows(
-            Changes(effort.grid, effort.goals.rows, np.full(1, unit)),
+            Changes(effort.grid, effort.goals.rows, np.full(1, unit), np.ones(1)),
             np.zeros(1, dtype=int),
             [start.axes(effort)],
         )

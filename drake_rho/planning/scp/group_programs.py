@@ -179,8 +179,7 @@ class GroupPrograms:
         units = self._problem.effort.units[groups].max(axis=1)
         vehicles = groups.reshape(-1)
         a = np.repeat(units, groups.shape[1])[:, None, None] * u.reshape(-1, *u.shape[2:])
-        if (factors := self._problem.effort.factors) is not None:
-            a *= factors[vehicles, None, None]
+        a *= self._problem.effort.factors[vehicles, None, None]
         return vehicles, a + self._problem.effort.motion.accelerations[vehicles]
 
     def _retry(self) -> int:

@@ -237,8 +237,7 @@ def _first_penalty(subproblem: Subproblem, plan: Plan) -> float:
     effort = cost_of(scenario.fleet, motion.accelerations)
     extent, T = least_extent(scenario), scenario.grid.duration
     evasion = scenario.grid.knots * (4.0 * extent / T**2) ** 2
-    if (weights := scenario.fleet.weights) is not None:
-        evasion *= float(np.mean(weights))
+    evasion *= float(np.mean(scenario.fleet.weights))
     first = (max(plan.cost, effort) / len(scenario.vehicles) + evasion) / extent
     consistent = len(subproblem.violations(plan).inconsistent) == 0
     return first if consistent else _PATH_FACTOR * first

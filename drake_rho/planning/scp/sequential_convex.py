@@ -109,9 +109,7 @@ def _better(
 ) -> tuple[Plan, IntArray]:
     """Return the better plan of each set that converges together, and the vehicles to continue."""
     differences = np.sum(plan.accelerations**2 - after.accelerations**2, axis=(1, 2))
-    if (weights := plan.scenario.fleet.weights) is not None:
-        differences = weights * differences
-    fallen = np.bincount(labels, differences)[labels]
+    fallen = np.bincount(labels, plan.scenario.fleet.weights * differences)[labels]
     falling = falling[fallen[falling] > tolerance * plan.cost]
     if np.all(fallen >= 0.0):
         return after, falling
