@@ -53,12 +53,12 @@ def least_violation(reference: Plan, solver: Solver | None = None) -> Plan:
     return plan.with_statistics(spent + plan.statistics)
 
 
-def moved(tail: Plan, scenario: Scenario) -> Plan:
+def moved(remaining: Plan, scenario: Scenario) -> Plan:
     """Return the rest of a plan, moved to other starts with the least change of accelerations."""
-    if scenario.fleet is tail.scenario.fleet:
-        return unchecked(tail, scenario=scenario)
+    if scenario.fleet is remaining.scenario.fleet:
+        return unchecked(remaining, scenario=scenario)
     there, here = (
-        Problem.of(each).effort.motion.accelerations for each in (scenario, tail.scenario)
+        Problem.of(each).effort.motion.accelerations for each in (scenario, remaining.scenario)
     )
-    changed = np.asarray(tail.accelerations + there - here, dtype=np.float64)
+    changed = np.asarray(remaining.accelerations + there - here, dtype=np.float64)
     return Plan.from_accelerations(scenario, changed)

@@ -71,7 +71,7 @@ def next_window(
     free: Free,
     scenario: Scenario,
     first_knot: int,
-    tail: Plan,
+    remaining: Plan,
     *,
     last: Window,
     on_plan: bool,
@@ -87,22 +87,22 @@ def next_window(
         free: flags of waypoints ahead with free times.
         scenario: rest of the flight, from the current states.
         first_knot: knot of the whole flight at which the window starts, counted from 0.
-        tail: rest of the previous prediction.
+        remaining: rest of the previous prediction.
         last: previous window, with that prediction.
         on_plan: whether vehicles are in the tube of the remaining plan, so that it stays valid.
         stop: rest of the previous window's contingency; None without one.
     """
-    before, spent = arrival_steps(tail), Statistics()
+    before, spent = arrival_steps(remaining), Statistics()
     if before > 0:
         earlier = arriving(dataclasses.replace(windows, braking_after=None), free, before)
-        window = earlier.next(scenario, first_knot, tail, last=last, on_plan=on_plan)
+        window = earlier.next(scenario, first_knot, remaining, last=last, on_plan=on_plan)
         if window.kept or not window.infeasible:
             return window
         spent = window.statistics
-    elif on_plan and windows.still_holds(tail, last):
-        return Window(first_knot, tail, tail, kept=True)
+    elif on_plan and windows.still_holds(remaining, last):
+        return Window(first_knot, remaining, remaining, kept=True)
     later = arriving(windows, free, before, or_later=True)
-    window = later.next(scenario, first_knot, tail, last=last, on_plan=on_plan, stop=stop)
+    window = later.next(scenario, first_knot, remaining, last=last, on_plan=on_plan, stop=stop)
     return window.after(spent)
 
 

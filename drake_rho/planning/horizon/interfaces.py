@@ -35,7 +35,7 @@ planners' own reference."""
 
 
 @checked
-def free_reference(scenario: Scenario, tail: Plan | None, solver: Solver | None) -> None:
+def free_reference(scenario: Scenario, remaining: Plan | None, solver: Solver | None) -> None:
     """Return None, for the paper's reference: each window's own solution without the obstacles.
 
     Planners use this reference if they are given none.
@@ -43,12 +43,14 @@ def free_reference(scenario: Scenario, tail: Plan | None, solver: Solver | None)
 
 
 @checked
-def tail_reference(scenario: Scenario, tail: Plan | None, solver: Solver | None) -> Plan | None:
+def tail_reference(
+    scenario: Scenario, remaining: Plan | None, solver: Solver | None
+) -> Plan | None:
     """Return the rest of the previous prediction; in the first window, the paper's reference.
 
     It satisfies every constraint of the window, so there is always a plan, up to rounding.
     """
-    return tail
+    return remaining
 
 
 def with_options(options: Options | None, planner: Planner) -> Planner:

@@ -133,26 +133,26 @@ def estimate_errors(scenario: Scenario, ahead: int = 0) -> tuple[float, float]:
     return float(tube.position(times).max()), float(tube.velocity(times).max())
 
 
-def tube_radii(tail: Scenario) -> tuple[float, float]:
+def tube_radii(remaining: Scenario) -> tuple[float, float]:
     """Return the radii of the error tube at the start of a plan's rest [m, m/s]."""
-    if tail.disturbance is None:
+    if remaining.disturbance is None:
         return 0.0, 0.0
-    tube, now = tube_of(tail), tail.grid.start - tail.lead
+    tube, now = tube_of(remaining), remaining.grid.start - remaining.lead
     return float(tube.position(now)), float(tube.velocity(now))
 
 
-def off_tube(tail: Scenario, away: Deviations, ahead: int = 0) -> BoolArray:
+def off_tube(remaining: Scenario, away: Deviations, ahead: int = 0) -> BoolArray:
     """Return flags of vehicles off the tube, enlarged by the errors of the estimate.
 
     Args:
-        tail: scenario of the rest of the previous plan.
+        remaining: scenario of the rest of the previous plan.
         away: estimated less planned positions [m] and velocities [m/s], shape (N, 3) each.
         ahead: number of samples by which states are predicted, as in `estimate_errors`.
     """
     if not (away[0].any() or away[1].any()):
         return np.zeros(len(away[0]), dtype=bool)
-    (position, velocity), estimate = tube_radii(tail), estimate_errors(tail, ahead)
-    return exceeding(tail, away, position + estimate[0], velocity + estimate[1])
+    (position, velocity), estimate = tube_radii(remaining), estimate_errors(remaining, ahead)
+    return exceeding(remaining, away, position + estimate[0], velocity + estimate[1])
 
 
 def exceeding(

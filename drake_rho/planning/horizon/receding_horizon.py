@@ -294,20 +294,20 @@ class RecedingHorizon:
     def _next(self, knot: int, states: FloatArray) -> Window:
         """Return a window after the first."""
         last = self.windows[-1]
-        tail = self._rest(last.plan, knot - last.first_knot)
+        remaining = self._rest(last.plan, knot - last.first_knot)
         stop = last.contingency and self._rest(last.contingency, knot - last.first_knot)
-        left = tail.scenario
+        left = remaining.scenario
         if left.obstacles is not self.scenario.obstacles:  # an obstacle was seen again
             left = with_obstacles(left, self.scenario.obstacles)
-        measured, away = deviations(states, states_at(tail, 0))
-        off = off_tube(tail.scenario, away, self.latency)
+        measured, away = deviations(states, states_at(remaining, 0))
+        off = off_tube(remaining.scenario, away, self.latency)
         left = continued(left, self.scenario, states, measured, away, self.latency)
         plan_next = self._planner.next
         if self.free_final_time:
             free = free_ahead(self._free, self.scenario, left.grid)
             plan_next = partial(next_window, self._planner, free)
         on_plan = left.smoothing is not None or not off.any()
-        window = plan_next(left, knot, tail, last=last, on_plan=on_plan, stop=stop)
+        window = plan_next(left, knot, remaining, last=last, on_plan=on_plan, stop=stop)
         if left.disturbance is None or not off.any():
             return window
         names = tuple(left.vehicles[i].name for i in np.flatnonzero(off))
@@ -315,11 +315,11 @@ class RecedingHorizon:
 
     def _rest(self, plan: Plan, knot: int) -> Plan:
         """Return the rest of a window's plan or contingency, with the obstacles known by now."""
-        tail = plan.tail(knot)
-        if tail.scenario.obstacles is self._due:
-            return tail
+        remaining = plan.tail(knot)
+        if remaining.scenario.obstacles is self._due:
+            return remaining
         # a newer map was seen
-        return unchecked(tail, scenario=with_obstacles(tail.scenario, self._due))
+        return unchecked(remaining, scenario=with_obstacles(remaining.scenario, self._due))
 
 
 def _with_sightings(window: Window, before: Window) -> Window:

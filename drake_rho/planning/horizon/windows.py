@@ -98,7 +98,7 @@ class WindowPlanner:
         self,
         scenario: Scenario,
         first_knot: int,
-        tail: Plan,
+        remaining: Plan,
         *,
         last: Window,
         on_plan: bool,
@@ -113,21 +113,21 @@ class WindowPlanner:
         Args:
             scenario: rest of the flight, from the current states.
             first_knot: knot of the whole flight at which the window starts, counted from 0.
-            tail: rest of the previous prediction.
+            remaining: rest of the previous prediction.
             last: previous window, with that prediction.
             on_plan: whether vehicles are in the tube of the remaining plan, so that it stays valid.
             stop: rest of the previous window's contingency; None without one.
         """
-        followed = moved(tail, scenario)
-        window: Window | Failure | None = self._lack_of_slack(scenario, tail, last)
+        followed = moved(remaining, scenario)
+        window: Window | Failure | None = self._lack_of_slack(scenario, remaining, last)
         window = window or self._planned(scenario, first_knot, followed)
         if isinstance(window, Window):
             if self._is_cheap(window.plan, followed) or not (
-                on_plan and self.still_holds(tail, last)
+                on_plan and self.still_holds(remaining, last)
             ):
                 return window
-            window = _too_dear(window.plan, followed)
-        holds = on_plan and self.still_holds(tail, last)
+            window = _too_costly(window.plan, followed)
+        holds = on_plan and self.still_holds(remaining, last)
         if not _lacks(scenario):  # otherwise no planner can find a plan
             quick = holds and scenario.disturbance is not None
             other = self.planner if quick else self.fallback
@@ -135,31 +135,31 @@ class WindowPlanner:
             if isinstance(window, Window):
                 if self._is_cheap(window.plan, followed) or not holds:
                     return window
-                window = _too_dear(window.plan, followed)
+                window = _too_costly(window.plan, followed)
         cut = isinstance(window, OutOfTimeError)
         spent = dataclasses.replace(window.statistics, cut=window.statistics.cut or cut)
         reason = str(window)
         if holds:
-            plan = tail.with_statistics(spent)
+            plan = remaining.with_statistics(spent)
             return Window(first_knot, plan, plan, infeasible=reason, kept=True)
         without = Window(first_knot, followed.with_statistics(spent), followed, reason)
-        return self._without_plan(without, tail if on_plan else None, stop)
+        return self._without_plan(without, remaining if on_plan else None, stop)
 
-    def _without_plan(self, window: Window, tail: Plan | None, stop: Plan | None) -> Window:
+    def _without_plan(self, window: Window, remaining: Plan | None, stop: Plan | None) -> Window:
         """Return a window that flies a contingency or, if there is none, the least violation.
 
         Args:
             window: with the rest of the previous prediction, moved, and the reason for having no
                 plan.
-            tail: that rest as planned; None if a vehicle is off its tube.
+            remaining: that rest as planned; None if a vehicle is off its tube.
             stop: rest of the previous window's contingency; None without one.
         """
         followed, spent, none_found = window.reference, window.plan.statistics, ""
         if self.braking_after is not None:
             around = followed
             try:
-                if tail is not None and stop is not None and first_violation(stop) is None:
-                    found, around = stop, tail
+                if remaining is not None and stop is not None and first_violation(stop) is None:
+                    found, around = stop, remaining
                 else:
                     found = contingency(followed, 0, self.solver)
             except FAILURES as error:
@@ -192,7 +192,7 @@ class WindowPlanner:
             return dataclasses.replace(window, no_contingency=str(error))
         return dataclasses.replace(window, contingency=found)
 
-    def _lack_of_slack(self, scenario: Scenario, tail: Plan, last: Window) -> Failure | None:
+    def _lack_of_slack(self, scenario: Scenario, remaining: Plan, last: Window) -> Failure | None:
         """Return the error for constraints without tightening slack; None if there is slack.
 
         The slack is computed only if it is likely to be missing, or if the lack would go unnoticed.
@@ -203,8 +203,8 @@ class WindowPlanner:
         if scenario.disturbance is not None:
             has_slack = not last.kept
         else:
-            same = scenario is tail.scenario and not last.infeasible
-            has_slack = same and not _new_obstacles(tail, last)
+            same = scenario is remaining.scenario and not last.infeasible
+            has_slack = same and not _new_obstacles(remaining, last)
         if has_slack:
             return None
         reasons = _lacks(scenario)
@@ -214,26 +214,31 @@ class WindowPlanner:
         """Return whether a plan costs no more than the rest of the previous one, moved."""
         return not self.bounded_cost or plan.cost <= followed.cost
 
-    def still_holds(self, tail: Plan, last: Window) -> bool:
+    def still_holds(self, remaining: Plan, last: Window) -> bool:
         """Return whether the rest of the previous plan meets every constraint.
 
         Constraints that were verified when the plan was accepted are not verified again. Since the
         tolerances shrink with the rest, a second check could only reject the plan by rounding.
         """
-        if tail.scenario.disturbance is None:
-            return violations_of(Problem.of(tail.scenario), tail).none
+        if remaining.scenario.disturbance is None:
+            return violations_of(Problem.of(remaining.scenario), remaining).none
         accepted = last.kept or not last.infeasible
-        return first_violation(tail, _new_obstacles(tail, last) if accepted else None) is None
+        return (
+            first_violation(remaining, _new_obstacles(remaining, last) if accepted else None)
+            is None
+        )
 
-    def _planned(self, scenario: Scenario, first_knot: int, tail: Plan | None) -> Window | Failure:
+    def _planned(
+        self, scenario: Scenario, first_knot: int, remaining: Plan | None
+    ) -> Window | Failure:
         """Return the planner's window, or its error."""
         around = None
         try:
             if scenario.obstacles or scenario.separation is not None:
-                around = self.reference(scenario, tail, self.solver)
+                around = self.reference(scenario, remaining, self.solver)
             plan = self.planner(scenario, reference=around, solver=self.solver)
             plan = self._verified(scenario, plan)
-        except _expected(tail) as error:
+        except _expected(remaining) as error:
             return failure_of(error)
         return Window(first_knot, plan, around or plan.reference or plan)
 
@@ -242,15 +247,17 @@ class WindowPlanner:
         planner: Planner | None,
         scenario: Scenario,
         first_knot: int,
-        tail: Plan | None,
+        remaining: Plan | None,
         failure: Failure,
     ) -> Window | Failure:
         """Return the window of another planner, around the remaining plan, or its error."""
         if planner is None:
             return failure
         try:
-            plan = self._verified(scenario, planner(scenario, reference=tail, solver=self.solver))
-        except _expected(tail) as error:
+            plan = self._verified(
+                scenario, planner(scenario, reference=remaining, solver=self.solver)
+            )
+        except _expected(remaining) as error:
             again = failure_of(error)
             return again.replaced(statistics=failure.statistics + again.statistics)
         plan = plan.with_statistics(failure.statistics + plan.statistics)
@@ -284,15 +291,15 @@ class WindowPlanner:
         )
 
 
-def _expected(tail: Plan | None) -> type[Exception] | tuple[type[Exception], ...]:
+def _expected(remaining: Plan | None) -> type[Exception] | tuple[type[Exception], ...]:
     """Return the types of planner errors after which a flight continues without a new plan.
 
     If there is a previous plan, these are all exceptions: none ends a flight.
     """
-    return FAILURES if tail is None else Exception
+    return FAILURES if remaining is None else Exception
 
 
-def _too_dear(plan: Plan, followed: Plan) -> InfeasibleError:
+def _too_costly(plan: Plan, followed: Plan) -> InfeasibleError:
     """Return the error of a plan that costs more than the rest of the previous one, moved."""
     costs = f"{plan.cost:.6g} m²/s⁴, more than {followed.cost:.6g} m²/s⁴"
     because = "a new plan costs more than the rest of the previous one, moved to the states"
@@ -314,7 +321,7 @@ def _no_slack(scenario: Scenario, reasons: dict[str, tuple[str, ...]]) -> Infeas
     return InfeasibleError(reasons, scenario=scenario, because=because)
 
 
-def _new_obstacles(tail: Plan, last: Window) -> list[int]:
+def _new_obstacles(remaining: Plan, last: Window) -> list[int]:
     """Return the numbers of the obstacles that became known since the last window."""
     before = {number for number, _ in last.plan.scenario.known}
-    return [number for number, _ in tail.scenario.known if number not in before]
+    return [number for number, _ in remaining.scenario.known if number not in before]
