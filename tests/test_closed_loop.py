@@ -244,9 +244,12 @@ def test_windows_begin_at_the_state_predicted_from_delayed_estimates(delay: int)
         np.testing.assert_allclose(window.plan.velocities[:, 0], expected, atol=1e-9)
 
 
-def test_windows_before_the_first_estimate_begin_at_the_known_starts() -> None:
+@pytest.mark.parametrize("prediction", [True, False])
+def test_windows_before_the_first_estimate_begin_at_the_known_starts(prediction: bool) -> None:
     scenario = disturbed(17)
-    around = rho.Disturbance(0.2, 0.02, 0.05, feedback_every=0.25, delay=5, share=0.4)
+    around = rho.Disturbance(
+        0.2, 0.02, 0.05, feedback_every=0.25, delay=5, share=0.4, prediction=prediction
+    )
     scenario = dataclasses.replace(scenario, disturbance=around)
     flown = fly(scenario, rng=np.random.default_rng(1), replan_every=1)
     for window in flown.flight.windows[:5]:

@@ -9,7 +9,7 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 
 import drake_rho as rho
-from drake_rho.simulation.attitude import LAG, MAX_TILT, WIDTH, SmoothCommand, held
+from drake_rho.simulation.attitude import LAG, MAX_TILT, WIDTH, SmoothCommand, allocated, held
 from drake_rho.simulation.quadrotors import quadrotors
 from tests.disturbed import windy_room
 from tests.scenarios import single, slow
@@ -39,6 +39,61 @@ def test_quadrotors_end_within_the_tube_of_their_plant(seed: int) -> None:
     assert feedback.max() > 0.0
     assert rho.verify(flown).ok
     assert np.all(errors <= radii[:, None] + RESIDUAL)
+
+
+def hurried(seed: int, delay: int) -> tuple[rho.Scenario, rho.winds.Wind]:
+    """Return a vehicle with a delay whose last window has 0.1 s for corrections."""
+    rng = np.random.default_rng(seed)
+    grid, most = rho.Grid.lasting(0.8, step=0.02), float(rng.uniform(2.5, 5.0))
+    far = most * grid.duration**2 / 4.0 * rng.uniform(0.3, 0.6)
+    goal = rho.State([far, rng.uniform(-0.05, 0.05), 1.0 + 0.05 * rng.uniform()])
+    scenario = rho.Scenario(
+        "hurried",
+        grid,
+        [rho.Vehicle("one", rho.State([0.0, 0.0, 1.0]), goal)],
+        rho.Limits(max_acceleration=most),
+        disturbance=rho.Disturbance(most * rng.uniform(0.05, 0.15), delay=delay),
+    )
+    return scenario, rho.winds.constant(scenario, rng.normal(size=3))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [5, 8, 17])
+def test_sudden_corrections_just_before_the_goal_are_flown(seed: int) -> None:
+    """With rotor inputs that are just cut off at 0, goals are missed by up to 0.08 m/s or 7 mm."""
+    scenario, wind = hurried(seed, delay=1)
+    flown = rho.simulate(scenario, wind=wind, plant="quadrotor")
+    assert rho.verify(flown).ok
+
+
+@pytest.mark.slow
+def test_measurements_before_a_window_count_where_the_delay_is_longer_than_windows() -> None:
+    """Without them windows would begin unseen, in a tube that widens without any feedback."""
+    scenario, wind = hurried(3, delay=3)
+    flown = rho.simulate(scenario, wind=wind, plant="quadrotor")
+    around = flown.scenario.disturbance
+    assert around is not None
+    assert around.delay > 5  # steps in a window, of a sample each
+    assert not any(window.unseen or window.off_tube for window in flown.windows)
+    assert rho.verify(flown).ok
+    first = [tube.initial for tube in flown.tubes[1:]]
+    assert max(first) == min(first)
+
+
+def test_where_rotors_would_have_to_pull_only_the_yaw_gives_way() -> None:
+    wanted = np.random.default_rng(3).uniform(-1.0, 3.0, (500, 4))
+    mixing = np.array([[1.0, 1, 1, 1], [0, 1, 0, -1], [-1, 0, 1, 0]])  # lift, roll and pitch
+    pulling = 0
+    for inputs in wanted:
+        found = allocated(inputs)
+        assert found.min() >= 0.0
+        lift, roll, pitch = mixing @ inputs
+        if inputs.min() >= 0.0:
+            np.testing.assert_array_equal(found, inputs)
+        elif abs(roll) + abs(pitch) <= lift:  # all that rotors can do
+            pulling += 1
+            np.testing.assert_allclose(mixing @ found, [lift, roll, pitch], atol=1e-12)
+    assert pulling > 100
 
 
 def test_a_smooth_command_is_the_command_a_lag_later() -> None:
@@ -100,3 +155,10 @@ def test_a_horizon_is_refused_with_the_gains_that_a_quadrotor_can_hold() -> None
     rho.plan_rho(narrow)  # deadbeat gains have room for the errors
     with pytest.raises(rho.InfeasibleError, match=r"gains of .* that a quadrotor can hold"):
         rho.simulate(narrow, plant="quadrotor")
+
+
+def test_windows_shorter_than_the_lag_are_refused() -> None:
+    """Their accelerations would be commanded later than planned: goals were missed by 1 cm."""
+    scenario, _ = hurried(1, delay=0)
+    with pytest.raises(ValueError, match=r"replan_every: got 2, expected at least 3 for a quadr"):
+        rho.simulate(scenario, plant="quadrotor", replan_every=2)

@@ -38,6 +38,9 @@ _LEAST_LIFT = 0.2
 _BANDWIDTH, _DAMPING = 40.0, 1.0
 """Natural frequency [rad/s] and damping ratio of the attitude error."""
 
+_YAWING = np.array([1.0, -1.0, 1.0, -1.0])
+"""Change of rotor inputs that changes only the moment of yaw."""
+
 _APART = 1e-3
 """Time step of finite differences for rates and angular accelerations [s]."""
 
@@ -82,7 +85,7 @@ class AttitudeController(LeafSystem):
     By differential flatness the thrust vector is m (a + g e_z); its direction is the body's z axis
     and the yaw is 0. The attitude is a rotation whose error is the vector part of a quaternion, so
     there is no gimbal lock. The vertical thrust is as commanded even while the quadrotor turns.
-    Rotors cannot pull, so inputs are at least 0.
+    Rotors cannot pull, so inputs are at least 0; where one would have to, the yaw gives way.
 
     Ports: inputs `acceleration` (3) and `state` (12, of a `QuadrotorPlant`); output `rotors` (4),
     updated at each step of the simulator.
@@ -144,8 +147,22 @@ class AttitudeController(LeafSystem):
             spin += R.T @ wanted @ (2.0 * _DAMPING * _BANDWIDTH * turning + faster)
         moment = self._inertia @ spin + _cross(rates, self._inertia @ rates)
         lift = self._mass * thrust[2] / max(R[2, 2], math.cos(MAX_TILT) / 2.0)
-        inputs = self._rotors_for @ np.array([lift, *moment])
-        return np.asarray(np.maximum(inputs, 0.0))
+        return allocated(self._rotors_for @ np.array([lift, *moment]))
+
+
+def allocated(inputs: FloatArray) -> FloatArray:
+    """Return rotor inputs (4,) of at least 0, with the same lift and tilting where possible.
+
+    Opposite rotors spin alike. More of one pair and as much less of the other changes only the
+    moment of yaw, which does not move the vehicle. Inputs that are just cut off at 0 change the
+    lift and the moment that tilts it, so that sudden turns fail.
+
+    Args:
+        inputs: inputs for the wanted lift and moments, of either sign, shape (4,).
+    """
+    least, most = -min(inputs[0], inputs[2]), min(inputs[1], inputs[3])
+    shift = min(max(least, 0.0), most) if least <= most else (least + most) / 2.0
+    return np.asarray(np.maximum(inputs + shift * _YAWING, 0.0))
 
 
 def held(acceleration: FloatArray, gravity: float) -> FloatArray:

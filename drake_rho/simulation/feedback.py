@@ -226,8 +226,8 @@ class Feedback:
         if past > 0 or knot == 0 or knot not in self._knots:
             return now
         oldest = j - self._delay - self._dropouts  # older ones are too uncertain for a window
-        if self._latency > 0:  # by then the feedback used by the prediction has begun
-            oldest = max(oldest, now.since)
+        if self._latency > self._lag:  # feedback of samples from j on acts before the window
+            oldest = max(oldest, now.since)  # and predicts it, once it has begun
         states = np.where((now.arrived < oldest)[:, None], np.nan, self._expected(now, j))
         return dataclasses.replace(now, planned=self.horizon.step(states, float(self._times[knot])))
 
@@ -243,7 +243,7 @@ class Feedback:
 
         The prediction starts at the estimates and applies the feedback without disturbances.
         """
-        age = 0 if self._predicts else self._delay
+        age = 0 if self._predicts or j < self._delay else self._delay  # 0 if none has arrived
         path = [now.states if age == 0 else now.measured[0]]  # states of samples j - age to j
         for command in now.commands[len(now.commands) - age :]:
             path.append(self._moved(path[-1], (command,)))

@@ -60,9 +60,17 @@ def planned_ahead(scenario: Scenario, windows: Windows) -> Windows:
     Args:
         scenario: scenario to fly.
         windows: given settings.
+
+    Raises:
+        ValueError: there is a disturbance, and windows follow each other faster than a quadrotor
+            turns, so that accelerations of a window would be commanded late.
     """
-    asked = DEFAULTS | windows
-    least = min(LAG, asked["replan_every"] * scenario.grid.step)
+    asked, step = DEFAULTS | windows, scenario.grid.step
+    every, fewest = asked["replan_every"], steps_lasting(LAG, step)
+    if scenario.disturbance is not None and every < fewest:
+        expected = f"at least {fewest} for a quadrotor: its lag is {LAG:g} s, the step {step:g} s"
+        raise ValueError(f"replan_every: got {every!r}, expected {expected}")
+    least = min(LAG, every * step)
     latency = asked["latency"]
     return {**windows, "latency": least if 0.0 <= latency < least else latency}
 
