@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -15,9 +16,10 @@ from drake_rho.motion.close_pairs import close_pairs, close_pairs_at_knots
 from drake_rho.motion.dynamics import Motion, roll_out
 from drake_rho.motion.extremes import closest_approach, turning_points
 from drake_rho.verification.closest_pairs import closest_at_all_times, closest_at_knots
-from drake_rho.verification.continuous_time import lowest_over_time
+from drake_rho.verification.continuous_time import Least, least_over_time
 from drake_rho.verification.steps import Steps
 from drake_rho.verification.trajectory import PiecewiseTrajectory
+from drake_rho.verification.tubes import ErrorRadii
 from tests.scenarios import fleet
 from tests.tolerances import ROUNDING
 
@@ -55,9 +57,13 @@ def _lowest(
     precision: npt.ArrayLike,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return times and least distances of motions."""
-    steps, shape = Steps.of(step, *states), states[2].shape[:-2]
-    found = lowest_over_time(steps, shape, distance, precision)
-    return step * (found.steps + found.moments), found.values
+    steps, (*shape, count, _) = Steps.of(step, *states), states[2].shape
+    unknown = Least.unknown(np.full(math.prod(shape), np.inf))
+    owners, exact = np.arange(len(steps.p)) // count, ErrorRadii.constant(np.zeros(len(steps.p)))
+    each = np.broadcast_to(precision, shape).ravel()[owners]
+    found = least_over_time(steps, owners[:, None], distance, each, unknown, exact)
+    times = step * (found.steps % count + found.moments)
+    return times.reshape(shape), found.values.reshape(shape)
 
 
 def _trajectory(motion: Motion) -> PiecewiseTrajectory:

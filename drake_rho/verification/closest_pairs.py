@@ -62,7 +62,7 @@ def closest_at_knots(trajectory: PiecewiseTrajectory, separation: Separation) ->
     neighbours = np.array([each[1] for each in found])  # a point's first neighbour is the point
     own = neighbours[..., 0] == np.arange(count)  # itself, or its second if two coincide
     partners = np.where(own, neighbours[..., 1], neighbours[..., 0])
-    if trajectory.tubes is not None and not separation.is_round:
+    if trajectory.has_errors and not separation.is_round:
         far = FAR * separation.distance + errors
         partners, distances = _closest_to_ellipsoid(positions, separation, partners, far)
     k, vehicles = np.argmin(distances - errors[:, None], axis=0), np.arange(count)
@@ -135,12 +135,11 @@ def closest_at_all_times(
         return knots
     count = len(trajectory.durations)
     states = (trajectory.positions, trajectory.velocities, trajectory.accelerations)
-    higher = None if trajectory.higher is None else separation.scaled(trajectory.higher)
-    p, v, a = (separation.scaled(each) for each in states)
+    p, v, a, higher = (separation.scaled(each) for each in (*states, trajectory.higher))
     scaled = trajectory.steps_of(p, v, a, higher)
     pairs, k = _candidates(scaled, trajectory, separation, knots, far * separation.distance)
     one, other = (count * vehicle + k for vehicle in pairs.T)
-    exactly = trajectory.tubes is not None and not separation.is_round
+    exactly = trajectory.has_errors and not separation.is_round
     steps = trajectory.steps if exactly else scaled
     relative = steps.select(one).less(steps.select(other))
     error_radii = trajectory.error_radii(k, vehicles=2.0)
@@ -158,8 +157,7 @@ def closest_at_all_times(
     errors = np.array(knots.errors)
     partners[found] = pairs[at].sum(axis=1) - found
     times[found] = trajectory.moments(k[at], moments)
-    if error_radii is not None:
-        errors[found] = error_radii.radii(at, moments[:, None])[:, 0]
+    errors[found] = error_radii.radii(at, moments[:, None])[:, 0]
     return Closest(partners, times, least.values + errors, errors)
 
 
@@ -187,17 +185,15 @@ def _candidates(
     from scipy.spatial import cKDTree  # slow to load, see above
 
     vehicles, count = len(knots.distances), len(trajectory.durations)
-    middles = steps.p + steps.v / 2 + steps.a / 8
-    if steps.higher is not None:
-        middles = steps.at(np.arange(len(middles)), np.full((len(middles), 1), 0.5))[:, 0]
-    middles = middles.reshape(vehicles, count, 3)
+    every = np.arange(len(steps.p))
+    middles = steps.at(every, np.full((len(every), 1), 0.5)).reshape(vehicles, count, 3)
     reach = steps.speeds.reshape(vehicles, count) / 2
     errors = 2.0 * trajectory.errors_over
     undercut, scale = knots.less_errors, float(separation.shape.scales.max())
     found = [np.empty((0, 2), dtype=int)]
     for k in range(count):
         within = np.minimum(undercut, far)
-        if trajectory.tubes is not None:  # an upper bound of the distance in the scaled space
+        if trajectory.has_errors:  # an upper bound of the distance in the scaled space
             beyond = np.minimum(undercut, far) + errors[k] - separation.distance
             within = separation.distance + scale * np.maximum(beyond, 0.0)
         points, radius = middles[:, k], within.max() + 2.0 * reach[:, k].max()

@@ -25,12 +25,10 @@ the bound.
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Callable
 from typing import Self
 
 import numpy as np
-import numpy.typing as npt
 
 from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.verification.steps import Steps
@@ -76,6 +74,8 @@ class Least:
     ) -> None:
         """Keep each owner's least value, the first of equal ones; arrays of shape (P,)."""
         better = np.flatnonzero(values < self.values[owners])
+        if len(better) == 0:
+            return
         order = better[np.argsort(values[better], kind="stable")[::-1]]  # the least is last, stays
         who = owners[order]
         self.values[who], self.steps[who] = values[order], steps[order]
@@ -100,9 +100,9 @@ def least_over_time(
     distance: Distance,
     precision: FloatArray,
     least: Least,
-    error_radii: ErrorRadii | None = None,
+    error_radii: ErrorRadii,
 ) -> Least:
-    """Return each owner's least distance over all of its steps, less the error radii if any.
+    """Return each owner's least distance over all of its steps, less the error radii.
 
     Args:
         steps: M steps.
@@ -111,8 +111,7 @@ def least_over_time(
         precision: amount by which a smaller value may be missed [m], shape (M,), unless rounding
             hides more.
         least: initial values; only smaller ones are sought. Changed in place into the answer.
-        error_radii: radii of the errors around positions, which are subtracted from distances; no
-            errors if not given.
+        error_radii: radii of the errors around positions, which are subtracted from distances.
 
     Returns:
         `least`, with values that are attained and exceed the true minimum by `precision` at most.
@@ -139,7 +138,7 @@ class _Search:
     distance: Distance
     precision: FloatArray
     least: Least
-    error_radii: ErrorRadii | None
+    error_radii: ErrorRadii
 
     def split(
         self, which: IntArray, start: FloatArray, width: float, parts: int
@@ -159,13 +158,10 @@ class _Search:
         u = start[:, None] + width * np.arange(parts + 1)
         d = self.distance(steps.at(which, u))
         reach, bend = width * steps.speeds[which], width**2 * steps.acceleration_norms[which]
-        if self.error_radii is None:
-            bounds = _lower_bounds(d, reach, bend)
-        else:
-            radii = self.error_radii.radii(which, u)
-            bounds = _lower_bounds(d, reach, bend, radii)
-            bounds -= width**2 * self.error_radii.curvatures[which, None] / 8.0
-            d = d - radii
+        radii = self.error_radii.radii(which, u)
+        bounds = _lower_bounds(d, reach, bend, radii)
+        bounds -= width**2 * self.error_radii.curvatures[which, None] / 8.0
+        d = d - radii
         _offer_samples(self.least, owners, d, which, u, width)
         overflow = ~(np.isfinite(d).all(axis=1) & np.isfinite(bounds).all(axis=1))
         values[owners[overflow]] = np.nan  # ends the search of these owners
@@ -194,9 +190,7 @@ class _Search:
     def _values(self, which: IntArray, u: FloatArray) -> FloatArray:
         """Return distances less error radii at moments u of the steps `which`, shape (P, S)."""
         values = self.distance(self.steps.at(which, u))
-        if self.error_radii is None:
-            return values
-        return values - self.error_radii.radii(which, np.clip(u, 0.0, 1.0))
+        return np.asarray(values - self.error_radii.radii(which, u))
 
 
 def _offer_samples(
@@ -204,12 +198,13 @@ def _offer_samples(
 ) -> None:
     """Offer the least sample d of each interval, shape (P, S), to the interval's owners."""
     each, best = np.arange(len(d)), np.argmin(d, axis=1)
+    found, at = d[each, best], u[each, best]
     for owner in owners.T:
-        least.offer(owner, d[each, best], which, u[each, best], width)
+        least.offer(owner, found, which, at, width)
 
 
 def _lower_bounds(
-    d: FloatArray, reach: FloatArray, bend: FloatArray, radii: FloatArray | None = None
+    d: FloatArray, reach: FloatArray, bend: FloatArray, radii: FloatArray
 ) -> FloatArray:
     """Return lower bounds of a distance between neighbouring samples; see the module's docstring.
 
@@ -223,59 +218,12 @@ def _lower_bounds(
     Returns:
         Bounds [m], shape (P, S).
     """
-    reach, rises = reach[:, None], np.diff(d, axis=1)
-    falls = np.concatenate([-reach, np.maximum(rises[:, :-1] - bend[:, None], -reach)], axis=1)
-    climbs = np.concatenate([np.minimum(rises[:, 1:] + bend[:, None], reach), reach], axis=1)
-    if radii is not None:
-        grows = np.diff(radii, axis=1)
-        d, rises, falls, climbs = d - radii, rises - grows, falls - grows, climbs - grows
-    falls, climbs = np.minimum(falls, 0.0), np.maximum(climbs, 0.0)
+    reach, bend = reach[:, None], bend[:, None]
+    rises, grows = d[:, 1:] - d[:, :-1], radii[:, 1:] - radii[:, :-1]
+    falls = np.concatenate([-reach, np.maximum(rises[:, :-1] - bend, -reach)], axis=1)
+    climbs = np.concatenate([np.minimum(rises[:, 1:] + bend, reach), reach], axis=1)
+    falls, climbs = np.minimum(falls - grows, 0.0), np.maximum(climbs - grows, 0.0)
+    d, rises = d - radii, rises - grows
     meet = (climbs - rises) / np.maximum(climbs - falls, np.finfo(float).tiny)
     bounds: FloatArray = d[:, :-1] + falls * np.clip(meet, 0.0, 1.0)
     return bounds
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class Lowest:
-    """Least distance less error radius of each of several motions; arrays of one common shape."""
-
-    steps: IntArray
-    """index of the step in which it is attained"""
-    moments: FloatArray
-    """time within this step, from 0 to 1"""
-    values: FloatArray
-    """distance less the error radius at that time [m]"""
-    radii: FloatArray
-    """error radius at that time [m]"""
-
-
-def lowest_over_time(
-    steps: Steps,
-    shape: tuple[int, ...],
-    distance: Distance,
-    precision: npt.ArrayLike,
-    error_radii: ErrorRadii | None = None,
-) -> Lowest:
-    """Return the least distance of each of several motions, and when it is attained.
-
-    Args:
-        steps: steps of the motions, one motion after another, equally many of each.
-        shape: shape of the array of motions.
-        distance: distance as a function of positions.
-        precision: precision as in `least_over_time` [m]; broadcasts to `shape`.
-        error_radii: radii of the errors around positions; no errors if not given.
-
-    Returns:
-        Arrays of shape `shape`.
-    """
-    motions = math.prod(shape)
-    count = len(steps.p) // motions
-    owners = np.repeat(np.arange(motions), count)
-    each = np.repeat(np.broadcast_to(precision, shape).ravel(), count)
-    unknown = Least.unknown(np.full(motions, np.inf))
-    least = least_over_time(steps, owners[:, None], distance, each, unknown, error_radii)
-    which, radii = np.maximum(least.steps, 0), np.zeros(motions)
-    if error_radii is not None:
-        radii = error_radii.radii(which, least.moments[:, None])[:, 0]
-    values = (each.reshape(shape) for each in (least.moments, least.values, radii))
-    return Lowest((which % count).reshape(shape), *values)

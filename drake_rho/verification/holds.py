@@ -28,7 +28,6 @@ from drake_rho.verification.boxes import check_boxes
 from drake_rho.verification.check import PRECISION, Check, Column
 from drake_rho.verification.closest_pairs import ellipsoid_distance
 from drake_rho.verification.continuous_time import AnyLower, least_over_time
-from drake_rho.verification.jerks import Jerks
 from drake_rho.verification.kinds import refuse_unknown
 from drake_rho.verification.maps import encounters
 from drake_rho.verification.norms import check_norms
@@ -39,7 +38,7 @@ from drake_rho.verification.separation import check_separation
 from drake_rho.verification.states import check_planned
 from drake_rho.verification.steps import Steps
 from drake_rho.verification.trajectory import PiecewiseTrajectory
-from drake_rho.verification.tubes import Tubes
+from drake_rho.verification.tubes import ErrorRadii, Tubes
 from drake_rho.verification.waypoints import check_waypoints
 
 _ALL_PAIRS = 100
@@ -106,14 +105,10 @@ class _PlanCheck:
         trajectory, scenario = self.trajectory, self.trajectory.scenario
         if obstacles is None:
             yield self._states_are_right, lambda: check_planned(self.plan, self.stepwise)
-            jerks = Jerks.of(scenario, self.plan.accelerations)
-            yield (lambda: self._boxes_are_kept(jerks)), lambda: check_boxes(trajectory, jerks)
-            yield (lambda: self._norms_are_kept(jerks)), lambda: check_norms(trajectory, jerks)
+            yield self._boxes_are_kept, lambda: check_boxes(trajectory)
+            yield self._norms_are_kept, lambda: check_norms(trajectory)
             yield (lambda: not scenario.fleet.waypoints), lambda: check_waypoints(trajectory)
-            yield (
-                lambda: not scenario.requirements,
-                lambda: check_requirements(trajectory, jerks),
-            )
+            yield (lambda: not scenario.requirements), lambda: check_requirements(trajectory)
             yield self._all_keep_apart, lambda: check_separation(trajectory)
             yield (lambda: not scenario.hold_at_goal), lambda: check_rest(scenario)
             obstacles = [number for number, _ in scenario.known]
@@ -141,7 +136,7 @@ class _PlanCheck:
                 return False
         return True
 
-    def _boxes_are_kept(self, jerks: Jerks) -> bool:
+    def _boxes_are_kept(self) -> bool:
         bounds, trajectory = self.trajectory.scenario.fleet.bounds, self.trajectory
         p, v, a, h = (
             trajectory.positions,
@@ -171,7 +166,7 @@ class _PlanCheck:
             return False
         if bounds("jerk") is None:
             return True
-        limited = jerks.limited
+        limited = trajectory.jerks.limited
         return self._inside("jerk", limited, limited, np.zeros(limited.shape[1]))
 
     def _inside(
@@ -184,13 +179,13 @@ class _PlanCheck:
         lower, upper = box.lower[:, None] + tightening, box.upper[:, None] - tightening
         return bool(((low >= lower) & (high <= upper)).all())
 
-    def _norms_are_kept(self, jerks: Jerks) -> bool:
+    def _norms_are_kept(self) -> bool:
         limits, trajectory, radii = (
             self.trajectory.scenario.fleet.norms,
             self.trajectory,
             self.radii,
         )
-        upright, limited = np.array([0.0, 0.0, GRAVITY]), jerks.limited
+        upright, limited = np.array([0.0, 0.0, GRAVITY]), trajectory.jerks.limited
         vectors = {
             "max_speed": (trajectory.velocities, np.maximum(*_beside(radii.velocity))),
             "max_acceleration": (trajectory.commands, radii.acceleration),
@@ -287,7 +282,8 @@ def _is_below(
         return np.zeros(0, dtype=bool)
     owners = np.arange(len(least))[:, None]
     lower = AnyLower.unknown(least + precision)  # the search may miss as much as the precision
-    found = least_over_time(steps, owners, distance, precision, lower)
+    none = ErrorRadii.constant(np.zeros(len(least)))
+    found = least_over_time(steps, owners, distance, precision, lower, none)
     return np.asarray((found.steps >= 0) | np.isnan(found.values))
 
 

@@ -54,8 +54,9 @@ def refuse_unchecked(scenario: Scenario, columns: Iterable[Column]) -> None:
     Raises:
         NotImplementedError: a kind was not checked; the report would be incomplete.
     """
-    refuse_unknown(scenario)
-    _refuse(kinds_of(scenario) - _WITHOUT_COLUMNS - {column.kind for column in columns})
+    kinds = kinds_of(scenario)
+    checked = TREATMENT.keys() & {*_WITHOUT_COLUMNS, *(column.kind for column in columns)}
+    _refuse(kinds - checked)
 
 
 def refuse_unknown(scenario: Scenario) -> None:

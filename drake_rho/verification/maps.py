@@ -53,11 +53,9 @@ def encounters(solid: Map, steps: Steps, within: FloatArray) -> Encounters:
             nearest part at the beginning of a step and all that may be nearer during it.
     """
     parts = solid.parts
-    p, v, a = (parts.in_frame(each) for each in (steps.p, steps.v, steps.a))
-    higher = None if steps.higher is None else parts.in_frame(steps.higher)
-    ends = p + v + a / 2.0 + (0.0 if higher is None else higher.sum(axis=1))
-    # greatest distance of a parabola from its chord
-    bulge = (np.linalg.norm(a, axis=1) if higher is None else steps.acceleration_norms) / 8.0
+    p, v, a, higher = (parts.in_frame(each) for each in (steps.p, steps.v, steps.a, steps.higher))
+    ends = p + v + a / 2.0 + higher.sum(axis=1)
+    bulge = steps.acceleration_norms / 8.0  # greatest distance of a curve from its chord
     finite = np.isfinite(p).all(axis=1) & np.isfinite(ends).all(axis=1)
     reach = np.maximum(within, 0.0) + bulge
     endless = np.flatnonzero(np.isinf(reach) & finite)
@@ -81,7 +79,6 @@ def encounters(solid: Map, steps: Steps, within: FloatArray) -> Encounters:
         fixed = parts.corners[numbers].reshape(-1, 9)
     still = np.zeros_like(fixed)
     beside = (np.hstack([p, fixed]), np.hstack([v, still]), np.hstack([a, still]))
-    if higher is not None:
-        more = np.zeros((len(fixed), higher.shape[1], fixed.shape[1]))
-        higher = np.concatenate([higher[which], more], axis=2)
+    more = np.zeros((len(fixed), higher.shape[1], fixed.shape[1]))
+    higher = np.concatenate([higher[which], more], axis=2)
     return Encounters(which, Steps(*beside, higher), parts)

@@ -34,10 +34,10 @@ _NAMES: dict[Quantity, str] = {
 
 def notes_on(trajectory: PiecewiseTrajectory) -> tuple[str, ...]:
     """Return notes on a plan's disturbance and on the errors at its end."""
-    disturbance, tubes = trajectory.scenario.disturbance, trajectory.tubes
-    if disturbance is None or tubes is None:
+    disturbance = trajectory.scenario.disturbance
+    if disturbance is None:
         return ()
-    tube, end = tubes.last, trajectory.scenario.grid.end
+    tube, end = trajectory.tubes.last, trajectory.scenario.grid.end
     position, velocity = float(tube.position(end)), float(tube.velocity(end))
     return (
         f"verified {disturbance_in_words(disturbance, trajectory.scenario.grid)}",

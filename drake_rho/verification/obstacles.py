@@ -23,7 +23,6 @@ from drake_rho.verification.continuous_time import Least, least_over_time
 from drake_rho.verification.maps import encounters
 from drake_rho.verification.steps import Steps
 from drake_rho.verification.trajectory import PiecewiseTrajectory
-from drake_rho.verification.tubes import ErrorRadii
 
 
 def check_obstacles(trajectory: PiecewiseTrajectory) -> Iterator[Column]:
@@ -191,8 +190,7 @@ class RelativeMotion:
             )
         error_radii = subtracted = trajectory.error_radii(piece)
         if self.obstacle.is_uncertain:
-            ends = self.uncertainty[piece], self.grown[piece]
-            subtracted = ErrorRadii.with_linear(error_radii, *ends)
+            subtracted = error_radii.plus_linear(self.uncertainty[piece], self.grown[piece])
         least = least_over_time(
             near,
             owners[:, None],
@@ -204,8 +202,7 @@ class RelativeMotion:
         found = np.flatnonzero(least.steps >= 0)
         always, off, at = np.array(times), np.array(off), least.steps[found]
         always[found] = trajectory.moments(piece[at], least.moments[found])
-        if error_radii is not None:
-            off[found] = error_radii.radii(at, least.moments[found, None])[:, 0]
+        off[found] = error_radii.radii(at, least.moments[found, None])[:, 0]
         return at_knots, _Closest(always, least.values + off, off)
 
 

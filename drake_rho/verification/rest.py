@@ -30,7 +30,7 @@ from drake_rho.verification.obstacles import check_obstacle
 from drake_rho.verification.requirements import check_requirements
 from drake_rho.verification.separation import check_separation
 from drake_rho.verification.trajectory import PiecewiseTrajectory
-from drake_rho.verification.tubes import ConstantTubes
+from drake_rho.verification.tubes import NO_ERRORS, ConstantTubes, Tubes
 
 _NAMED = 3
 """Largest number of vehicles that are named in notes."""
@@ -130,9 +130,9 @@ class Rest:
         """Functions that together verify all constraints of a trajectory."""
         obstacles = range(1, len(self.scenario.bodies) + 1)
         return [
-            lambda rest: check_boxes(rest, Jerks.at_rest(rest.scenario)),
-            lambda rest: check_norms(rest, Jerks.at_rest(rest.scenario)),
-            lambda rest: check_requirements(rest, Jerks.at_rest(rest.scenario)),
+            check_boxes,
+            check_norms,
+            check_requirements,
             *(partial(check_obstacle, number=number) for number in obstacles),
             check_separation,
         ]
@@ -149,7 +149,7 @@ class Rest:
     def _trajectory(self, lasting: float) -> PiecewiseTrajectory:
         """Return the rest as one piece of time, with its largest radii."""
         duration = min(lasting, self.horizon)
-        tubes = None
+        tubes: Tubes = NO_ERRORS
         if self.tube is not None:
             until = self.begin + duration
             tubes = ConstantTubes.with_radii(
@@ -161,24 +161,23 @@ class Rest:
             )
         goals = self.scenario.fleet.goal_positions[:, None]
         still = np.zeros((len(goals), 2, 3))
-        return PiecewiseTrajectory(
-            self.scenario.derived(
-                grid=unchecked(
-                    self.scenario.grid, step=duration, knots=2, start=self.begin, clock=self._clock
-                ),
-                disturbance=None,
-                smoothing=None,
-                between_knots=True,
-                fleet=self.scenario.fleet,  # with the flight's tolerances
+        scenario = self.scenario.derived(
+            grid=unchecked(
+                self.scenario.grid, step=duration, knots=2, start=self.begin, clock=self._clock
             ),
+            disturbance=None,
+            smoothing=None,
+            between_knots=True,
+            fleet=self.scenario.fleet,  # with the flight's tolerances
+        )
+        return PiecewiseTrajectory.of_pieces(
+            scenario,
             np.array([0.0, duration]),
             np.array([duration]),
             np.ones(2, dtype=bool),
-            np.repeat(goals, 2, axis=1),
-            still,
-            still[:, :1],
-            still[:, :1],
-            tubes,
+            (np.repeat(goals, 2, axis=1), still, still[:, :1]),
+            Jerks.at_rest(scenario),
+            tubes=tubes,
         )
 
     def until(self, vehicle: int) -> float:

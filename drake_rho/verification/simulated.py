@@ -10,6 +10,7 @@ from drake_rho.motion.simulation import Simulation
 from drake_rho.scenario.fields import BoolArray, FloatArray
 from drake_rho.scenario.times import Clock
 from drake_rho.verification.check import Column
+from drake_rho.verification.jerks import Jerks
 from drake_rho.verification.states import check_flown, check_goal
 from drake_rho.verification.trajectory import PiecewiseTrajectory
 
@@ -24,7 +25,7 @@ def trajectory_of(simulation: Simulation) -> PiecewiseTrajectory:
     The motion of a point mass is integrated anew from the first state, commands and winds. For
     other plants, constant accelerations connect consecutive recorded positions.
     """
-    elapsed = np.asarray(simulation.elapsed)
+    plan, elapsed = simulation.plan, np.asarray(simulation.elapsed)
     h = np.diff(elapsed)[:, None]
     p, v, commands, wind = (
         np.moveaxis(each, 0, 1)
@@ -41,8 +42,10 @@ def trajectory_of(simulation: Simulation) -> PiecewiseTrajectory:
         p = np.concatenate([p[:, :1], h * v[:, :-1] + h**2 / 2 * a], axis=1).cumsum(axis=1)
     else:
         a = 2.0 * (np.diff(p, axis=1) - h * v[:, :-1]) / h**2
-    knots = _knots(simulation, elapsed)
-    return PiecewiseTrajectory(simulation.scenario, elapsed, h[:, 0], knots, p, v, a, commands)
+    knots, jerks = _knots(simulation, elapsed), Jerks.of(plan.scenario, plan.accelerations)
+    return PiecewiseTrajectory.of_pieces(
+        simulation.scenario, elapsed, h[:, 0], knots, (p, v, a), jerks, commands=commands
+    )
 
 
 def _knots(simulation: Simulation, elapsed: FloatArray) -> BoolArray:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-from functools import cached_property
-from math import comb
+from functools import cached_property, reduce
+from math import comb, perm
 from typing import Self
 
 import numpy as np
@@ -16,7 +16,7 @@ from drake_rho.scenario.fields import FloatArray, IntArray
 class Steps:
     """Steps of motions: in step m the position is p[m] + u v[m] + u²/2 a[m], with u from 0 to 1.
 
-    Smooth motions have higher powers of u too.
+    Smooth motions have n higher powers of u too; n is 0 where accelerations are constant.
     """
 
     p: FloatArray
@@ -25,9 +25,8 @@ class Steps:
     """velocities at the beginning [m per step], shape (M, D)"""
     a: FloatArray
     """accelerations, at the beginning for smooth motions [m per step²], shape (M, D)"""
-    higher: FloatArray | None = None
-    """coefficients of the powers of u from the third up [m], shape (M, n, D); None if there are
-    none"""
+    higher: FloatArray
+    """coefficients of the powers of u from the third up [m], shape (M, n, D)"""
 
     @classmethod
     def of(
@@ -45,25 +44,23 @@ class Steps:
             p: positions at the knots [m], shape (..., K, D).
             v: velocities at the knots [m/s], shape (..., K, D).
             a: accelerations in the steps [m/s²], shape (..., K-1, D).
-            higher: coefficients of the time from the third power up, shape (..., K-1, n, D).
+            higher: coefficients of the time from the third power up, shape (..., K-1, n, D); no
+                higher powers if not given.
         """
+        if higher is None:
+            higher = without_higher(a)
+        scaled = powers_of(np.asarray(step)[..., None], higher)
         each = (p[..., :-1, :], step * v[..., :-1, :], step**2 * a)
         p, v, a = (array.reshape(-1, array.shape[-1]) for array in each)
-        if higher is not None:
-            scaled = powers_of(np.asarray(step)[..., None], higher)
-            higher = scaled.reshape(-1, *higher.shape[-2:])
-        return cls(p, v, a, higher)
+        return cls(p, v, a, scaled.reshape(len(p), *higher.shape[-2:]))
 
     def select(self, which: IntArray) -> Steps:
         """Return the steps with the given indices."""
-        higher = None if self.higher is None else self.higher[which]
-        return Steps(self.p[which], self.v[which], self.a[which], higher)
+        return Steps(self.p[which], self.v[which], self.a[which], self.higher[which])
 
     def less(self, other: Steps) -> Steps:
         """Return the steps relative to others."""
-        higher = self.higher
-        if higher is not None and other.higher is not None:
-            higher = higher - other.higher
+        higher = self.higher - other.higher
         return Steps(self.p - other.p, self.v - other.v, self.a - other.a, higher)
 
     def derivative(self, order: int, durations: FloatArray) -> Steps:
@@ -77,16 +74,16 @@ class Steps:
         for _ in range(order):
             c = [m * each / durations[:, None] for m, each in enumerate(c)][1:]
         c += [np.zeros_like(self.p)] * (3 - len(c))
-        higher = np.stack(c[3:], axis=1) if len(c) > 3 else None
-        return Steps(c[0], c[1], 2.0 * c[2], higher)
+        higher = np.reshape(c[3:], (len(c) - 3, *self.p.shape))
+        return Steps(c[0], c[1], 2.0 * c[2], np.moveaxis(higher, 0, 1))
 
     def at(self, which: IntArray, u: FloatArray) -> FloatArray:
         """Return positions (P, S, D) in the steps `which`, shape (P,), at moments u, (P, S)."""
         p, v, a = (array[which, None] for array in (self.p, self.v, self.a))
         u = u[..., None]
         positions: FloatArray = p + u * (v + u / 2 * a)
-        if self.higher is not None:
-            positions += powers_of(u[..., None], self.higher[which, None]).sum(axis=-2)
+        for m in range(self.higher.shape[1]):
+            positions += u ** (3 + m) * self.higher[which, m, None]
         return positions
 
     @cached_property
@@ -95,9 +92,7 @@ class Steps:
 
         It is attained at an end where accelerations are constant.
         """
-        ends = np.linalg.norm(np.stack([self.v, self.v + self.a]), axis=2)
-        speeds: FloatArray = ends.max(axis=0)
-        return speeds if self.higher is None else self._greatest_derivative(1)
+        return self._greatest_derivative(1)
 
     @cached_property
     def acceleration_norms(self) -> FloatArray:
@@ -105,13 +100,12 @@ class Steps:
 
         It is that norm where accelerations are constant.
         """
-        acceleration_norms: FloatArray = np.linalg.norm(self.a, axis=1)
-        return acceleration_norms if self.higher is None else self._greatest_derivative(2)
+        return self._greatest_derivative(2)
 
     @property
     def _coefficients(self) -> list[FloatArray]:
         """Coefficients of the powers of u, from the lowest up, shape (M, D) each."""
-        higher = [] if self.higher is None else list(np.moveaxis(self.higher, 1, 0))
+        higher = (self.higher[:, m] for m in range(self.higher.shape[1]))
         return [self.p, self.v, self.a / 2.0, *higher]
 
     def _greatest_derivative(self, order: int) -> FloatArray:
@@ -119,20 +113,25 @@ class Steps:
 
         A polynomial is in the convex hull of its Bézier control points.
         """
-        c = self._coefficients
-        for _ in range(order):
-            c = [m * each for m, each in enumerate(c)][1:]
+        c = [perm(m, order) * each for m, each in enumerate(self._coefficients)][order:]
         degree = len(c) - 1
-        points = [
-            sum(comb(i, m) / comb(degree, m) * c[m] for m in range(i + 1)) for i in range(len(c))
-        ]
-        return np.asarray(np.linalg.norm(np.array(points), axis=2).max(axis=0))
+        points = (
+            sum((comb(i, m) / comb(degree, m) * c[m] for m in range(1, i + 1)), start=c[0])
+            for i in range(len(c))
+        )
+        norms = (np.sqrt(np.einsum("md,md->m", each, each)) for each in points)
+        return np.asarray(reduce(np.maximum, norms))
 
     @cached_property
     def coordinate_bounds(self) -> FloatArray:
         """Upper bound of the coordinates' absolute values in each step [m], shape (M,)."""
         coordinate_bounds: FloatArray = np.abs(self.p).max(axis=1, initial=0.0) + self.speeds
         return coordinate_bounds
+
+
+def without_higher(accelerations: FloatArray) -> FloatArray:
+    """Return no coefficients of higher powers, for accelerations (..., D): shape (..., 0, D)."""
+    return np.zeros((*accelerations.shape[:-1], 0, accelerations.shape[-1]))
 
 
 def powers_of(u: FloatArray, higher: FloatArray) -> FloatArray:

@@ -9,11 +9,12 @@ import numpy as np
 from drake_rho.motion.flown import Flown
 from drake_rho.motion.jumps import Jump, largest_jump
 from drake_rho.scenario.described import Described
-from drake_rho.scenario.fields import FloatArray
+from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.records import TOLERANCE, Scenario
 from drake_rho.verification.check import PRECISION
-from drake_rho.verification.smooth_extremes import greatest_of_smooth
+from drake_rho.verification.keep_in import Kept
 from drake_rho.verification.trajectory import PiecewiseTrajectory
+from drake_rho.verification.tubes import NO_ERRORS
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -44,23 +45,17 @@ class Summary(metaclass=Described):
     def of(cls, trajectory: PiecewiseTrajectory, flown: Flown) -> Summary:
         """Return the summary of a plan, flight or simulation with its trajectory.
 
-        The velocity is linear in a step, so the largest speed occurs at an instant. For a smooth
-        motion it is sought at all times.
+        The top speed is that of the motion itself, without errors.
         """
         scenario = trajectory.scenario
-        times, velocities = trajectory.all_velocities
-        speeds = np.linalg.norm(velocities, axis=2)
-        vehicle, instant = np.unravel_index(np.argmax(speeds), speeds.shape)
-        top_speed, time = speeds[vehicle, instant], times[instant]
-        if trajectory.higher is not None:
-            precision = PRECISION * TOLERANCE * scenario.fleet.scale("velocity")
-            found = greatest_of_smooth(trajectory, 1, _length, precision)
-            vehicle = np.argmax(found.values)
-            top_speed, time = found.values[vehicle], found.times[vehicle]
+        exact = dataclasses.replace(trajectory, tubes=NO_ERRORS)
+        precision = PRECISION * TOLERANCE * scenario.fleet.scale("velocity")
+        found = Kept.by_all(exact, "velocity", _length, precision).greatest()
+        vehicle = int(np.argmax(found.values))
         return cls(
-            top_speed=float(top_speed),
+            top_speed=float(found.values[vehicle]),
             fastest=scenario.vehicles[vehicle].name,
-            fastest_at=float(time),
+            fastest_at=float(scenario.grid.start + found.times[vehicle]),
             start=scenario.grid.start - scenario.lead,
             end=scenario.grid.end + scenario.lead,
             cost=flown.cost,
@@ -70,7 +65,7 @@ class Summary(metaclass=Described):
         )
 
 
-def _length(x: FloatArray) -> FloatArray:
+def _length(who: IntArray, x: FloatArray, times: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.norm(x, axis=-1))
 
 

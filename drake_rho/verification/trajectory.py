@@ -13,8 +13,9 @@ from drake_rho.motion.dynamics import Motion
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.records import Scenario
 from drake_rho.scenario.times import Clock
-from drake_rho.verification.steps import Steps, powers_of
-from drake_rho.verification.tubes import ErrorRadii, Tubes
+from drake_rho.verification.jerks import Jerks
+from drake_rho.verification.steps import Steps, powers_of, without_higher
+from drake_rho.verification.tubes import NO_ERRORS, ErrorRadii, Tubes
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -43,12 +44,14 @@ class PiecewiseTrajectory:
     """accelerations in the pieces, or at their beginnings [m/s²], shape (N, J, 3)"""
     commands: FloatArray
     """commanded accelerations, to which the limits apply [m/s²], shape (N, J, 3)"""
-    tubes: Tubes | None = None
-    """error tubes around these motions; None if vehicles follow them exactly"""
-    higher: FloatArray | None = None
+    higher: FloatArray
     """coefficients of positions as polynomials of the time since a piece began, from the third
-    power up [m/s³], …, shape (N, J, n, 3); None where accelerations are constant in pieces"""
-    jumps: IntArray = dataclasses.field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    power up [m/s³], …, shape (N, J, n, 3); n is 0 where accelerations are constant in pieces"""
+    jerks: Jerks
+    """jerks of the plan at the knots"""
+    tubes: Tubes
+    """error tubes around these motions; `NO_ERRORS` if vehicles follow them exactly"""
+    jumps: IntArray
     """indices of instants at which the motion jumps to measured states, shape (S,)"""
 
     @classmethod
@@ -56,7 +59,7 @@ class PiecewiseTrajectory:
         cls,
         scenario: Scenario,
         motion: Motion,
-        tubes: Tubes | None = None,
+        tubes: Tubes = NO_ERRORS,
         jumps: Sequence[int] = (),
     ) -> PiecewiseTrajectory:
         """Return the trajectory of a motion on a scenario's grid, whose steps are the pieces.
@@ -68,18 +71,57 @@ class PiecewiseTrajectory:
             jumps: knots, from 0, at which the motion jumps to another state.
         """
         grid = scenario.grid
-        return cls(
+        return cls.of_pieces(
             scenario,
             grid.elapsed,
             np.full(grid.knots - 1, grid.step),
             np.ones(grid.knots, dtype=bool),
-            motion.positions,
-            motion.velocities,
-            motion.accelerations,
-            motion.accelerations,
-            tubes,
-            jumps=np.array(jumps, dtype=np.int64),
+            (motion.positions, motion.velocities, motion.accelerations),
+            Jerks.of(scenario, motion.accelerations),
+            tubes=tubes,
+            jumps=jumps,
         )
+
+    @classmethod
+    def of_pieces(
+        cls,
+        scenario: Scenario,
+        elapsed: FloatArray,
+        durations: FloatArray,
+        knots: BoolArray,
+        states: tuple[FloatArray, FloatArray, FloatArray],
+        jerks: Jerks,
+        *,
+        commands: FloatArray | None = None,
+        tubes: Tubes = NO_ERRORS,
+        jumps: Sequence[int] = (),
+    ) -> PiecewiseTrajectory:
+        """Return the trajectory of motions with constant accelerations in pieces.
+
+        Args:
+            scenario: scenario whose constraints are verified.
+            elapsed: instants, as the field.
+            durations: durations of the pieces, as the field.
+            knots: flags of the instants that are knots.
+            states: positions, velocities and accelerations, as the fields.
+            jerks: jerks of the plan at the knots.
+            commands: commanded accelerations, if they are not those of the motion.
+            tubes: error tubes, if vehicles do not follow the motion exactly.
+            jumps: instants, from 0, at which the motion jumps to another state.
+        """
+        commands = states[2] if commands is None else commands
+        none, at = without_higher(states[2]), np.array(jumps, dtype=np.int64)
+        return cls(scenario, elapsed, durations, knots, *states, commands, none, jerks, tubes, at)
+
+    @property
+    def is_smooth(self) -> bool:
+        """Whether accelerations change during pieces."""
+        return bool(self.higher.shape[2] > 0)
+
+    @property
+    def has_errors(self) -> bool:
+        """Whether vehicles may be off these motions."""
+        return self.tubes is not NO_ERRORS
 
     @cached_property
     def times(self) -> FloatArray:
@@ -103,18 +145,7 @@ class PiecewiseTrajectory:
         """Indices of the pieces that end at a jump, at most S of them."""
         return self.jumps[self.jumps > 0] - 1
 
-    @property
-    def all_velocities(self) -> tuple[FloatArray, FloatArray]:
-        """Times on the scenario's clock [s] and velocities [m/s], also just before jumps.
-
-        Between these times the velocity is linear. The shapes are (M,) and (N, M, 3).
-        """
-        if len(k := self.last_before_jumps) == 0:
-            return self.times, self.velocities
-        times = np.append(self.times, self.times[k + 1])
-        return times, np.concatenate([self.velocities, self.ends[1][:, k]], axis=1)
-
-    @property
+    @cached_property
     def steps(self) -> Steps:
         """Pieces of all vehicles, vehicle by vehicle."""
         return self.steps_of(self.positions, self.velocities, self.accelerations, self.higher)
@@ -136,15 +167,6 @@ class PiecewiseTrajectory:
         """Return velocities (1), accelerations (2) or jerks (3) of smooth motions as curves."""
         return self.steps.derivative(order, np.tile(self.durations, len(self.positions)))
 
-    def only(self, vehicle: int) -> PiecewiseTrajectory:
-        """Return the trajectory of one vehicle, in the scenario of the whole fleet."""
-        arrays = {
-            name: getattr(self, name)[vehicle : vehicle + 1]
-            for name in ("positions", "velocities", "accelerations", "commands")
-        }
-        higher = None if self.higher is None else self.higher[vehicle : vehicle + 1]
-        return dataclasses.replace(self, **arrays, higher=higher)
-
     def each_at(self, vehicles: IntArray, times: FloatArray) -> FloatArray:
         """Return the position of one vehicle at each of M times on the scenario's clock, (M, 3)."""
         times = self.scenario.grid.since_start(times)
@@ -154,8 +176,7 @@ class PiecewiseTrajectory:
         v = self.velocities[vehicles, k]
         velocities = v + s * self.accelerations[vehicles, k]
         positions = self.positions[vehicles, k] + s / 2 * (v + velocities)
-        if self.higher is not None:
-            positions += powers_of(s[..., None], self.higher[vehicles, k]).sum(axis=1)
+        positions += powers_of(s[..., None], self.higher[vehicles, k]).sum(axis=1)
         return np.asarray(positions)
 
     def cut(self, times: FloatArray) -> PiecewiseTrajectory:
@@ -168,45 +189,23 @@ class PiecewiseTrajectory:
         knots = (self.elapsed[k] == instants) & self.knots[k]
         k = np.minimum(k, len(self.durations) - 1)  # no piece begins at the last instant
         s = (instants - self.elapsed[k])[:, None]
-        p, v, a = self.positions[:, k], self.velocities[:, k], self.accelerations[:, k]
-        if self.higher is not None:
-            return self._cut_smooth(instants, knots, k)
-        velocities = v + s * a
-        return PiecewiseTrajectory(
-            self.scenario,
-            instants,
-            np.diff(instants),
-            knots,
-            p + s / 2 * (v + velocities),
-            velocities,
-            a[:, :-1],
-            self.commands[:, k[:-1]],
-            self.tubes,
-            jumps=np.searchsorted(instants, self.elapsed[self.jumps]),
-        )
-
-    def _cut_smooth(
-        self, instants: FloatArray, knots: BoolArray, k: IntArray
-    ) -> PiecewiseTrajectory:
-        """Return smooth motions with new instants, located in the pieces k, shape (J' + 1,)."""
-        assert self.higher is not None  # noqa: S101  # the caller checks this
-        s = (instants - self.elapsed[k])[:, None]
         lower = [self.positions[:, k], self.velocities[:, k], self.accelerations[:, k] / 2.0]
-        c = [*lower, *np.moveaxis(self.higher[:, k], 2, 0)]
-        moved = [
-            sum(comb(m, i) * s ** (m - i) * c[m] for m in range(i, len(c))) for i in range(len(c))
-        ]
-        a = 2.0 * np.asarray(moved[2])[:, :-1]
+        c = np.stack([*lower, *np.moveaxis(self.higher[:, k], 2, 0)])
+        p, v, a, *higher = (
+            np.sum([comb(m, i) * s ** (m - i) * c[m] for m in range(i, len(c))], axis=0)
+            for i in range(len(c))
+        )
         return dataclasses.replace(
             self,
             elapsed=instants,
             durations=np.diff(instants),
             knots=knots,
-            positions=np.asarray(moved[0]),
-            velocities=np.asarray(moved[1]),
-            accelerations=a,
-            commands=a,
-            higher=np.stack(moved[3:], axis=2)[:, :-1],
+            positions=p,
+            velocities=v,
+            accelerations=2.0 * a[:, :-1],
+            commands=2.0 * a[:, :-1] + (self.commands - self.accelerations)[:, k[:-1]],
+            higher=np.reshape(higher, (len(higher), *p.shape)).transpose(1, 2, 0, 3)[:, :-1],
+            jumps=np.searchsorted(instants, self.elapsed[self.jumps]),
         )
 
     def moments(self, pieces: IntArray, parts: FloatArray) -> FloatArray:
@@ -214,30 +213,18 @@ class PiecewiseTrajectory:
         return np.asarray(self.elapsed[pieces] + parts * self.durations[pieces])
 
     def errors(self, instants: BoolArray | None = None) -> FloatArray:
-        """Return ρ_p at all instants, (J + 1,), or at those selected [m]; zero without tubes."""
-        times = self.times if instants is None else self.times[instants]
-        return np.zeros(len(times)) if self.tubes is None else self.tubes.at("position", times)
+        """Return ρ_p at all instants, (J + 1,), or at those selected [m]."""
+        return self.tubes.at("position", self.times if instants is None else self.times[instants])
 
     @cached_property
     def errors_over(self) -> FloatArray:
-        """Upper bound of ρ_p in each piece [m], shape (J,); zero without tubes."""
-        if self.tubes is None:
-            return np.zeros(len(self.durations))
+        """Upper bound of ρ_p in each piece [m], shape (J,)."""
         return self.tubes.over("position", self.times[:-1], self.times[1:])
 
     @cached_property
     def feedback(self) -> FloatArray:
-        """Largest feedback ρ_u in each piece [m/s²], shape (J,); zero without tubes."""
-        if self.tubes is None:
-            return np.zeros(len(self.durations))
+        """Largest feedback ρ_u in each piece [m/s²], shape (J,)."""
         return self.tubes.over("acceleration", self.times[:-1], self.times[1:])
-
-    @property
-    def curvatures(self) -> FloatArray:
-        """κ of ρ_p in each piece [m/s²], shape (J,); zero without tubes."""
-        if self.tubes is None:
-            return np.zeros(len(self.durations))
-        return self.tubes.curvatures(self.times[:-1], self.times[1:])
 
     def errors_of(self, order: int) -> FloatArray:
         """Return the largest error radius of a derivative in each piece, in its unit, (J,).
@@ -246,21 +233,17 @@ class PiecewiseTrajectory:
             order: 0 for positions, 1 for velocities, 2 for accelerations, 3 for jerks, which have
                 no errors.
         """
-        nothing = np.zeros(len(self.durations))
-        if self.tubes is None or order == 3:
-            return nothing
+        if order == 3:
+            return np.zeros(len(self.durations))
         if order == 1:
             return self.tubes.over("velocity", self.times[:-1], self.times[1:])
         return self.feedback if order == 2 else self.errors_over
 
-    def error_radii(self, pieces: IntArray, vehicles: float = 1.0) -> ErrorRadii | None:
-        """Return the error radii of positions in pieces; None without tubes.
+    def error_radii(self, pieces: IntArray, vehicles: float = 1.0) -> ErrorRadii:
+        """Return the error radii of positions in pieces.
 
         Args:
             pieces: indices of pieces, with repetitions allowed, shape (M,).
             vehicles: number of vehicles whose radii are added: 1, or 2 for a pair.
         """
-        if self.tubes is None:
-            return None
-        begins, durations = self.times[:-1][pieces], self.durations[pieces]
-        return ErrorRadii.of(self.tubes, begins, durations, vehicles)
+        return self.tubes.around(self.times[:-1], self.durations, pieces, vehicles)

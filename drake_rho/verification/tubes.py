@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Mapping
-from typing import Self
+from typing import Final, Self, get_args
 
 import numpy as np
 
@@ -42,19 +42,19 @@ class Tubes:
     anew: BoolArray
     """whether the motion jumps where each tube begins, shape (T,)"""
 
-    @classmethod
-    def of(cls, flown: Flown) -> Self | None:
-        """Return the tube of a plan or those of all windows; None without a disturbance."""
+    @staticmethod
+    def of(flown: Flown) -> Tubes:
+        """Return the tube of a plan or those of all windows; `NO_ERRORS` without a disturbance."""
         if flown.scenario.disturbance is None:
-            return None
+            return NO_ERRORS
         if flown.flight is None:
             start = np.array([flown.scenario.grid.start])
-            return cls((tube_of(flown.scenario),), start, np.zeros(1, dtype=bool))
+            return Tubes((tube_of(flown.scenario),), start, np.zeros(1, dtype=bool))
         grid = flown.scenario.grid
         knots = np.array([window.first_knot for window in flown.windows])
         tubes = tuple(tube_of(window.plan.scenario) for window in flown.windows)
         anew = np.isin(knots, flown.plan.jumps)
-        return cls(tubes, grid.start + grid.elapsed[knots], anew)
+        return Tubes(tubes, grid.start + grid.elapsed[knots], anew)
 
     @property
     def last(self) -> ErrorTube:
@@ -87,9 +87,26 @@ class Tubes:
             greatest[here] = over(begins[here], ends[here])
         return greatest
 
-    def curvatures(self, begins: FloatArray, ends: FloatArray) -> FloatArray:
-        """Return κ of ρ_p over intervals that have one tube each [m/s²], shape (M,)."""
-        return self.over("acceleration", begins, ends)
+    def around(
+        self, begins: FloatArray, durations: FloatArray, pieces: IntArray, vehicles: float
+    ) -> ErrorRadii:
+        """Return the radii of position errors in pieces of time that have one tube each.
+
+        Args:
+            begins: beginnings of J pieces on the scenario's clock [s], shape (J,).
+            durations: their durations [s], shape (J,).
+            pieces: piece of each step, with repetitions allowed, shape (M,).
+            vehicles: factor on the radii: 1 for one vehicle, 2 for both vehicles of a pair.
+        """
+        curvatures = self.over("acceleration", begins, begins + durations) * durations**2
+
+        def radii(steps: IntArray, u: FloatArray) -> FloatArray:
+            first, lasts = begins[pieces[steps], None], durations[pieces[steps], None]
+            shape = np.broadcast_shapes(first.shape, u.shape)
+            ends = (np.broadcast_to(each, shape) for each in (first, first + lasts))
+            return vehicles * self.position_in(first + np.clip(u, 0.0, 1.0) * lasts, *ends)
+
+        return ErrorRadii(radii, vehicles * curvatures[pieces])
 
     def _number(self, times: FloatArray, side: int = 1) -> IntArray:
         """Return the index of the tube valid at each time.
@@ -124,6 +141,10 @@ class ConstantTubes(Tubes):
         """Return the constant radius at all times."""
         return np.full(times.shape, self.radii[quantity])
 
+    def before(self, quantity: Quantity, times: FloatArray) -> FloatArray:
+        """Return the constant radius at all times."""
+        return self.at(quantity, times)
+
     def position_in(self, times: FloatArray, begins: FloatArray, ends: FloatArray) -> FloatArray:
         """Return the constant position radius at all times."""
         return self.at("position", times)
@@ -132,9 +153,16 @@ class ConstantTubes(Tubes):
         """Return the constant radius over all intervals."""
         return self.at(quantity, begins)
 
-    def curvatures(self, begins: FloatArray, ends: FloatArray) -> FloatArray:
-        """Return zeros: the position radius is constant."""
-        return np.zeros(begins.shape)
+    def around(
+        self, begins: FloatArray, durations: FloatArray, pieces: IntArray, vehicles: float
+    ) -> ErrorRadii:
+        """Return the constant position radius in all pieces."""
+        radius = vehicles * self.radii["position"]
+        return ErrorRadii(lambda _, u: np.full(u.shape, radius), np.zeros(len(pieces)))
+
+
+NO_ERRORS: Final = ConstantTubes.with_radii(dict.fromkeys(get_args(Quantity), 0.0))
+"""Tubes of vehicles that follow their motions exactly: of radius zero."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -149,44 +177,23 @@ class ErrorRadii:
     @classmethod
     def constant(cls, errors: FloatArray) -> Self:
         """Return error radii that are constant in each step, shape (M,)."""
-        return cls(
-            lambda steps, u: np.broadcast_to(errors[steps, None], u.shape), np.zeros(len(errors))
-        )
+        return cls(lambda steps, u: errors[steps, None] + 0.0 * u, np.zeros(len(errors)))
 
-    @classmethod
-    def of(cls, tubes: Tubes, begins: FloatArray, durations: FloatArray, times: float) -> Self:
-        """Return the error radii in steps.
+    def select(self, which: IntArray) -> ErrorRadii:
+        """Return the error radii of some of the steps, with repetitions allowed."""
+        radii, curvatures = self.radii, self.curvatures[which]
+        return ErrorRadii(lambda steps, u: radii(which[steps], u), curvatures)
 
-        Args:
-            tubes: tubes of one vehicle.
-            begins: beginning of each step on the scenario's clock [s], shape (M,).
-            durations: duration of each step [s], shape (M,).
-            times: factor on the radii: 1 for one vehicle, 2 for both vehicles of a pair.
-        """
-        different, which = np.unique(np.stack([begins, durations]), axis=1, return_inverse=True)
-        begin, duration = different
-        curvatures = tubes.curvatures(begin, begin + duration) * duration**2
-
-        def radii(steps: IntArray, u: FloatArray) -> FloatArray:
-            first, lasts = begins[steps, None], durations[steps, None]
-            shape = np.broadcast_shapes(first.shape, u.shape)
-            ends = (np.broadcast_to(each, shape) for each in (first, first + lasts))
-            return times * tubes.position_in(first + u * lasts, *ends)
-
-        return cls(radii, times * curvatures[which.reshape(-1)])
-
-    @classmethod
-    def with_linear(cls, errors: Self | None, begins: FloatArray, ends: FloatArray) -> Self:
-        """Return error radii, if any, plus radii that are linear in each step.
+    def plus_linear(self, begins: FloatArray, ends: FloatArray) -> ErrorRadii:
+        """Return these radii plus others that are linear in each step.
 
         Args:
-            errors: the error radii, or None for zero.
             begins: additional radii at the beginning of each step [m], shape (M,).
             ends: additional radii at the end of each step [m], shape (M,).
         """
 
         def radii(steps: IntArray, u: FloatArray) -> FloatArray:
             linear = begins[steps, None] + u * (ends - begins)[steps, None]
-            return linear if errors is None else errors.radii(steps, u) + linear
+            return self.radii(steps, u) + linear
 
-        return cls(radii, np.zeros(len(begins)) if errors is None else errors.curvatures)
+        return ErrorRadii(radii, self.curvatures)

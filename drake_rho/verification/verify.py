@@ -14,7 +14,7 @@ from drake_rho.scenario.fields import FloatArray
 from drake_rho.verification.averages import averaged
 from drake_rho.verification.boxes import check_boxes
 from drake_rho.verification.check import Check
-from drake_rho.verification.jerks import Jerks, notes_on_free_jerks
+from drake_rho.verification.jerks import notes_on_free_jerks
 from drake_rho.verification.kinds import refuse_unchecked
 from drake_rho.verification.norms import check_norms
 from drake_rho.verification.notes import (
@@ -119,13 +119,12 @@ def verify(flown: Flown) -> Report:
             own = check_planned(plan, trajectory)
             trajectory, notes = averaged(trajectory), notes_on(trajectory)
             notes += notes_on_jumps(plan)
-        jerks = Jerks.of(flown.plan.scenario, flown.plan.accelerations)
         columns = [
             *own,
-            *check_boxes(trajectory, jerks),
-            *check_norms(trajectory, jerks),
+            *check_boxes(trajectory),
+            *check_norms(trajectory),
             *check_waypoints(trajectory),
-            *check_requirements(trajectory, jerks),
+            *check_requirements(trajectory),
             *check_obstacles(trajectory),
             *check_separation(trajectory),
             *check_rest(last),

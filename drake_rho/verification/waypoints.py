@@ -25,9 +25,8 @@ def check_waypoints(trajectory: PiecewiseTrajectory) -> Iterator[Column]:
         times = np.where(due, waypoints.times, scenario.grid.start)
         positions = trajectory.each_at(vehicles, times)
         distances = np.linalg.norm(positions - waypoints.positions, axis=1)
-        errors = np.zeros(len(vehicles))
-        if trajectory.tubes is not None:
-            errors = np.where(due, trajectory.tubes.at("position", times), 0.0)
+        errors = np.where(due, trajectory.tubes.at("position", times), 0.0)
+        if trajectory.has_errors:
             for who, piece in _at_jumps(trajectory, times):
                 before = trajectory.ends[0][who, piece] - waypoints.positions[who]
                 away, radius = np.linalg.norm(before), trajectory.tubes.before("position", times)
