@@ -57,7 +57,7 @@ bench-time: $(VENV)/.bench .venv-casadi/.ready ## The same for least times; MISS
 bench-mixed: $(VENV)/.bench $(VENV)/.test ## The same for random scenes, windows and files that mix everything
 	$(BIN)/python -m benchmarks --mixed
 
-test: $(VENV)/.test ## Run the tests, but for slow ones (some ten minutes on two cores)
+test: $(VENV)/.test ## Run the tests, but for slow ones (some five minutes on two cores)
 	@sh tools/setup-browser $(VENV)
 	$(PYTEST) -m "not slow"
 

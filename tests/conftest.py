@@ -37,9 +37,9 @@ def pytest_configure() -> None:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Leave notebooks to `make test-all`, except that of the paper's last example."""
+    """Leave notebooks to `make test-all`."""
     for item in items:
-        if item.path.suffix == ".ipynb" and item.path.stem != "example_4":
+        if item.path.suffix == ".ipynb":
             item.add_marker(pytest.mark.slow)
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pytest
+from hypothesis import settings
 from hypothesis import strategies as st
 
 import drake_rho as rho
@@ -18,6 +19,11 @@ from drake_rho.scenario.shapes.base import Shape
 def slow(*cases: Any) -> list[Any]:
     """Return parameter cases that `make test` leaves to `make test-all`."""
     return [pytest.param(case, marks=pytest.mark.slow) for case in cases]
+
+
+def examples(few: int, many: int) -> settings:
+    """Return how many examples `make test` draws, and the random ones of `make test-all`."""
+    return settings(max_examples=few if settings.get_current_profile_name() == "same" else many)
 
 
 def box(half: float) -> rho.Box:

@@ -56,7 +56,9 @@ def _saved(figure: Figure) -> Figure:
     return figure
 
 
-@pytest.mark.parametrize("bodies", [(BALL,), (BALL, CROSSER), (ZONE, BALL), (CROSSER, PILLAR)])
+@pytest.mark.parametrize(
+    "bodies", [*slow((BALL,), (BALL, CROSSER), (ZONE, BALL)), (CROSSER, PILLAR)]
+)
 def test_distances_are_drawn_only_in_the_interval(bodies: tuple[rho.Obstacle, ...]) -> None:
     """From the centres of balls, from the surfaces of others."""
     figure = _saved(rho.distances_figure(_plan(*bodies)))
@@ -127,6 +129,7 @@ ACTIVE = {"1": (0.0, 4.5), "2": (6.0, 9.0), "3": (2.0, 5.0), "4": (0.0, 10.0), "
 """Intervals of the obstacles by number [s]; the pillar is always there."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("start", [*slow(0.0), 64.0])
 def test_obstacles_are_in_the_scene_only_while_they_are_active(start: float) -> None:
     """The animation lasts as long as the flight, however late or long an interval is."""
@@ -151,6 +154,7 @@ def _still(obstacle: rho.Obstacle) -> rho.Obstacle:
     return dataclasses.replace(obstacle, velocity=None)
 
 
+@pytest.mark.slow
 def test_names_on_the_page_are_those_of_active_obstacles() -> None:
     source = rho.viewer_page(_plan(*BODIES))
     with open_page() as (page, errors):

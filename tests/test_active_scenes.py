@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 import drake_rho as rho
 from drake_rho.scenario.shapes.base import Shape
 from tests.sampled import least_clearances
-from tests.scenarios import sampled_separation, slow
+from tests.scenarios import examples, sampled_separation, slow
 
 DURATION, UNIX = 10.0, 1.7e9
 AXES: tuple[Literal["x", "y", "z"], ...] = ("x", "y", "z")
@@ -76,7 +76,7 @@ def scene(seed: int) -> rho.Scenario:
     return scenario
 
 
-@pytest.mark.parametrize("seed", [*range(6), *slow(*range(6, 60))])
+@pytest.mark.parametrize("seed", [0, 1, 3, 4, *slow(2, *range(5, 60))])
 def test_no_instant_of_an_interval_is_missed(seed: int) -> None:
     """Plans and flights of random scenes, sampled at 2001 instants of every interval."""
     scenario = scene(seed)
@@ -144,7 +144,7 @@ def _elsewhere(
     later=st.floats(-500.0, 500.0),
     turned=st.booleans(),
 )
-@settings(max_examples=15)
+@examples(few=4, many=15)
 def test_plans_do_not_depend_on_place_time_and_direction(
     seed: int, shift: tuple[float, float, float], later: float, turned: bool
 ) -> None:
@@ -155,7 +155,7 @@ def test_plans_do_not_depend_on_place_time_and_direction(
 
 
 @given(seed=st.integers(0, 59), order=st.permutations(range(4)))
-@settings(max_examples=10)
+@examples(few=4, many=10)
 def test_plans_do_not_depend_on_the_order_of_obstacles(seed: int, order: list[int]) -> None:
     scenario = scene(seed)
     known = scenario.obstacles

@@ -14,7 +14,7 @@ from drake_rho.planning.path_search.lattice import Lattice, Raster
 from drake_rho.planning.path_search.moving_obstacles import MovingObstacle, blocked_moves
 from drake_rho.scenario.shapes.base import Shape
 from tests.sampled import flown, least_clearances
-from tests.scenarios import sampled_separation, single
+from tests.scenarios import sampled_separation, single, slow
 from tests.tolerances import INDEX
 
 ROOM = rho.Box([-1, -4, 0], [11, 4, 4])
@@ -49,7 +49,7 @@ def _in_door(plan: rho.Plan) -> np.ndarray:
     return times[np.abs(x - 5.0) < 0.7]
 
 
-@pytest.mark.parametrize("at", [0.0, 2.0])
+@pytest.mark.parametrize("at", [0.0, *slow(2.0)])
 @pytest.mark.parametrize(
     "active", [(0.0, 6.0), (0.0, 8.0), (4.0, 10.0), (2.0, 10.0), (3.5, 6.5), (3.0, 9.0), (1.0, 7.0)]
 )
@@ -105,7 +105,7 @@ def _known(seed: int) -> tuple[rho.Plan, rho.Scenario]:
     return known, dataclasses.replace(_room(obstacles), vehicles=(free,))
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", [*range(4), *slow(*range(4, 8))])
 def test_a_plan_is_found_where_a_motion_is_known(seed: int) -> None:
     known, scenario = _known(seed)
     plan = rho.plan(scenario)
@@ -118,7 +118,7 @@ BESIDE, PILLAR = rho.Box([4.5, -5, -1], [5.5, 2.5, 5]), rho.Cylinder([7.5, 1.5, 
 """A wall with a gap at its side, for which paths are searched, and a pillar behind it."""
 
 
-@pytest.mark.parametrize("start", [0.0, 1.7e9])
+@pytest.mark.parametrize("start", [*slow(0.0), 1.7e9])
 def test_an_interval_that_covers_the_flight_changes_nothing(start: float) -> None:
     """The plan is equal to the last digit also where paths are looked for."""
     always = rho.plan(_room([BESIDE, PILLAR], start))
@@ -176,7 +176,7 @@ def test_a_vehicle_that_hovers_makes_way_for_what_appears_around_it(
     assert least_clearances(plan).min() >= -1e-6 * size
 
 
-@pytest.mark.parametrize("active", [(0.0, 6.0), (3.0, 10.0), (4.0, 6.5)])
+@pytest.mark.parametrize("active", [*slow((0.0, 6.0), (3.0, 10.0)), (4.0, 6.5)])
 def test_a_fleet_passes_a_door_one_after_another_while_it_is_open(
     active: tuple[float, float],
 ) -> None:
@@ -192,7 +192,7 @@ def test_a_fleet_passes_a_door_one_after_another_while_it_is_open(
     assert sampled_separation(plan, 100) >= 1.0 - 1e-6
 
 
-@pytest.mark.parametrize("active", [(0.0, 6.0), (3.5, 6.5)])
+@pytest.mark.parametrize("active", [*slow((0.0, 6.0)), (3.5, 6.5)])
 def test_windows_in_wind_pass_a_door_while_it_is_open(active: tuple[float, float]) -> None:
     wind = rho.Disturbance(
         acceleration=0.1, position_error=0.01, velocity_error=0.02, feedback_every=0.125, share=0.4

@@ -94,6 +94,7 @@ def _look(page: Page, simulation: rho.Simulation, picture: str) -> None:
     page.screenshot(path=SCREENSHOTS / picture)
 
 
+@pytest.mark.slow
 def test_the_live_page_shows_the_true_motion_and_the_tube(simulation: rho.Simulation) -> None:
     meshcat = rho.animate(simulation)
     with open_page() as (page, errors):

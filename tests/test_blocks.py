@@ -124,6 +124,7 @@ def test_blocks_hold_every_row_once_and_keep_groups_together() -> None:
     np.testing.assert_array_equal(np.sort(times), np.sort(rows[0].times))
 
 
+@pytest.mark.slow
 def test_multipliers_come_back_with_the_answers() -> None:
     scenario = fleet(4)
     effort = MinimumEffort.of(scenario)

@@ -13,6 +13,7 @@ import time
 from collections import defaultdict
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +30,7 @@ from drake_rho.campaigns.sources import FromFile
 from drake_rho.campaigns.store import Store, StoreError
 from drake_rho.campaigns.study import study_to_json
 from drake_rho.campaigns.workers import Workers
-from tests.scenarios import fleet, single
+from tests.scenarios import fleet, single, slow
 from tests.studies import own, small, table
 
 
@@ -202,7 +203,10 @@ def test_a_run_that_raises_anything_is_a_row(
     assert len(wrong) >= 2
 
 
-def test_functions_are_methods(expected: list[tuple[Any, ...]], tmp_path: Path) -> None:
+@pytest.mark.parametrize("processes", [False, *slow(True)])
+def test_functions_are_methods(
+    processes: bool, expected: list[tuple[Any, ...]], tmp_path: Path
+) -> None:
     """Given by name or as an object, here or on processes, a function equals its method."""
     names = ("method", "scenario", "repetition", "status", "reason", "verified", "cost", "programs")
     methods: list[dict[str, Any]] = [
@@ -210,7 +214,7 @@ def test_functions_are_methods(expected: list[tuple[Any, ...]], tmp_path: Path) 
         {"name": "convex", "planner": "function", "function": rho.plan_convex},
     ]
     rho.campaign(small(), tmp_path / "methods.sqlite")
-    with Workers(1) as workers:
+    with Workers(1) if processes else nullcontext() as workers:
         functions = small(methods=methods)
         results = rho.campaign(functions, tmp_path / "runs.sqlite", executor=workers)
     found = table(tmp_path / "runs.sqlite", names)
@@ -287,7 +291,10 @@ def test_a_source_without_any_draw_ends_the_campaign_before_it_begins(
     assert not list(tmp_path.iterdir())
 
 
-def test_flights_in_wind_are_verified_by_their_true_motion(tmp_path: Path) -> None:
+@pytest.mark.parametrize("repetitions", [1, *slow(3)])
+def test_flights_in_wind_are_verified_by_their_true_motion(
+    repetitions: int, tmp_path: Path
+) -> None:
     source = {
         "name": "pair",
         "generator": "random_transitions",
@@ -304,11 +311,11 @@ def test_flights_in_wind_are_verified_by_their_true_motion(tmp_path: Path) -> No
         {"name": str(number), "planner": "simulate", "wind": wind}
         for number, wind in enumerate(winds)
     ]
-    study = small(3, scenarios=[source], methods=methods, plans=True)
+    study = small(repetitions, scenarios=[source], methods=methods, plans=True)
     results = rho.campaign(study, tmp_path / "runs.sqlite")
     names = ("key", "verified", "tube_share", "separation_clearance")
     rows = table(tmp_path / "runs.sqlite", names)
-    assert len(rows) == 12
+    assert len(rows) == 4 * repetitions
     for key, verified, share, apart in rows:
         flown = results.plan(key)
         assert isinstance(flown, rho.Simulation)
@@ -374,6 +381,7 @@ def test_methods_fly_with_contingencies_late_plans_and_bounded_costs(tmp_path: P
     assert learned == {"with": 8, "late": 12}
 
 
+@pytest.mark.slow
 def test_a_study_compares_final_times(tmp_path: Path) -> None:
     """Rows, groups and comparisons hold the least times that direct calls find."""
     gates = [{"position": [3, 2, 0]}, {"position": [6, -1, 1]}]

@@ -68,7 +68,7 @@ def scenario_file(tmp_path: Path) -> Path:
     return path
 
 
-@pytest.mark.parametrize("words", [["plan"], ["plan", "--method", "scp"], ["fly"]])
+@pytest.mark.parametrize("words", [["plan"], *slow(["plan", "--method", "scp"]), ["fly"]])
 def test_a_scenario_from_scratch_is_planned_saved_and_verified(
     words: list[str],
     scenario_file: Path,
@@ -444,9 +444,15 @@ def _with_reader(reader: str, *words: str, python: str = "-s") -> tuple[str, str
 @pytest.mark.parametrize(
     "words",
     [
-        *(["plan", "paper"], ["--help"]),
+        ["plan", "paper"],
         *slow(
-            *(["schema"], ["fly", "paper"], ["plan", "--help"], ["verify", "{}/plan.npz"]),
+            *(
+                ["--help"],
+                ["schema"],
+                ["fly", "paper"],
+                ["plan", "--help"],
+                ["verify", "{}/plan.npz"],
+            ),
             ["show", "{}/plan.npz", "--html", "{}/page.html"],
             ["reproduce", "--figures", "{}/figures", "--width", "3"],
         ),
@@ -466,6 +472,7 @@ def test_a_reader_of_unbuffered_output_may_close_early() -> None:
     assert _with_reader("| true", "schema", python="-u") == ("141 0", "")
 
 
+@pytest.mark.slow
 def test_a_reader_that_closes_amid_the_output_is_status_141(tmp_path: Path) -> None:
     plan = rho.plan_convex(single())
     spheres = [rho.Sphere([5.0, 2.0, -1.0], 0.001 * size) for size in range(100, 400)]
@@ -529,7 +536,8 @@ def test_the_schema_is_json(
     assert json.loads(out)["title"] == "Scenario"
 
 
-@pytest.mark.parametrize("command", ["plan", *slow("fly")])
+@pytest.mark.slow  # in another format: tests/test_figures_published.py
+@pytest.mark.parametrize("command", ["plan", "fly"])
 def test_figures_of_the_result_are_written_to_the_given_folder(
     command: str,
     scenario_file: Path,
@@ -573,6 +581,7 @@ def test_an_invalid_bound_on_memory_is_refused(
     assert run(capsys, monkeypatch, *words, "2e7")[0] == 0
 
 
+@pytest.mark.slow
 def test_the_package_runs_as_a_module() -> None:
     ran = subprocess.run(
         [sys.executable, "-m", "drake_rho", "plan", "nowhere"],

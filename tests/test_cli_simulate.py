@@ -54,15 +54,17 @@ def _flown(path: Path) -> rho.Simulation:
 @pytest.mark.parametrize(
     ("words", "expected"),
     [
-        ([], "wind: none; seed 1"),
-        (["--wind", "constant"], "wind: constant along 1 0 0; seed 1"),
-        (
-            ["--wind", "gust", "--direction", "0", "-2", "0"],
-            "gust along 0 -2 0 from 1.5 s",
+        (["--wind", "gust", "--direction", "0", "-2", "0"], "gust along 0 -2 0 from 1.5 s"),
+        *(
+            pytest.param(*each, marks=pytest.mark.slow)
+            for each in (
+                ([], "wind: none; seed 1"),
+                (["--wind", "constant"], "wind: constant along 1 0 0; seed 1"),
+                (["--wind", "noise", "--seed", "7"], "wind: noise; seed 7"),
+                (["--wind", "worst"], "worst for the first plan: "),
+                (["--wind", "worst", "--direction", "0", "0", "1"], "worst along 0 0 1 by 1.25 s"),
+            )
         ),
-        (["--wind", "noise", "--seed", "7"], "wind: noise; seed 7"),
-        (["--wind", "worst"], "worst for the first plan: "),
-        (["--wind", "worst", "--direction", "0", "0", "1"], "worst along 0 0 1 by 1.25 s"),
     ],
 )
 def test_a_scenario_is_flown_verified_saved_and_shown(
@@ -123,6 +125,7 @@ def test_the_table_reports_errors_and_clearances(
         np.testing.assert_allclose(numbers, expected, rtol=6e-3)
 
 
+@pytest.mark.slow
 def test_equal_seeds_give_equal_flights(
     mission: str,
     tmp_path: Path,

@@ -14,6 +14,7 @@ import drake_rho as rho
 from drake_rho.cli.summary import errors_of
 from drake_rho.simulation.closed_loop import fly
 from drake_rho.simulation.timeline import Timeline
+from tests.scenarios import examples
 
 starts = st.one_of(
     st.integers(-100, 100).map(lambda k: 0.1 * k),
@@ -53,7 +54,7 @@ def least_clearance(plan: rho.Plan) -> float:
 
 
 @given(start=starts, corner=st.integers(1, 45).map(lambda k: 0.1 * k), step=st.floats(0.1, 1.0))
-@settings(max_examples=20)
+@examples(few=8, many=20)
 def test_no_corner_of_a_track_is_missed(start: float, corner: float, step: float) -> None:
     scenario = dashing(start, corner, step)
     for flown in (rho.plan(scenario), rho.plan_rho(scenario, replan_every=2).plan):
@@ -70,7 +71,7 @@ def test_a_corner_that_rounds_into_the_piece_before_it_is_not_missed(
 
 
 @given(start=starts.filter(lambda t: t >= 0.0), step=st.sampled_from([0.1, 1.0 / 3.0, 0.5]))
-@settings(max_examples=3)
+@examples(few=1, many=3)
 def test_a_flight_in_wind_does_not_depend_on_when_it_begins(start: float, step: float) -> None:
     def at(begin: float) -> rho.Simulation:
         scenario = rho.Scenario(

@@ -12,7 +12,7 @@ from drake_rho.simulation.closed_loop import fly, fly_plan
 from drake_rho.simulation.timeline import Timeline
 from tests.disturbed import KINDS, crowded, disturbed, least_margin, winds_for
 from tests.loop import Array
-from tests.scenarios import single
+from tests.scenarios import single, slow
 from tests.tolerances import ROUNDING
 
 KEPT_LATE = (14, 25, 40)
@@ -106,8 +106,8 @@ def _answer(simulation: rho.Simulation, estimated: Array, j: int, since: int) ->
     return found
 
 
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("delay", [0, 1, 3])
+@pytest.mark.parametrize("kind", [*slow(*KINDS[:-1]), KINDS[-1]])
+@pytest.mark.parametrize("delay", [0, *slow(1), 3])
 def test_the_loop_equals_an_independent_simulation(kind: str, delay: int) -> None:
     scenario = disturbed(17 + delay, delay=delay, errors=False)
     simulation = fly(scenario, wind=winds_for(scenario, 3)[kind], replan_every=4)
@@ -137,7 +137,7 @@ def test_the_feedback_continues_where_windows_keep_the_previous_plan() -> None:
     assert kept > 0
 
 
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("seed", [*range(2), *slow(*range(2, 12))])
 @pytest.mark.parametrize("kind", KINDS)
 def test_errors_never_leave_the_tube(kind: str, seed: int) -> None:
     scenario = disturbed(seed)
@@ -152,10 +152,13 @@ def test_errors_never_leave_the_tube(kind: str, seed: int) -> None:
     assert simulation.tracking_difference.max() <= 1e-9
 
 
-def test_no_constraint_is_violated_even_where_windows_keep_the_previous_plan() -> None:
+@pytest.mark.parametrize("seeds", [(38, 39, 46), *slow((14, 20, 23, 33, 47, 58))], ids=str)
+def test_no_constraint_is_violated_even_where_windows_keep_the_previous_plan(
+    seeds: tuple[int, ...],
+) -> None:
     """The induction of docs/flight.md promises this, in tight scenarios and winds of all kinds."""
     kept = 0
-    for seed in (14, 20, 23, 33, 38, 39, 46, 47, 58):
+    for seed in seeds:
         scenario = crowded(seed)
         wind = winds_for(scenario, seed)[KINDS[seed % 6]]
         flown = fly(scenario, wind=wind, rng=np.random.default_rng(seed), replan_every=3)
@@ -164,7 +167,7 @@ def test_no_constraint_is_violated_even_where_windows_keep_the_previous_plan() -
         assert not any(window.off_tube for window in flown.flight.windows)
         assert all(window.kept == bool(window.infeasible) for window in flown.flight.windows)
         kept += sum(window.kept for window in flown.flight.windows)
-    assert kept >= 3
+    assert kept >= len(seeds) - 1
 
 
 def test_a_wind_above_the_declared_one_leaves_the_tube() -> None:
@@ -174,7 +177,7 @@ def test_a_wind_above_the_declared_one_leaves_the_tube() -> None:
     assert np.any(simulation.errors() > 1.05 * simulation.radii()[:, None])
 
 
-@pytest.mark.parametrize("seed", range(10))
+@pytest.mark.parametrize("seed", [*range(4), *slow(*range(4, 10))])
 def test_the_worst_case_reaches_the_radius_in_a_single_window(seed: int) -> None:
     scenario, rng = disturbed(100 + seed), np.random.default_rng(seed)
     time = scenario.grid.start + rng.uniform(0.3, 1.0) * scenario.grid.duration

@@ -11,6 +11,7 @@ import drake_rho as rho
 from drake_rho.motion.dynamics import Motion
 from drake_rho.motion.extremes import closest_approach
 from drake_rho.motion.nearest_vehicles import closest_over_time
+from tests.scenarios import slow
 from tests.tolerances import ROUNDING
 
 
@@ -33,7 +34,7 @@ def _every_pair(plan: rho.Plan, separation: rho.Separation) -> dict[tuple[int, i
     }
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", [*range(2), *slow(*range(2, 5))])
 @pytest.mark.parametrize("vehicles", [2, 3, 12])
 @pytest.mark.parametrize("per_step", [1, 5])
 def test_the_least_distance_of_every_step_is_found(vehicles: int, seed: int, per_step: int) -> None:

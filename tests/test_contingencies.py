@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import drake_rho as rho
+from tests.scenarios import slow
 from tests.test_cli import run
 
 ACCELERATION, SPEED = 3.0, 3.0
@@ -75,7 +76,7 @@ def test_windows_have_none_unless_asked() -> None:
     )
 
 
-@pytest.mark.parametrize("count", [1, 3])
+@pytest.mark.parametrize("count", [1, *slow(3)])
 @pytest.mark.parametrize("known_from", [0.7, 1.5])
 def test_what_is_seen_late_is_not_touched_where_a_contingency_is_flown(
     count: int, known_from: float

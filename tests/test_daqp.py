@@ -25,7 +25,7 @@ from drake_rho.planning.programs.dual import is_optimal
 from drake_rho.planning.programs.solution import Solution
 from drake_rho.planning.programs.solve import solve
 from drake_rho.scenario.fields import FloatArray
-from tests.scenarios import box, random_fleet, random_scenario, single, through_the_middle
+from tests.scenarios import box, random_fleet, random_scenario, single, slow, through_the_middle
 from tests.tolerances import MOTION, ROUNDING
 
 COST = 1e-8
@@ -336,7 +336,13 @@ SCENARIOS: dict[str, Callable[[], rho.Scenario]] = {
 }
 
 
-@pytest.mark.parametrize("name", SCENARIOS)
+LONG = ("solids", "random fleet")
+"""Scenarios whose plans take more than half a second."""
+
+
+@pytest.mark.parametrize(
+    "name", [one for each in SCENARIOS for one in (slow(each) if each in LONG else [each])]
+)
 def test_plans_cost_the_same_as_with_clarabel(name: str) -> None:
     scenario = SCENARIOS[name]()
     ours, theirs = (rho.plan(scenario, solver=each) for each in (rho.Daqp(), ClarabelSolver()))
@@ -374,7 +380,7 @@ def test_flights_and_their_windows_cost_the_same(paper: rho.Scenario) -> None:
     [
         rho.Limits(velocity=box(1.2)),
         rho.Limits(acceleration=box(0.5)),
-        rho.Limits(max_acceleration=0.3),
+        *slow(rho.Limits(max_acceleration=0.3)),
         rho.Limits(max_speed=1.2),
         rho.Limits(velocity=rho.Box([-1.2, -0.6, -9.0], [1.2, 0.6, 9.0])),
     ],

@@ -389,13 +389,21 @@ def test_limited_norms_of_accelerations_are_drawn_with_their_limits() -> None:
     "ends",
     [
         pytest.param([[[0, 0, 1], [20, 3, 1]], [[0, 8, 1], [20, 0, 1]]], id="flat"),
-        pytest.param([[[0, 0, 1], [20, 3, 1.3]], [[0, 8, 1.5], [20, 0, 1]]], id="nearly flat"),
-        pytest.param([[[0, 0, 1], [20, 0, 1]]], id="line"),
-        pytest.param([[[0, 0, 1], [0, 20, 9]], [[0, 0, 5], [0, 20, 1]]], id="wall"),
+        pytest.param(
+            [[[0, 0, 1], [20, 3, 1.3]], [[0, 8, 1.5], [20, 0, 1]]],
+            id="nearly flat",
+            marks=pytest.mark.slow,
+        ),
+        pytest.param([[[0, 0, 1], [20, 0, 1]]], id="line", marks=pytest.mark.slow),
+        pytest.param(
+            [[[0, 0, 1], [0, 20, 9]], [[0, 0, 5], [0, 20, 1]]], id="wall", marks=pytest.mark.slow
+        ),
         pytest.param([[[0, 0, 0], [3, 0, 20]], [[0, 2, 0], [0, 0, 20]]], id="tower"),
-        pytest.param([[[0, 0, 1], [0, 0, 1]]], id="point"),
+        pytest.param([[[0, 0, 1], [0, 0, 1]]], id="point", marks=pytest.mark.slow),
         pytest.param([[[-2e3, 0, -2e3], [3e3, 0, 0]]], id="upright"),
-        pytest.param([[[0, 0, 0], [16, 8, 5]], [[0, 8, 5], [16, 0, 0]]], id="long"),
+        pytest.param(
+            [[[0, 0, 0], [16, 8, 5]], [[0, 8, 5], [16, 0, 0]]], id="long", marks=pytest.mark.slow
+        ),
     ],
 )
 def test_labels_of_the_axes_overlap_nothing(ends: list[list[list[float]]]) -> None:

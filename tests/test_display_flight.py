@@ -236,6 +236,7 @@ def test_plans_are_drawn_beside_the_true_motion_of_small_fleets(simulation: rho.
     assert drawn(fly(dataclasses.replace(scenario, vehicles=tuple(many)))).planned == ()
 
 
+@pytest.mark.slow
 def test_a_simulation_that_begins_late_looks_the_same() -> None:
     for early, late in zip(
         rho.errors_figure(in_noise()).axes, rho.errors_figure(in_noise(64.0)).axes, strict=True

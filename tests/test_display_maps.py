@@ -32,6 +32,7 @@ from drake_rho.planning.path_search.continuation import piecewise_linear
 from drake_rho.scenario.fields import FloatArray, unchecked
 from drake_rho.scenario.maps.map import Map
 from tests.browser import open_page
+from tests.scenarios import slow
 
 EXACT = 1e-9
 """Tolerance of areas and volumes, relative."""
@@ -178,9 +179,9 @@ def test_colours_grow_paler_with_height() -> None:
 def test_positions_behind_maps_are_those_whose_line_of_sight_is_blocked() -> None:
     solid = _random(seed=3)
     shown = [Snapshot(solid, solid.center, 1)]
-    x = np.random.default_rng(1).uniform(solid.center - 3.0, solid.center + 3.0, (300, 3))
+    x = np.random.default_rng(1).uniform(solid.center - 3.0, solid.center + 3.0, (100, 3))
     free = x[solid.signed_distance(x) > 0.02]
-    sight = free[:, None] + np.linspace(0.0, 8.0, 4000)[:, None] * view()[2]
+    sight = free[:, None] + np.linspace(0.0, 8.0, 2000)[:, None] * view()[2]
     deepest = solid.signed_distance(sight).min(axis=1)
     behind = hidden(free, shown)
     assert 0.1 < behind.mean() < 0.9
@@ -202,7 +203,7 @@ def test_lines_behind_a_map_are_faint() -> None:
     np.testing.assert_array_equal(~np.isnan(behind[:, 0]), hidden(points, shown))
 
 
-@pytest.mark.parametrize("ending", ["png", "pdf", "svg"])
+@pytest.mark.parametrize("ending", ["png", *slow("pdf", "svg")])
 def test_a_figure_of_a_map_shows_it_twice(ending: str, tmp_path: Path) -> None:
     solid = _random(origin=[3.0, -2.0, 1.0])
     figure = map_figure(solid)
@@ -243,6 +244,7 @@ def test_a_building_is_shown_from_above_and_a_pillar_from_the_side() -> None:
     assert "paler the higher" in " ".join(text.get_text() for text in outside.texts)
 
 
+@pytest.mark.slow
 def test_all_figures_and_numbers_of_a_plan_among_maps(tmp_path: Path) -> None:
     moving = rho.Obstacle(_block((0, 0, 0), (1, 1, 1)), velocity=[0.5, 0.2, 0.0], name="cart")
     late = rho.Obstacle(_random(origin=[4.0, 6.0, 0.0]), known_from=2.0)
@@ -306,6 +308,7 @@ def test_a_page_of_a_building_is_small(meshcat: Meshcat) -> None:
     assert len(meshcat.StaticHtml()) - empty < 110 * faces + 300_000
 
 
+@pytest.mark.slow
 def test_a_page_shows_and_hides_a_map(tmp_path: Path) -> None:
     file = tmp_path / "page.html"
     file.write_text(rho.viewer_page(_through((_walls(),))))

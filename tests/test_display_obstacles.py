@@ -199,7 +199,7 @@ def test_points_behind_shapes_are_those_whose_line_of_sight_they_block(
     """Compared with drawn faces, which are a little inside of round shapes."""
     rng = np.random.default_rng(2)
     shown = snapshots(drawn(_plan(())), as_obstacles(scene(rng)))
-    points = rng.uniform([-5, -5, -0.5], [5, 5, 3], (600, 3))
+    points = rng.uniform([-5, -5, -0.5], [5, 5, 3], (300, 3))
     blocked = np.any([_sides(points, each) > 0.0 for each in shown], axis=0)
     assert 0.1 < blocked.mean() < 0.9
     assert np.mean(hidden(points, shown) == blocked) > 0.98

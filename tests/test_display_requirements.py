@@ -178,8 +178,12 @@ def test_surfaces_are_those_of_the_sets_within_the_scene(convex_set: Any) -> Non
         same = (convex_set.signed_distance(middle) < 0) == (convex_set.signed_distance(low) < 0)
         low, high = np.where(same[:, None], middle, low), np.where(same[:, None], high, middle)
     assert len(low) > 5
+    first = np.array([face[0] for face in found.faces])
+    wide = np.array([np.linalg.norm(face - face[0], axis=1).max() for face in found.faces])
     for point in low:
-        assert min(_distance_from_face(point, face) for face in found.faces) < rough + 1e-6
+        reached = np.linalg.norm(first - point, axis=1) < wide + rough + 1e-6
+        faces = [found.faces[k] for k in np.flatnonzero(reached)]  # no other is as near
+        assert any(_distance_from_face(point, face) < rough + 1e-6 for face in faces)
 
 
 def _distance_from_face(point: np.ndarray, face: np.ndarray) -> float:
@@ -412,6 +416,7 @@ def test_lines_join_vehicles_and_redden_in_the_scene(plan: rho.Plan) -> None:
         assert errors == []
 
 
+@pytest.mark.slow
 def test_the_page_shows_what_is_left_and_reddens_it(plan: rho.Plan, tmp_path: Path) -> None:
     file = tmp_path / "page.html"
     file.write_text(rho.viewer_page(plan))

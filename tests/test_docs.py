@@ -33,7 +33,7 @@ FOLLOWED = [
 ]
 _FEWER = {"repetitions: 40 ": "repetitions: 1 "}
 SHORTER = {
-    "README.md": _FEWER,
+    "README.md": _FEWER | {" --workers 2": "", " --figures pictures": ""},  # docs/campaigns.md
     "docs/campaigns.md": _FEWER,
     "docs/fleets.md": {"2000": "60"},
     "docs/guides/campaign.md": {
@@ -78,11 +78,20 @@ LONG = (
     "campaign.md",
     "campaigns.md",
     "compare.md",
+    "fast.md",
     "figures.md",
     "film.md",
+    "fleet.md",
     "fleets.md",
     "flight.md",
+    "least_time.md",
+    "maps.md",
+    "mission.md",
+    "mpc.md",
+    "results.md",
+    "tune.md",
     "viewer.md",
+    "wind.md",
 )
 """Documents that take several seconds each."""
 

@@ -133,7 +133,7 @@ def test_the_loop_with_lost_measurements_equals_an_independent_one(
     np.testing.assert_allclose(simulation.commands, commands, atol=1e-6 * np.abs(commands).max())
 
 
-@pytest.mark.parametrize("seed", range(16))
+@pytest.mark.parametrize("seed", [*range(3), *slow(*range(3, 16))])
 def test_errors_never_leave_the_tube_in_windows_with_lost_measurements(seed: int) -> None:
     dropouts = 1 + seed % 3
     scenario = lossy(seed, dropouts)
@@ -167,7 +167,7 @@ def test_no_constraint_is_violated_where_measurements_are_lost() -> None:
     assert kept >= 1
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", [*range(3), *slow(*range(3, 6))])
 def test_the_worst_case_reaches_the_radius_in_a_simulated_flight(seed: int) -> None:
     scenario, rng = lossy(100 + seed, 1 + seed % 3), np.random.default_rng(seed)
     time = scenario.grid.start + rng.uniform(0.3, 1.0) * scenario.grid.duration
@@ -193,7 +193,14 @@ def test_the_attack_uses_lost_measurements() -> None:
     assert attack.bound < rho.attack(lossy(3, 0), plan).bound
 
 
-@pytest.mark.parametrize(("delay", "dropouts"), [(0, 2), (1, 1), (2, 3)])
+@pytest.mark.parametrize(
+    ("delay", "dropouts"),
+    [
+        (2, 3),
+        pytest.param(0, 2, marks=pytest.mark.slow),
+        pytest.param(1, 1, marks=pytest.mark.slow),
+    ],
+)
 def test_windows_begin_at_the_state_predicted_from_the_newest_measurement(
     delay: int, dropouts: int
 ) -> None:

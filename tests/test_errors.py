@@ -17,7 +17,7 @@ import drake_rho as rho
 from drake_rho.planning.programs import backend, solve
 from drake_rho.planning.scp import group_programs
 from drake_rho.scenario.files import scenario_from_yaml
-from tests.scenarios import box, single, through_the_middle
+from tests.scenarios import box, single, slow, through_the_middle
 
 BAD: list[Callable[[], object]] = [
     lambda: rho.Grid(float("nan"), 5),
@@ -96,7 +96,9 @@ def _error(name: str, monkeypatch: pytest.MonkeyPatch) -> rho.InfeasibleError | 
     return caught.value
 
 
-@pytest.mark.parametrize("name", [*FAILURES, "solver"])
+@pytest.mark.parametrize(
+    "name", [*(each for each in FAILURES if each != "fleet"), *slow("fleet"), "solver"]
+)
 def test_the_error_of_a_failure_is_plain_data(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """The error can be printed, compared and pickled without a solver."""
     error = _error(name, monkeypatch)
@@ -131,6 +133,7 @@ def _raise(error: Exception) -> None:
     raise error
 
 
+@pytest.mark.slow
 def test_failures_come_back_from_another_process_unchanged(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

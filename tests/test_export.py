@@ -16,7 +16,7 @@ import drake_rho as rho
 from drake_rho.motion.flight import Window
 from drake_rho.simulation.closed_loop import fly
 from tests.disturbed import disturbed, winds_for
-from tests.scenarios import fleet, random_scenario, single, straight
+from tests.scenarios import fleet, random_scenario, single, slow, straight
 from tests.tolerances import ROUNDING
 
 AXES = ("x", "y", "z")
@@ -69,7 +69,7 @@ def _rows(path: Path) -> dict[str, np.ndarray]:
     return {name: np.array(rows) for name, rows in found.items()}
 
 
-@pytest.mark.parametrize("rate", [None, 7.0, 10.0, 0.1, 1000.0])
+@pytest.mark.parametrize("rate", [None, 7.0, 10.0, 0.1, *slow(1000.0)])
 @pytest.mark.parametrize("start", [0.0, -3.7])
 def test_a_table_has_the_states_at_the_rate_and_at_every_knot(
     rate: float | None, start: float, tmp_path: Path

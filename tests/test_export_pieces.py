@@ -20,7 +20,7 @@ from hypothesis import strategies as st
 import drake_rho as rho
 from drake_rho.exports.clearance import spare
 from drake_rho.exports.pieces import as_pieces
-from tests.scenarios import box, fleet, sampled_separation, single
+from tests.scenarios import box, fleet, sampled_separation, single, slow
 from tests.tolerances import ROUNDING
 
 HEADER = ["duration"] + [f"{axis}^{power}" for axis in ("x", "y", "z", "yaw") for power in range(8)]
@@ -95,7 +95,7 @@ def test_a_plan_that_fits_is_exported_exactly(steps: int, tmp_path: Path) -> Non
     assert all(not np.any(piece.coefficients[:, 3:]) for piece in pieces)  # quadratic
 
 
-@pytest.mark.parametrize("steps", [32, 49, 61, 62, 200, 1000])
+@pytest.mark.parametrize("steps", [32, 49, 61, 62, 200, *slow(1000)])
 def test_a_plan_that_does_not_fit_is_merged_into_fewer_pieces(steps: int, tmp_path: Path) -> None:
     plan = _random(steps, seed=steps)
     written = rho.export(plan, tmp_path / "swarm", format="crazyswarm")
@@ -197,7 +197,7 @@ def _least_clearance(pieces: list[list[Piece]], plan: rho.Plan) -> float:
     return min(least, float(np.linalg.norm(way, axis=1).min()) - apart.distance)
 
 
-@pytest.mark.parametrize("downwash", [0.5, 1.0, 2.0])
+@pytest.mark.parametrize("downwash", [*slow(0.5, 1.0), 2.0])
 @pytest.mark.parametrize("beside", [True, False])
 def test_remaining_clearances_are_never_less_than_reported(
     downwash: float, beside: bool, tmp_path: Path

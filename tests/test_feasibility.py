@@ -13,7 +13,7 @@ import drake_rho as rho
 from drake_rho.analysis.diagnose import is_monotone
 from drake_rho.analysis.trials import PRECISION, PRECISION_WITH_SEPARATION
 from drake_rho.planning.planners.related import rescaled
-from tests.scenarios import box, scenarios, single, through_the_middle
+from tests.scenarios import box, scenarios, single, slow, through_the_middle
 
 
 def test_bang_bang_is_the_shortest_from_rest_to_rest() -> None:
@@ -62,6 +62,7 @@ def test_a_feasible_scenario_has_no_conflict_and_a_shorter_duration() -> None:
     assert "there is a plan" in str(reason)
 
 
+@pytest.mark.slow
 @given(scenario=scenarios(tight=True, between_knots=True))
 @settings(max_examples=3)
 def test_suggestions_of_a_diagnosis_work(scenario: rho.Scenario) -> None:
@@ -124,7 +125,7 @@ KNOWN = {"max_speed": 20.0 / (39 * 0.25), "max_acceleration": 4 * 20.0 / 10.0**2
 """Least limits of 20 m in 10 s: full speed after the first step, and bang-bang."""
 
 
-@pytest.mark.parametrize("field", KNOWN)
+@pytest.mark.parametrize("field", ["max_speed", *slow("max_acceleration")])
 def test_the_least_change_of_a_limit_is_known_and_suffices(field: str) -> None:
     reason = rho.diagnose(_hurry(**{field: 0.8 * KNOWN[field]}))
     time, change = reason.changes

@@ -10,7 +10,7 @@ import drake_rho as rho
 from drake_rho.analysis.diagnose import is_monotone
 from drake_rho.analysis.trials import PRECISION, PRECISION_WITH_OBSTACLES
 from drake_rho.planning.planners.related import can_be_slower
-from tests.scenarios import box, single
+from tests.scenarios import box, single, slow
 
 
 def corridor(disturbance: rho.Disturbance | None, **options: object) -> rho.Scenario:
@@ -27,6 +27,7 @@ def gap(disturbance: rho.Disturbance | None) -> rho.Scenario:
     return dataclasses.replace(scenario, disturbance=disturbance)
 
 
+@pytest.mark.slow
 def test_longer_is_not_always_possible_with_a_tube_that_grows() -> None:
     """The feedback may take half of 1.5 m/s², so wind of 1 m/s² drives it ever further away."""
 
@@ -67,7 +68,7 @@ def test_obstacles_do_not_slow_down_with_a_longer_duration() -> None:
     assert not can_be_slower(dataclasses.replace(still, disturbance=rho.Disturbance(0.1)))
 
 
-@pytest.mark.parametrize("windy", [False, True])
+@pytest.mark.parametrize("windy", [False, *slow(True)])
 def test_a_conflict_states_the_problem_for_which_it_is_proved(windy: bool) -> None:
     limits = rho.Limits(max_acceleration=0.7)
     scenario = single(goal=rho.State([0.9 * 0.7 * 16.0, 0, 0]), limits=limits)
@@ -117,6 +118,7 @@ def test_there_is_a_plan_with_the_largest_wind_and_none_with_more() -> None:
         )
 
 
+@pytest.mark.slow
 def test_errors_of_the_estimate_alone_may_be_too_large() -> None:
     noisy = rho.Disturbance(0.5, position_error=5.0, velocity_error=5.0, share=0.9)
     scenario = corridor(noisy, acceleration=box(0.8))
@@ -131,6 +133,7 @@ def test_errors_of_the_estimate_alone_may_be_too_large() -> None:
     assert "wind up to" not in str(diagnosis)
 
 
+@pytest.mark.slow
 def test_infeasibility_without_a_disturbance_is_not_attributed_to_it() -> None:
     weak = rho.Limits(acceleration=box(0.1))
     scenario = dataclasses.replace(single(limits=weak), disturbance=rho.Disturbance(0.01))

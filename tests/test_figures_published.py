@@ -294,6 +294,7 @@ def test_closest_approaches_are_marked(study: Study) -> None:
     )
 
 
+@pytest.mark.slow
 def test_a_scene_in_a_notebook_has_no_empty_margin(study: Study) -> None:
     figure = draw_figure(15, study)
     tight = figure.get_tightbbox(FigureCanvasAgg(figure).get_renderer())  # type: ignore[no-untyped-call]

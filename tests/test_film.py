@@ -105,6 +105,7 @@ def test_the_command_line_makes_a_film(
 SIZES = ((1280, 720), (640, 360), (720, 1280), (1920, 1080), (506, 318))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [3, 24, 120])
 def test_films_show_the_list_and_the_legend_at_any_size(count: int) -> None:
     """Nobody can scroll in a film: every part is inside the frame, and what is left out is told."""

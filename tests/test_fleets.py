@@ -28,11 +28,13 @@ from drake_rho.planning.scp.restoration import SoftRows
 from drake_rho.planning.scp.subproblem import Subproblem
 from tests.scenarios import (
     box,
+    examples,
     fleet,
     mapped,
     random_fleet,
     sampled_separation,
     single,
+    slow,
     through_the_middle,
 )
 from tests.test_invariance import SIGNED_PERMUTATIONS
@@ -88,7 +90,11 @@ def test_only_the_knots_are_constrained_where_only_they_are_required() -> None:
     assert plan.cost > knots.cost
 
 
-@pytest.mark.parametrize("planner", list(PLANNERS.values())[1:], ids=list(PLANNERS)[1:])
+@pytest.mark.parametrize(
+    "planner",
+    [PLANNERS["decoupled"], *slow(PLANNERS["coupled"], PLANNERS["rho"])],
+    ids=["decoupled", "coupled", "rho"],
+)
 def test_obstacles_boxes_and_own_limits_hold_beside_the_separation(planner: Planner) -> None:
     limits = rho.Limits(position=box(5.2), velocity=box(2.5))
     sphere = rho.Sphere([0.0, 0.0, 0.5], 1.5)
@@ -124,7 +130,7 @@ def _without_limits_of_their_own(scenario: rho.Scenario) -> tuple[rho.Vehicle, .
 
 
 @given(seed=st.integers(0, 2**32 - 1), between_knots=st.booleans())
-@settings(max_examples=13)
+@examples(few=4, many=13)
 def test_random_fleets_are_separated_at_dense_samples(seed: int, between_knots: bool) -> None:
     scenario = random_fleet(seed, between_knots=between_knots)
     for coupling in (coupled, decoupled):

@@ -15,6 +15,7 @@ from drake_rho.motion.flown import Flown
 from drake_rho.planning.horizon.free_final_time import arrival_steps
 from drake_rho.planning.horizon.interfaces import Planner
 from drake_rho.simulation.closed_loop import fly
+from tests.scenarios import slow
 
 LIMITS = rho.Limits(max_speed=3.0, max_acceleration=3.0)
 WIND = rho.Disturbance(0.2, 0.005, 0.01, feedback_every=0.1)
@@ -234,6 +235,7 @@ def test_given_times_of_waypoints_stay() -> None:
     assert rho.verify(flight).ok
 
 
+@pytest.mark.slow
 def test_while_a_given_time_lies_ahead_waypoints_keep_their_order() -> None:
     scenario = through_a_gate(4.05, knots=21, step=0.4)
     (vehicle,) = scenario.vehicles
@@ -247,10 +249,13 @@ def test_while_a_given_time_lies_ahead_waypoints_keep_their_order() -> None:
     assert rho.verify(flight).ok
 
 
-def test_flights_and_simulations_are_read_as_they_were_written(tmp_path: Path) -> None:
+@pytest.mark.parametrize("replan_every", [*slow(5), 10])
+def test_flights_and_simulations_are_read_as_they_were_written(
+    replan_every: int, tmp_path: Path
+) -> None:
     gate = through_a_gate(knots=21, step=0.4)
     scenario = dataclasses.replace(gate, disturbance=WIND)
-    simulation = fly(scenario, replan_every=5, free_final_time=True, fallback=None)
+    simulation = fly(scenario, replan_every=replan_every, free_final_time=True, fallback=None)
     for flown in (simulation, simulation.flight):
         rho.save(flown, tmp_path / "flown.npz")
         read = rho.load(tmp_path / "flown.npz")

@@ -81,6 +81,7 @@ def test_a_thousand_vehicles_have_a_cubic_metre_each() -> None:
     assert scenario.grid.duration == 20.0
 
 
+@pytest.mark.slow
 def test_too_many_vehicles_are_an_error_that_says_how_many_fit() -> None:
     with pytest.raises(rho.ScenarioError) as caught:
         draw(60)

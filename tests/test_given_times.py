@@ -26,7 +26,7 @@ def flight(places: np.ndarray, times: list[float | None], step: float) -> rho.Sc
     return rho.Scenario("times", rho.Grid(step, 41), [vehicle], LIMITS)
 
 
-@pytest.mark.parametrize("seed", [*range(2), *slow(*range(2, 8))])
+@pytest.mark.parametrize("seed", [1, *slow(0, *range(2, 8))])
 def test_after_the_last_given_time_a_line_is_flown_at_full_speed(seed: int) -> None:
     """With time to spare before it, T is t + d / v + v / (2 a), but for a step that brakes less.
 
@@ -64,7 +64,7 @@ def test_there_is_no_least_time_without_limits_though_a_time_is_given() -> None:
         rho.plan_minimum_time(scenario)
 
 
-@pytest.mark.parametrize("seed", [*range(2), *slow(2, 3, 4)])
+@pytest.mark.parametrize("seed", [1, *slow(0, 2, 3, 4)])
 def test_no_plan_in_less_time_is_found_otherwise(seed: int) -> None:
     rng = np.random.default_rng([7, seed])
     places = rng.uniform([0.0, 0.0, 0.0], [20.0, 20.0, 5.0], (4, 3))
@@ -79,7 +79,7 @@ def test_no_plan_in_less_time_is_found_otherwise(seed: int) -> None:
         rho.plan(shorter)
 
 
-@pytest.mark.parametrize("seed", [*range(3), *slow(*range(3, 10))])
+@pytest.mark.parametrize("seed", [2, *slow(0, 1, *range(3, 10))])
 def test_where_a_motion_is_known_there_is_a_plan_and_none_takes_longer(seed: int) -> None:
     """The motion passes every waypoint when the least time without given times does, 1 % later."""
     rng = np.random.default_rng([11, seed])

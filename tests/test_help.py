@@ -54,12 +54,13 @@ def test_completion_shows_fields_and_methods_only() -> None:
 
 
 def test_the_schema_describes_a_record_without_fields_and_examples() -> None:
-    kinds = rho.scenario_schema()["$defs"]
+    schema = rho.scenario_schema()
+    kinds = schema["$defs"]
     first = "Time grid of a flight: knots k = 1..K with the step h between them."
     assert kinds["Grid"]["description"] == first
     assert inspect.cleandoc(vars(rho.Grid)["__doc__"]).startswith(first)
     for word in ("Attributes:", "Examples:", ">>>"):
-        assert word not in json.dumps(rho.scenario_schema())
+        assert word not in json.dumps(schema)
 
 
 def test_a_record_without_source_code_keeps_its_own_docstring() -> None:

@@ -32,7 +32,7 @@ from drake_rho.planning.scp.group_references import InGroups
 from drake_rho.planning.scp.groups import groups_with_multipliers
 from drake_rho.planning.scp.subproblem import Subproblem
 from drake_rho.scenario.fields import IntArray
-from tests.scenarios import box, fleet, mapped, sampled_separation, through_the_middle
+from tests.scenarios import box, fleet, mapped, sampled_separation, slow, through_the_middle
 from tests.tolerances import INDEX
 
 WITHIN = 1.03
@@ -295,8 +295,8 @@ def test_groups_without_new_rows_are_not_solved_again(scenario: rho.Scenario, fi
 # Plans
 
 
-@pytest.mark.parametrize("solver", [None, rho.Daqp()])
-@pytest.mark.parametrize("seed", [1, 4])
+@pytest.mark.parametrize("solver", [None, *slow(rho.Daqp())])
+@pytest.mark.parametrize("seed", [*slow(1), 4])
 def test_the_index_of_a_grouped_plan_is_almost_that_of_the_coupled_plan(
     seed: int, solver: rho.Daqp | None
 ) -> None:

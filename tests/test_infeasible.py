@@ -16,7 +16,7 @@ from drake_rho.planning.constraints.base import HalfSpaces
 from drake_rho.planning.programs import backend, solve
 from drake_rho.planning.scp.working_set import WorkingSet
 from drake_rho.scenario.fields import FloatArray
-from tests.scenarios import box, scenarios, single
+from tests.scenarios import box, examples, scenarios, single
 
 
 def _conflict(scenario: rho.Scenario, solver: SolverInterface | None = None) -> tuple[str, ...]:
@@ -168,7 +168,7 @@ def test_no_named_constraint_can_be_omitted() -> None:
 
 
 @given(scenario=scenarios(tight=True))
-@settings(max_examples=5)
+@examples(few=2, many=5)
 def test_without_any_one_of_the_named_boxes_there_is_a_plan_for_their_axes(
     scenario: rho.Scenario,
 ) -> None:

@@ -62,7 +62,7 @@ def _units(length: float, time: float) -> list[float]:
 
 
 @pytest.mark.parametrize("axes", [1, 3])
-@pytest.mark.parametrize("seed", [0, 1, 2, *slow(*range(3, 20))])
+@pytest.mark.parametrize("seed", [0, *slow(*range(1, 20))])
 def test_least_times_with_limited_jerk_are_known(seed: int, axes: int) -> None:
     """Averaged over a step, a plan is a motion that Ruckig might choose, which lasts T + h."""
     goal, limits = drawn(seed, axes)
@@ -87,7 +87,7 @@ def _averaged(state: rho.State, step: float, sign: float) -> rho.State:
     return rho.State(position, state.velocity + s * a, a)
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", [*range(2), *slow(2, 3)])
 def test_given_accelerations_in_motion_are_what_a_plan_begins_and_ends_with(seed: int) -> None:
     rng = np.random.default_rng(seed)
     start = rho.State([0, 0, 0], rng.uniform(-1, 1, 3), rng.uniform(-1, 1, 3))

@@ -11,6 +11,7 @@ import pytest
 
 import drake_rho as rho
 from drake_rho import cli
+from tests.scenarios import slow
 
 EQUAL = 2e-3
 """Relative difference of least times that count as equal: that of local optima found twice."""
@@ -43,7 +44,7 @@ def flown(
     )
 
 
-@pytest.mark.parametrize("duration", [2.0, 60.0])
+@pytest.mark.parametrize("duration", [2.0, *slow(60.0)])
 @pytest.mark.parametrize(
     ("quantity", "bound", "limits"),
     [

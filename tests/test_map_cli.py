@@ -12,7 +12,7 @@ import octomap
 import pytest
 
 import drake_rho as rho
-from tests.scenarios import single
+from tests.scenarios import single, slow
 from tests.test_cli import run
 from tests.test_cli_json import PYRAMID, read
 from tests.test_cli_missions import MISSION
@@ -109,7 +109,7 @@ def test_bad_maps_are_refused_in_one_line(
     assert complaint in err
 
 
-@pytest.mark.parametrize("words", [["tree.bt"], ["surface.obj"]])
+@pytest.mark.parametrize("words", [["tree.bt"], *slow(["surface.obj"])])
 def test_a_map_is_drawn(words: list[str], capsys: Captured, monkeypatch: Patch) -> None:
     status, out, _ = run(capsys, monkeypatch, "map", *words, "--figure", "out.png")
     assert status == 0

@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import drake_rho as rho
@@ -14,7 +14,7 @@ from drake_rho.planning.programs.backend import SolverName
 from drake_rho.scenario.fields import FloatArray
 from tests.cones import TWIN, twin_cost
 from tests.disturbed import disturbed
-from tests.scenarios import acceleration_outside, box, fleet, mapped, single
+from tests.scenarios import acceleration_outside, box, examples, fleet, mapped, single, slow
 from tests.tolerances import INDEX
 
 FROM_REST = rho.State([0.0, 0.0, 0.0])
@@ -49,7 +49,7 @@ def test_it_holds_and_costs_what_the_cones_cost(start: rho.State, most: float) -
     assert rho.verify(plan).ok
 
 
-@pytest.mark.parametrize("solver", ["clarabel", "daqp"])
+@pytest.mark.parametrize("solver", ["clarabel", *slow("daqp")])
 def test_it_binds_past_an_obstacle_at_every_instant(solver: SolverName) -> None:
     free = single(obstacles=[SPHERE], between_knots=True)
     limited = dataclasses.replace(free, limits=rho.Limits(max_jerk=1.5))
@@ -72,7 +72,7 @@ def test_along_one_axis_it_is_the_box_of_jerks() -> None:
 
 
 @given(seed=st.integers(0, 2**32 - 1))
-@settings(max_examples=2)
+@examples(few=1, many=2)
 def test_it_is_the_same_in_every_direction(seed: int) -> None:
     scenario = single(limits=rho.Limits(max_jerk=0.8), obstacles=[SPHERE])
     turn = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))[0]

@@ -21,7 +21,15 @@ from drake_rho.planning.scp.minimum_violation import minimum_violation
 from drake_rho.planning.scp.working_set import RowKeys, WorkingSet
 from drake_rho.scenario.fields import FloatArray
 from tests.cones import TWIN, integrals, twin_cost
-from tests.scenarios import box, fleet, mapped, random_scenario, single, through_the_middle
+from tests.scenarios import (
+    box,
+    examples,
+    fleet,
+    mapped,
+    random_scenario,
+    single,
+    through_the_middle,
+)
 from tests.tolerances import INDEX, MOTION
 
 CURVE = rho.State([0.0, 0.0, 0.0], [-1.0, 1.0, 0.5])
@@ -70,7 +78,7 @@ def limited(seed: int, *, tight: bool = False) -> rho.Scenario | None:
 
 
 @given(seed=st.integers(0, 2**32 - 1), tight=st.booleans())
-@settings(max_examples=20)
+@examples(few=8, many=20)
 def test_costs_of_random_scenarios_equal_those_of_the_programs_with_cones(
     seed: int, tight: bool
 ) -> None:

@@ -71,7 +71,7 @@ def test_a_largest_speed_alone_is_reached_in_one_step() -> None:
     assert found == pytest.approx(16.0 * 9.0 / (15.0 * 1.5), rel=1e-8)
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", [*range(4), *slow(4, 5)])
 def test_no_shorter_time_has_a_plan_and_every_longer_one_does(seed: int) -> None:
     """For a convex problem the planner of a given time is the referee."""
     rng = np.random.default_rng(seed)
@@ -180,7 +180,7 @@ def test_independent_vehicles_take_as_long_as_the_slowest() -> None:
     np.testing.assert_allclose(plan.accelerations[::2], least.accelerations, atol=1e-4)
 
 
-@pytest.mark.parametrize("apart", [None, rho.Separation(0.5)])
+@pytest.mark.parametrize("apart", [None, *slow(rho.Separation(0.5))])
 def test_each_vehicle_arrives_as_soon_as_it_can_and_stays(apart: rho.Separation | None) -> None:
     ends = [([-5, 0, 1], [5, 0, 1]), ([0, -3, 1], [0, 3, 1]), ([2, 2, 1], [1, -2, 1])]
     turn = [(), (), [rho.Waypoint(None, [3.0, 0.0, 1.0])]]
@@ -229,9 +229,10 @@ def test_what_changes_with_time_is_kept_clear_of(
     assert longer_than < least_time(scenario) < 6.0
 
 
-def test_wind_and_given_times_are_kept() -> None:
+@pytest.mark.parametrize("balls", [[], *slow([rho.Sphere([5.0, 2.1, -1.0], 1.0)])])
+def test_wind_and_given_times_are_kept(balls: list[rho.Sphere]) -> None:
     windy = dataclasses.replace(
-        single(limits=FAST, obstacles=[rho.Sphere([5.0, 2.1, -1.0], 1.0)], between_knots=True),
+        single(limits=FAST, obstacles=balls, between_knots=True),
         disturbance=rho.Disturbance(0.2),
     )
     calm = dataclasses.replace(windy, disturbance=None)
@@ -250,25 +251,28 @@ def test_the_number_of_knots_can_be_chosen() -> None:
     assert plan.scenario.grid.duration < least_time(scenario)
 
 
-def test_free_waypoints_of_a_given_final_time_are_passed_when_it_costs_least() -> None:
+@pytest.mark.parametrize("balls", [[], *slow([rho.Sphere([4.0, 1.5, 0.0], 0.8)])])
+def test_free_waypoints_of_a_given_final_time_are_passed_when_it_costs_least(
+    balls: list[rho.Sphere],
+) -> None:
     free = [rho.Waypoint(None, [2.0, 4.0, 0.0]), rho.Waypoint(None, [6.0, -1.0, 0.0], 0.2)]
-    for balls in ([], [rho.Sphere([4.0, 1.5, 0.0], 0.8)]):
-        scenario = single(limits=FAST, waypoints=free, obstacles=balls, grid=rho.Grid(0.4, 31))
-        plan = rho.plan(scenario)
-        assert rho.verify(plan).ok
-        passed = plan.scenario.vehicles[0].waypoints
-        for k in (0, 1):
-            for later in (-0.05, 0.05):
-                times = [float(each.time or 0.0) for each in passed]
-                times[k] += later
-                moved = [
-                    dataclasses.replace(each, time=time)
-                    for each, time in zip(passed, times, strict=True)
-                ]
-                other = single(limits=FAST, waypoints=moved, obstacles=balls, grid=scenario.grid)
-                assert rho.plan(other, reference=plan).cost > plan.cost * (1.0 - 1e-6)
+    scenario = single(limits=FAST, waypoints=free, obstacles=balls, grid=rho.Grid(0.4, 31))
+    plan = rho.plan(scenario)
+    assert rho.verify(plan).ok
+    passed = plan.scenario.vehicles[0].waypoints
+    for k in (0, 1):
+        for later in (-0.05, 0.05):
+            times = [float(each.time or 0.0) for each in passed]
+            times[k] += later
+            moved = [
+                dataclasses.replace(each, time=time)
+                for each, time in zip(passed, times, strict=True)
+            ]
+            other = single(limits=FAST, waypoints=moved, obstacles=balls, grid=scenario.grid)
+            assert rho.plan(other, reference=plan).cost > plan.cost * (1.0 - 1e-6)
 
 
+@pytest.mark.slow
 def test_a_bad_guess_of_the_step_and_vehicles_that_stay_do_no_harm() -> None:
     least = least_time(straight(21, FAST))
     for step in (1e-5, 1e4):
@@ -330,7 +334,11 @@ def test_a_wall_across_a_room_is_named() -> None:
     ("waypoints", "why"),
     [
         ([(1.0, [0, 100, 0])], ("maximum acceleration", "waypoint 1 at 1 s")),
-        ([(3.0, [2, 0, 0]), (3.1, [5, 0, 0])], ("maximum speed", "waypoint 1", "waypoint 2")),
+        pytest.param(
+            [(3.0, [2, 0, 0]), (3.1, [5, 0, 0])],
+            ("maximum speed", "waypoint 1", "waypoint 2"),
+            marks=pytest.mark.slow,
+        ),
         pytest.param(
             [(1.0, [0.5, 0, 0]), (None, [4, 3, 0]), (1.5, [9, 0, 0])],
             ("waypoint 3 at 1.5 s",),
@@ -371,6 +379,7 @@ def test_a_flight_keeps_the_given_times_among_its_waypoints(count: int, knots: i
     assert times[::2] == [2.0, 6.0][: count // 2]
 
 
+@pytest.mark.slow
 def test_a_flight_lasts_as_long_as_its_intervals() -> None:
     home = rho.KeepIn(rho.Sphere([0, 0, 0], 2.0), active=(8.0, 8.0))
     waits = dataclasses.replace(single(limits=FAST, grid=rho.Grid(0.6, 21)), requirements=(home,))
@@ -420,7 +429,7 @@ def test_waypoints_with_and_without_times_are_passed_in_order(given: int) -> Non
     assert plan.scenario.grid.duration < scenario.grid.duration
 
 
-@pytest.mark.parametrize("step", [0.02, 0.3, 6.0])
+@pytest.mark.parametrize("step", [*slow(0.02, 0.3), 6.0])
 def test_a_start_in_motion_and_a_bad_guess_of_the_step_do_no_harm(step: float) -> None:
     """From every guess the same time is found, but for local optima within two thousandths."""
     passed = [rho.Waypoint(None, [2, 1, 0], 0.1), rho.Waypoint(None, [3, -1, 1])]

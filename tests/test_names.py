@@ -42,13 +42,17 @@ def _shown(figure: Figure) -> list[str]:
     return drawn
 
 
-def test_figures_show_names_literally(tmp_path: Path) -> None:
+def test_figures_show_names_literally() -> None:
     plan = straight(len(NAMES), NAMES)
     for figure in (rho.paths_figure(plan), rho.velocities_figure(plan)):
         assert _shown(figure) == [*NAMES[:-1], LONG[:40], LONG[40:]]
     flown = rho.Flight(plan, (Window(0, plan, plan),))
     assert _shown(rho.paths_figure(flown)) == [*NAMES[:-1], LONG[:40], LONG[40:]]
-    write_figures(plan, tmp_path)
+
+
+@pytest.mark.slow
+def test_figures_with_any_names_are_written(tmp_path: Path) -> None:
+    assert len(write_figures(straight(len(NAMES), NAMES), tmp_path)) == 3
 
 
 def test_names_beside_starts_and_of_the_closest_pair_are_text() -> None:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -20,7 +20,16 @@ from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.files import scenario_from_yaml, scenario_to_yaml
 from drake_rho.scenario.norms import NORMS, Norm
 from tests.cones import TWIN, twin_cost
-from tests.scenarios import box, fleet, mapped, random_scenario, single, through_the_middle
+from tests.scenarios import (
+    box,
+    examples,
+    fleet,
+    mapped,
+    random_scenario,
+    single,
+    slow,
+    through_the_middle,
+)
 from tests.tolerances import INDEX, MOTION
 
 G = 9.81
@@ -123,7 +132,7 @@ def _of_gravitys_size(scenario: rho.Scenario, seed: int) -> rho.Scenario:
     kinds=st.sets(st.sampled_from(list(NORMS)), min_size=1),
     part=st.floats(0.7, 0.95),
 )
-@settings(max_examples=20)
+@examples(few=8, many=20)
 def test_costs_of_random_scenarios_equal_those_of_the_programs_with_cones(
     seed: int, tight: bool, kinds: set[Norm], part: float
 ) -> None:
@@ -154,7 +163,7 @@ def test_costs_of_random_scenarios_equal_those_of_the_programs_with_cones(
 
 
 @given(angle=st.floats(0.0, 2.0 * np.pi), boxes=st.booleans())
-@settings(max_examples=6)
+@examples(few=3, many=6)
 def test_turning_about_the_vertical_turns_the_plan(angle: float, boxes: bool) -> None:
     """With boxes the angle is a quarter turn, else any; gravity keeps its direction."""
     limits = rho.Limits(max_speed=2.3, max_acceleration=1.4, max_thrust=9.97, max_tilt=0.13)
@@ -230,6 +239,7 @@ def test_known_shortest_durations() -> None:
         assert known * (1.0 - 1e-6) <= found <= known * (1.0 + 2 * PRECISION)
 
 
+@pytest.mark.slow
 def test_the_acceleration_factor_widens_the_largest_acceleration() -> None:
     """The flight has D = a T² / 4 along its path, in any direction."""
     scenario = single(limits=rho.Limits(max_acceleration=0.5))
@@ -268,7 +278,7 @@ def test_the_least_violation_of_each_limit_is_finite_and_reported() -> None:
         assert not rho.verify(plan).ok
 
 
-@pytest.mark.parametrize("coupling", [rho.coupled, rho.decoupled])
+@pytest.mark.parametrize("coupling", [*slow(rho.coupled), rho.decoupled])
 def test_every_vehicle_of_a_fleet_satisfies_its_own_limits(coupling: object) -> None:
     limits = rho.Limits(max_acceleration=0.55, max_thrust=9.84, max_tilt=0.056)
     scenario = through_the_middle(4, limits=limits)

@@ -15,6 +15,8 @@ from typing import Any
 import pytest
 import yaml
 
+from tests.scenarios import slow
+
 ROOT = Path(__file__).parent.parent
 NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
 BUILDS = "what builds the site is installed by make docs and make lint"
@@ -65,7 +67,11 @@ def test_no_other_cell_depends_on_a_check(path: Path) -> None:
     assert not of_checks_only & _names(shown, ast.Load)
 
 
-@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+@pytest.mark.parametrize(
+    "path",
+    [one for each in NOTEBOOKS for one in ([each] if each.stem == "fleet" else slow(each))],
+    ids=lambda path: path.stem,
+)
 def test_the_site_shows_no_checks(path: Path, tmp_path: Path) -> None:
     convert = pytest.importorskip("mkdocs_jupyter.convert", reason=BUILDS)
     made = pytest.importorskip("tools.site.notebooks", reason=BUILDS).write_with_mathml

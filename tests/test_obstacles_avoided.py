@@ -19,6 +19,7 @@ from drake_rho.motion.penetration import deepest, pieces_near
 from drake_rho.planning.programs.backend import Solver
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.shapes.base import Shape
+from tests.scenarios import slow
 from tests.shapes import KINDS, random_shape
 
 seeds = st.integers(0, 2**32 - 1)
@@ -85,7 +86,9 @@ def test_every_shape_is_avoided_and_has_an_effect(kind: str) -> None:
             assert plan.cost == pytest.approx(free.cost, rel=SAME)
 
 
-@pytest.mark.parametrize("kind", SHAPES)
+@pytest.mark.parametrize(
+    "kind", ["sphere", "ellipsoid", *slow("box", "cylinder", "endless cylinder", "polytope")]
+)
 def test_a_moving_obstacle_with_zero_velocity_equals_one_at_rest(kind: str) -> None:
     shape = SHAPES[kind]
     still = rho.plan(flight(shape))
@@ -148,8 +151,10 @@ def turned(shape: Shape, scale: float) -> Shape:
     return rho.Polytope(at(shape.vertices))
 
 
-@pytest.mark.parametrize("kind", SHAPES)
-@pytest.mark.parametrize("scale", [1.0, 25.0])
+@pytest.mark.parametrize(
+    "kind", [*slow("box", "polytope"), "sphere", "ellipsoid", "cylinder", "endless cylinder"]
+)
+@pytest.mark.parametrize("scale", [*slow(1.0), 25.0])
 def test_a_turned_shifted_and_scaled_scenario_has_the_same_plan(kind: str, scale: float) -> None:
     shape = SHAPES[kind]
     one = rho.plan(flight(shape))

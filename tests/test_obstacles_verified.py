@@ -6,13 +6,13 @@ import dataclasses
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 import drake_rho as rho
 from drake_rho.scenario.fields import FloatArray, unchecked
 from drake_rho.scenario.fleet import Fleet
-from tests.scenarios import box, fleet, single
+from tests.scenarios import box, examples, fleet, single
 from tests.shapes import KINDS, random_shape
 
 PER_STEP = 400
@@ -138,7 +138,7 @@ def check_against_samples(plan: rho.Plan) -> int:
 @pytest.mark.parametrize("kind", KINDS)
 @example(seed=100149)  # as near to the polytope as to its bounding box, except for rounding
 @given(seed=st.integers(0, 2**32 - 1))
-@settings(max_examples=33)
+@examples(few=10, many=33)
 def test_the_reported_value_is_the_worst_of_all_instants(kind: str, seed: int) -> None:
     assert check_against_samples(random_case(seed, kind))
 

@@ -80,6 +80,7 @@ def test_a_worse_local_optimum_is_not_certified() -> None:
     assert rho.certify(best).lower_bound <= best.cost * (1 + INDEX)
 
 
+@pytest.mark.slow
 @given(scenario=scenarios())
 @settings(max_examples=2)
 def test_no_feasible_plan_of_random_restarts_is_below_the_bound(scenario: rho.Scenario) -> None:

@@ -33,7 +33,7 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize("disturbance", [NOISY, COARSE])
+@pytest.mark.parametrize("disturbance", [*slow(NOISY), COARSE])
 @pytest.mark.parametrize("name", CASES)
 def test_a_disturbed_plan_is_optimal_except_for_the_cost_of_margins(
     name: str, disturbance: rho.Disturbance
@@ -96,6 +96,7 @@ def test_a_plan_with_smaller_margins_does_not_cost_less_than_the_bound() -> None
     assert best.lower_bound <= checked.cost < best.planned_bound * (1.0 - 1e-5)
 
 
+@pytest.mark.slow
 def test_constraints_without_a_quadratic_form_are_named() -> None:
     cuboid = rho.Box([4.0, 1.0, -2.0], [6.0, 2.5, 0.0])
     scenario = dataclasses.replace(

@@ -16,6 +16,7 @@ import pytest
 import yaml
 
 import drake_rho as rho
+from tests.scenarios import slow
 
 ROOT = Path(__file__).parent.parent
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
@@ -85,7 +86,7 @@ def test_importing_the_package_loads_nothing_else() -> None:
 
 
 @pytest.mark.parametrize(
-    "loading", ["typer", "numpy", "pydrake.solvers", "drake_rho.planning.planners.plan"]
+    "loading", ["typer", "numpy", *slow("pydrake.solvers", "drake_rho.planning.planners.plan")]
 )
 def test_ctrl_c_while_the_command_loads_is_one_line(loading: str) -> None:
     code = (

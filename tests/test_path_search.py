@@ -12,6 +12,7 @@ import drake_rho as rho
 from drake_rho.planning.path_search.initial_guesses import find_paths
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.shapes.base import Shape
+from tests.scenarios import slow
 
 PARTS = 16
 """Samples of each step of a reference."""
@@ -87,7 +88,7 @@ def test_a_reference_is_straight_between_knots_from_start_to_goal() -> None:
     assert not reference.accelerations.any()
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", [*range(3), *slow(*range(3, 8))])
 def test_paths_are_clear_of_shapes_of_all_kinds(seed: int) -> None:
     rng = np.random.default_rng(seed)
     centers = rng.uniform([1.5, -3, -2], [8.5, 3, 2], (20, 3))

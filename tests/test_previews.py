@@ -211,6 +211,7 @@ def test_a_figure_is_returned_for_a_scenario_with_moving_obstacles() -> None:
     assert isinstance(rho.paths_figure(single(obstacles=[moving])), Figure)
 
 
+@pytest.mark.slow
 def test_show_before_writes_a_page_and_names_the_conflict(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -30,7 +30,7 @@ def within(window: rho.Window, knot: int, rng: np.random.Generator) -> FloatArra
     return states
 
 
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("seed", [0, 1, 3, 7, *slow(2, 4, 5, 6, *range(8, 12))])
 def test_every_window_has_a_plan_that_holds(seed: int) -> None:
     rng, windows, kept = np.random.default_rng(seed), 0, 0
     for scenario in (random_scenario(seed, between_knots=True), random_fleet(seed, most=4)):
@@ -99,7 +99,7 @@ def test_a_state_off_the_tube_is_reported_and_planned_from() -> None:
     assert window.off_tube == ()
 
 
-@pytest.mark.parametrize("seed", [0, 1, 2, *slow(*range(3, 8))])
+@pytest.mark.parametrize("seed", [0, 1, *slow(*range(2, 8))])
 def test_every_measured_state_gives_a_window(seed: int) -> None:
     rng = np.random.default_rng(seed)
     for scenario in (random_scenario(seed), random_fleet(seed, most=4)):

@@ -50,7 +50,10 @@ def test_a_known_plan_is_a_plan_of_every_relaxed_scenario(
     assert plan.scenario == RELATED[name]
 
 
-@pytest.mark.parametrize("name", RELATED)
+@pytest.mark.parametrize(
+    "name",
+    ["the same", "fewer obstacles", "fewer vehicles", *slow("slower", "longer", "looser limits")],
+)
 def test_a_known_plan_is_improved(name: str) -> None:
     plan = rho.plan(RELATED[name], reference=DOOR.known)
     assert rho.verify(plan).ok
@@ -96,7 +99,14 @@ def test_a_longer_flight_without_a_plan_is_a_shorter_one_slowed_down(
 
 
 @pytest.mark.parametrize(
-    ("kind", "seed"), [("door", 0), ("door", 2), ("two doors", 1), ("window", 3)]
+    ("kind", "seed"),
+    [
+        ("door", 2),
+        *(
+            pytest.param(*each, marks=pytest.mark.slow)
+            for each in (("door", 0), ("two doors", 1), ("window", 3))
+        ),
+    ],
 )
 def test_fleets_through_a_gap_are_planned(kind: str, seed: int) -> None:
     scene = gap_scene(kind, 4, np.random.default_rng(seed))
@@ -105,7 +115,7 @@ def test_fleets_through_a_gap_are_planned(kind: str, seed: int) -> None:
     assert plan.cost < scene.known.cost
 
 
-@pytest.mark.parametrize("longer", [1.3, 2.0, 5.0])
+@pytest.mark.parametrize("longer", [1.3, *slow(2.0, 5.0)])
 @pytest.mark.parametrize("kind", [KINDS[0], *slow(*KINDS[1:])])
 def test_more_time_never_hurts(kind: str, longer: float) -> None:
     """The known motion of a scene, slowed down or held at the goals, is one of each of these."""

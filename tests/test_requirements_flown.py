@@ -12,7 +12,7 @@ import pytest
 import drake_rho as rho
 from drake_rho.planning.problem import Problem
 from tests.requirements import outside
-from tests.scenarios import fleet
+from tests.scenarios import fleet, slow
 from tests.studies import small
 from tests.test_requirements import BALLS, CASES, LINK, NEAR, two
 
@@ -74,7 +74,7 @@ def test_far_from_zero_on_the_clock_plans_are_the_same() -> None:
     assert rho.verify(other).ok
 
 
-@pytest.mark.parametrize("case", ["link", "floor", "instant", "gate", "formation"])
+@pytest.mark.parametrize("case", ["link", "floor", "instant", "gate", *slow("formation")])
 def test_wind_tightens_requirements_by_the_tubes_of_all_vehicles_concerned(case: str) -> None:
     calm = two(*CASES[case])
     windy = dataclasses.replace(calm, disturbance=WIND)
@@ -153,16 +153,26 @@ def test_links_hold_among_obstacles_that_the_first_linearisation_meets() -> None
     assert max(outside(plan, number) for number in range(3)) <= 12.0 * NEAR
 
 
+FAR_AWAY = two(
+    LINK,
+    rho.KeepIn(rho.Ball([6, 20, 0], 1.0), vehicles="v1", active=(5.0, 5.0), name="detour"),
+    limits=rho.Limits(max_speed=3.0),
+)
+"""A detour is required for which there is no time."""
+
+
 def test_a_missing_plan_names_the_requirement() -> None:
-    far = rho.KeepIn(rho.Ball([6, 20, 0], 1.0), vehicles="v1", active=(5.0, 5.0), name="detour")
-    scenario = two(LINK, far, limits=rho.Limits(max_speed=3.0))
     with pytest.raises(rho.InfeasibleError) as found:
-        rho.plan(scenario)
+        rho.plan(FAR_AWAY)
     assert "requirement 2 (detour) at 5 s" in str(found.value)
     assert found.value.is_proved
     subset = rho.infeasible_subset(found.value)
     assert any("detour" in each for names in subset.values() for each in names)
-    assert "detour" in str(rho.diagnose(scenario))
+
+
+@pytest.mark.slow
+def test_a_diagnosis_names_the_requirement() -> None:
+    assert "detour" in str(rho.diagnose(FAR_AWAY))
 
 
 def test_two_requirements_that_exclude_each_other_are_named() -> None:

@@ -18,7 +18,7 @@ from hypothesis import given
 import drake_rho as rho
 from drake_rho.scenario.fields import unchecked
 from drake_rho.scenario.files import scenario_from_yaml, scenario_to_yaml
-from tests.scenarios import fleet, scenarios, single
+from tests.scenarios import fleet, scenarios, single, slow
 
 
 def as_any(value: Any) -> Any:
@@ -166,7 +166,7 @@ def test_text_that_is_no_scenario_is_refused(text: str) -> None:
     assert len(str(caught.value)) < 250
 
 
-@pytest.mark.parametrize("brackets", ["[", "{", "{? ", "- "])
+@pytest.mark.parametrize("brackets", [*slow("["), "{", "{? ", "- "])
 def test_yaml_nested_too_deeply_is_refused_with_a_message(brackets: str) -> None:
     with pytest.raises(rho.ScenarioError, match="expected YAML that is less deeply nested"):
         scenario_from_yaml(brackets * 20_000)

@@ -14,6 +14,7 @@ import drake_rho as rho
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.shapes.base import Quadric
 from drake_rho.scenario.shapes.quadrics import Ellipsoid
+from tests.scenarios import slow
 from tests.tolerances import ROUNDING
 
 SEMI_AXES = [[3.0, 2.0, 1.0], [1.0, 1.0, 2.0], [2.0, 2.0, 1.0], [1.0, 1.0, 1.0], [20.0, 0.5, 0.5]]
@@ -122,10 +123,11 @@ def brute_distance(shape: Quadric, x: FloatArray) -> float:
     return float(np.sqrt(min(found)))
 
 
+@pytest.mark.parametrize("count", [2, *slow(6)])
 @named
-def test_the_distance_equals_a_search_over_the_surface(shape: Quadric) -> None:
+def test_the_distance_equals_a_search_over_the_surface(shape: Quadric, count: int) -> None:
     rng = np.random.default_rng(5)
-    some = rng.choice(special_points(shape), 6), random_points(shape)[:6], np.zeros((1, 3))
+    some = rng.choice(special_points(shape), count), random_points(shape)[:count], np.zeros((1, 3))
     for x in np.concatenate(some):
         found = abs(float(shape.local_distance(x)))
         assert found == pytest.approx(brute_distance(shape, x), abs=1e-6 * shape.size)

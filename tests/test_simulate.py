@@ -18,14 +18,14 @@ from drake_rho.simulation.closed_loop import fly, fly_plan
 from drake_rho.simulation.quadrotors import quadrotors
 from drake_rho.simulation.systems import WindSource
 from tests.disturbed import KINDS, disturbed, winds_for
-from tests.scenarios import single
+from tests.scenarios import single, slow
 from tests.tolerances import ROUNDING
 
 ARRAYS = ("times", "positions", "velocities", "wind", "commands")
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", [0, *slow(1, 2)])
 def test_the_simulator_and_the_loop_give_the_same_flight(kind: str, seed: int) -> None:
     scenario = disturbed(20 + seed)
     wind = winds_for(scenario, seed)[kind]
@@ -136,6 +136,7 @@ def test_rotors_produce_the_commanded_thrust_and_moments(seed: int) -> None:
     assert turning @ (state[3:6] - [roll, pitch, 0.0]) < 0.0
 
 
+@pytest.mark.slow
 def test_quadrotors_follow_and_the_difference_is_reported() -> None:
     scenario = disturbed(12, delay=0, errors=False)
     wind = rho.winds.constant(scenario, [1, -1, 0.3])

@@ -12,7 +12,7 @@ import drake_rho as rho
 from drake_rho.simulation.closed_loop import fly, fly_plan
 from drake_rho.verification.notes import largest_error_ratios
 from tests.disturbed import KINDS, crowded, disturbed, least_margin, winds_for
-from tests.scenarios import box, single
+from tests.scenarios import box, single, slow
 from tests.tolerances import ROUNDING
 
 KEPT = ("obstacle", "separation", "position box", "velocity box", "acceleration box")
@@ -33,7 +33,7 @@ def harsh(scenario: rho.Scenario, times: float) -> rho.Scenario:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("seed", [2, 5])
+@pytest.mark.parametrize("seed", [*slow(2), 5])
 def test_the_report_agrees_with_the_record(kind: str, seed: int) -> None:
     scenario = disturbed(seed)
     rng = np.random.default_rng(seed)
@@ -146,6 +146,7 @@ def test_windows_with_the_previous_plan_and_vehicles_off_the_tube_are_reported()
     assert f"outside the error tube: v1 from {last.plan.scenario.grid.start:g} s" in reported
 
 
+@pytest.mark.slow
 def test_a_quadrotor_is_verified_by_its_record() -> None:
     scenario = disturbed(12, delay=0, errors=False)
     wind = rho.winds.constant(scenario, [1, -1, 0.3])

@@ -16,7 +16,7 @@ from drake_rho.simulation.closed_loop import fly
 from drake_rho.verification.averages import averaged
 from drake_rho.verification.holds import first_violation
 from drake_rho.verification.trajectory import PiecewiseTrajectory
-from tests.scenarios import single
+from tests.scenarios import single, slow
 from tests.test_smoothing import (
     LIMITS,
     SMOOTHINGS,
@@ -38,7 +38,9 @@ def _steepest(flown: rho.Flight) -> float:
     return float(np.linalg.norm(np.diff(a, axis=1), axis=2).max() / dt)
 
 
-@pytest.mark.parametrize("smoothing", SMOOTHINGS, ids=str)
+@pytest.mark.parametrize(
+    "smoothing", [SMOOTHINGS[0], *slow(*SMOOTHINGS[1:-1]), SMOOTHINGS[-1]], ids=str
+)
 def test_the_rest_of_a_plan_goes_on_from_what_was_flown(smoothing: rho.Smoothing) -> None:
     plan = rho.plan(smooth(smoothing))
     lead = plan.scenario.lead
@@ -60,7 +62,7 @@ def test_the_rest_of_a_plan_goes_on_from_what_was_flown(smoothing: rho.Smoothing
         assert first_violation(rest) is None
 
 
-@pytest.mark.parametrize("smoothing", SMOOTHINGS, ids=str)
+@pytest.mark.parametrize("smoothing", [*slow(*SMOOTHINGS[:-1]), SMOOTHINGS[-1]], ids=str)
 def test_a_flight_in_windows_is_smooth(smoothing: rho.Smoothing) -> None:
     limits = rho.Limits(
         rho.Box([-0.1, -0.1, -2.005], [10.1, 4.1, 0.1]), max_speed=2.1, max_acceleration=1.5
@@ -89,7 +91,7 @@ def test_a_flight_in_windows_is_smooth(smoothing: rho.Smoothing) -> None:
         assert np.abs(sides[1] - sides[0]).max() < 1e-5
 
 
-@pytest.mark.parametrize("times", [1, 2, 3])
+@pytest.mark.parametrize("times", [*slow(1, 2), 3])
 def test_a_flight_depends_only_on_what_is_known(times: int) -> None:
     """Averages reach ahead, but never to accelerations that were planned later."""
     known = 1.2

@@ -172,7 +172,7 @@ def test_limits_bound_accelerations() -> None:
     assert sampled <= bound <= 1.01 * sampled
 
 
-@pytest.mark.parametrize("smoothing", SMOOTHINGS, ids=str)
+@pytest.mark.parametrize("smoothing", [*slow(*SMOOTHINGS[:-1]), SMOOTHINGS[-1]], ids=str)
 def test_the_smooth_motion_keeps_clear_and_meets_its_limits(smoothing: rho.Smoothing) -> None:
     limits = rho.Limits(
         rho.Box([-0.1, -0.1, -2.005], [10.1, 4.1, 0.1]), max_speed=2.1, max_acceleration=1.5
@@ -195,7 +195,9 @@ def test_the_smooth_motion_keeps_clear_and_meets_its_limits(smoothing: rho.Smoot
     assert np.linalg.norm(samples.velocities, axis=2).max() <= fastest + 1e-9
 
 
-@pytest.mark.parametrize("smoothing", SMOOTHINGS, ids=str)
+@pytest.mark.parametrize(
+    "smoothing", [SMOOTHINGS[0], *slow(*SMOOTHINGS[1:-1]), SMOOTHINGS[-1]], ids=str
+)
 def test_the_margin_has_an_effect_and_verify_catches_what_lacks_it(
     smoothing: rho.Smoothing,
 ) -> None:
@@ -245,7 +247,7 @@ def test_verify_sees_limits_that_the_smooth_motion_exceeds() -> None:
 
 
 @pytest.mark.parametrize("downwash", [1.0, 2.0])
-@pytest.mark.parametrize("times", [1, 3])
+@pytest.mark.parametrize("times", [*slow(1), 3])
 def test_fleets_keep_apart(times: int, downwash: float) -> None:
     separation = rho.Separation(1.0, downwash)
     rng = np.random.default_rng(times)
@@ -353,7 +355,7 @@ def test_random_scenes_hold_at_every_instant(seeds: range) -> None:
     assert planned >= len(seeds) / 2
 
 
-@pytest.mark.parametrize("smoothing", SMOOTHINGS, ids=str)
+@pytest.mark.parametrize("smoothing", [*slow(*SMOOTHINGS[:-1]), SMOOTHINGS[-1]], ids=str)
 def test_waypoints_are_passed_exactly(smoothing: rho.Smoothing) -> None:
     """The averages pass, not the plan, also within the lead of the start and between knots."""
     waypoints = [
@@ -378,7 +380,7 @@ def test_waypoints_are_passed_exactly(smoothing: rho.Smoothing) -> None:
 
 
 @pytest.mark.parametrize("within", [0.0, 1e-3])
-@pytest.mark.parametrize("times", [1, 3])
+@pytest.mark.parametrize("times", [*slow(1), 3])
 def test_the_least_time_past_waypoints_is_that_of_averages(times: int, within: float) -> None:
     """Times of waypoints are free too; the margin that limits need is larger than `within`."""
     places = [[3.0, 5.0, 0.0], [6.0, 5.0, 0.0]]
@@ -465,7 +467,7 @@ _JERKS = rho.Box([-2.0, -1.0, -1.2], [2.0, 1.5, 1.0])
 
 
 @pytest.mark.parametrize("limit", [{"max_jerk": 2.5}, {"jerk": _JERKS}], ids=str)
-@pytest.mark.parametrize("smoothing", SMOOTHINGS, ids=str)
+@pytest.mark.parametrize("smoothing", [*SMOOTHINGS[::2], *slow(*SMOOTHINGS[1::2])], ids=str)
 def test_jerks_of_averages_are_limited(smoothing: rho.Smoothing, limit: dict[str, Any]) -> None:
     """The first and the last jerk too, from rest and to rest; one or two averages attain limits."""
     own = {"max_speed": 4.0, "max_acceleration": 3.0} | limit
@@ -498,7 +500,7 @@ def test_jerks_of_averages_are_limited(smoothing: rho.Smoothing, limit: dict[str
         assert attained >= 0.999
 
 
-@pytest.mark.parametrize("smoothing", SMOOTHINGS, ids=str)
+@pytest.mark.parametrize("smoothing", [*SMOOTHINGS[::2], *slow(*SMOOTHINGS[1::2])], ids=str)
 def test_jerks_of_averages_are_kept_in_required_sets(smoothing: rho.Smoothing) -> None:
     always = rho.KeepIn(rho.HalfSpace([1, 0, 0], 1.2), of="jerk")
     calm = rho.KeepIn(rho.Sphere([0, 0, 0], 0.8), of="jerk", active=(2.1, 3.3))
@@ -544,14 +546,14 @@ def test_the_least_time_of_limited_jerks_is_known(times: int) -> None:
     assert -found.fun == pytest.approx(9.0, rel=1e-4)
 
 
-def test_required_accelerations_at_one_instant() -> None:
+@pytest.mark.parametrize("smoothing", [None, SMOOTHINGS[0], *slow(*SMOOTHINGS[2::2])], ids=str)
+def test_required_accelerations_at_one_instant(smoothing: rho.Smoothing | None) -> None:
     """Only the value at the instant counts, not that at the beginning of a piece before."""
     calm = rho.KeepIn(rho.Sphere([0, 0, 0], 0.05), of="acceleration", active=(3.0, 3.0))
-    for smoothing in (None, *SMOOTHINGS[::2]):
-        plan = rho.plan(smooth(smoothing, requirements=(calm,)))
-        assert rho.verify(plan).ok
-        at = plan.at(3.0, "solo").accelerations[0]
-        assert np.linalg.norm(at) <= 0.05 + 1e-6
+    plan = rho.plan(smooth(smoothing, requirements=(calm,)))
+    assert rho.verify(plan).ok
+    at = plan.at(3.0, "solo").accelerations[0]
+    assert np.linalg.norm(at) <= 0.05 + 1e-6
 
 
 WINDY = rho.Disturbance(0.2, feedback_every=0.125, position_error=0.005, delay=1)
@@ -574,7 +576,7 @@ def _windy(smoothing: rho.Smoothing | None) -> rho.Scenario:
     return smooth(smoothing, disturbance=WINDY, **parts)
 
 
-@pytest.mark.parametrize("smoothing", SMOOTHINGS[::2], ids=str)
+@pytest.mark.parametrize("smoothing", [*slow(*SMOOTHINGS[:4:2]), SMOOTHINGS[4]], ids=str)
 def test_disturbed_averages_keep_every_constraint_in_the_whole_tube(
     smoothing: rho.Smoothing,
 ) -> None:
@@ -605,7 +607,7 @@ def test_disturbed_averages_keep_every_constraint_in_the_whole_tube(
     assert "waypoints" in {check.kind for check in lacking.violations}
 
 
-@pytest.mark.parametrize("smoothing", SMOOTHINGS[::2], ids=str)
+@pytest.mark.parametrize("smoothing", [*slow(*SMOOTHINGS[:4:2]), SMOOTHINGS[4]], ids=str)
 def test_the_worst_wind_reaches_the_radius_around_the_smooth_motion(
     smoothing: rho.Smoothing,
 ) -> None:
@@ -686,7 +688,8 @@ def test_widths_are_positive_and_averages_one_to_three(values: tuple[float, int]
         rho.Smoothing(*values)
 
 
-@pytest.mark.parametrize("smoothing", [*slow(*SMOOTHINGS[:-1]), SMOOTHINGS[-1]], ids=str)
+@pytest.mark.slow
+@pytest.mark.parametrize("smoothing", SMOOTHINGS, ids=str)
 def test_simulations_fly_the_smooth_motion(smoothing: rho.Smoothing) -> None:
     plan = rho.plan(smooth(smoothing))
     lead = plan.scenario.lead
@@ -710,7 +713,7 @@ def test_simulations_fly_the_smooth_motion(smoothing: rho.Smoothing) -> None:
     assert 0.0 < windy.errors().max() <= windy.radii().max()
 
 
-@pytest.mark.parametrize("times", [1, 3])
+@pytest.mark.parametrize("times", [*slow(1), 3])
 @pytest.mark.parametrize("knots", [9, 17, 41])
 def test_exports_hold_the_smooth_motion(times: int, knots: int, tmp_path: Path) -> None:
     grid = rho.Grid(8.0 / (knots - 1), knots)

@@ -137,7 +137,7 @@ def test_a_certificate_cut_short_has_at_least_the_bound_of_minimum_effort() -> N
 
 def test_a_diagnosis_cut_short_reports_what_is_known(ends: Callable[[int], None]) -> None:
     impossible = dataclasses.replace(HURRY, limits=rho.Limits(max_acceleration=0.5))
-    ends(1000)
+    ends(300)
     cut = rho.diagnose(impossible)
     assert cut.cut
     assert "time was up" in str(cut)
@@ -160,7 +160,7 @@ def test_the_shortest_plan_so_far_holds(ends: Callable[[int], None]) -> None:
 def test_a_limit_is_positive(value: float) -> None:
     with pytest.raises(ValueError, match="time_limit: got"):
         rho.Options(time_limit=value)
-    plan = rho.plan(rho.load_scenario("courier"))
+    plan = rho.plan(HURRY)
     calls: list[Any] = [
         lambda: rho.certify(plan, time_limit=value),
         lambda: rho.diagnose(HURRY, time_limit=value),

@@ -21,6 +21,7 @@ from tests.studies import own
 FOUR = [partial(scenario, 4, seed) for seed in range(3)]
 
 
+@pytest.mark.slow
 def test_a_campaign_of_fleets_gives_the_same_plans_as_single_calls() -> None:
     if backend.DEFAULT is not ClarabelSolver:
         pytest.skip("other processes use the usual default solver")
@@ -46,7 +47,10 @@ def test_an_interrupted_campaign_of_fleets_resumes(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("wrong", "words"),
-    [("late", "error: TimeoutError: not done in 0 s"), ("separation", "separation of v")],
+    [
+        pytest.param("late", "error: TimeoutError: not done in 0 s", marks=pytest.mark.slow),
+        ("separation", "separation of v"),
+    ],
 )
 def test_plans_that_do_not_hold_do_not_count(wrong: str, words: str) -> None:
     (trial,) = fleets.attempts(FOUR[1:2], "wrong", partial(own, wrong=wrong))

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import drake_rho as rho
@@ -21,7 +21,7 @@ from drake_rho.scenario.disturbance import Tracking
 from drake_rho.scenario.fields import FloatArray, unchecked
 from drake_rho.scenario.limits import GRAVITY
 from drake_rho.scenario.rest_of_flight import from_states
-from tests.scenarios import box, single, slow
+from tests.scenarios import box, examples, single, slow
 from tests.shapes import KINDS, random_shape
 from tests.test_obstacles_verified import by_hand, places, random_case
 
@@ -233,7 +233,7 @@ def checked(flown: rho.Plan | rho.Flight) -> list[rho.Check]:
 
 
 @pytest.mark.parametrize("kind", ["sphere", *slow(*list(KINDS)[1:])])
-@settings(max_examples=8)
+@examples(few=4, many=8)
 @given(seed=seeds)
 def test_the_reported_excess_is_the_worst_of_the_tube_and_attained(kind: str, seed: int) -> None:
     flown = disturbed_case(seed, kind)

@@ -110,7 +110,7 @@ SOLVABLE = [seed for seed in range(120) if seed != 74]
 """Without the scene in which a box appears around the start sooner than a vehicle can leave it."""
 
 
-@pytest.mark.parametrize("seed", [*SOLVABLE[3:12], *slow(*SOLVABLE[:3], *SOLVABLE[12:])])
+@pytest.mark.parametrize("seed", [*SOLVABLE[3:8], *slow(*SOLVABLE[:3], *SOLVABLE[8:])])
 def test_no_truth_is_met(seed: int) -> None:
     """Plans of random scenes, and obstacles that move as they like within their errors."""
     scenario = scene(seed)

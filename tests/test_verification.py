@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 
 import drake_rho as rho
-from tests.scenarios import acceleration_outside, box, scenarios, single
+from tests.scenarios import acceleration_outside, box, examples, scenarios, single
 
 
 @pytest.fixture(scope="module")
@@ -213,7 +213,7 @@ def test_huge_numbers_are_verified_without_warnings(plan: rho.Plan, huge: float)
 
 
 @given(scenario=scenarios())
-@settings(max_examples=15)
+@examples(few=8, many=15)
 def test_random_plans_hold_in_an_independent_check(scenario: rho.Scenario) -> None:
     """Random scenarios are solved and verified, here by plain loops, or raise."""
     try:

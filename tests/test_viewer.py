@@ -20,7 +20,6 @@ from playwright.sync_api import Page
 import drake_rho as rho
 from drake_rho.display.viewer.serve import serve
 from tests.browser import PHONE, open_page
-from tests.scenarios import slow
 from tests.test_animation import crossing
 from tests.test_display_flight import in_noise
 
@@ -170,7 +169,8 @@ _TOUCHED = """() => [...document.querySelectorAll(
 """Edges of buttons and choices [px]."""
 
 
-@pytest.mark.parametrize("lying", [False, *slow(True)])
+@pytest.mark.slow
+@pytest.mark.parametrize("lying", [False, True])
 def test_a_phone_shows_the_page_at_its_size(tmp_path: Path, lying: bool) -> None:
     """Phones show pages without a viewport tag as ones of 980 pixels, at 0.4 of their size."""
     screen = dict(PHONE["viewport"])
@@ -224,6 +224,7 @@ def test_cards_overlap_neither_each_other_nor_a_vehicle_at_three_sizes(tmp_path:
                 _keep(page, f"yard_{size}_{'folded' if folded else 'open'}")
 
 
+@pytest.mark.slow
 def test_the_scale_bar_is_as_long_as_it_says_and_axes_point_as_in_the_scene(tmp_path: Path) -> None:
     with _opened(rho.viewer_page(_yard()), tmp_path) as page:
         for view in ("free", "top", "side"):
@@ -501,6 +502,7 @@ def _addresses(port: int) -> list[str]:
     ]
 
 
+@pytest.mark.slow
 def test_the_choices_are_not_cut_off_at_any_size(tmp_path: Path) -> None:
     """The text of a choice, with the arrow beside it, fits its box."""
     with _opened(rho.viewer_page(_yard()), tmp_path) as page:

@@ -95,8 +95,16 @@ def test_a_gate_that_opens_late_is_passed_when_that_costs_least() -> None:
 @pytest.mark.parametrize(
     ("obstacle", "allowed"),
     [
-        (rho.Obstacle(rho.Sphere([3, 1, 0], 0.5), active=(0.0, HELD)), (HELD, 6.0)),
-        (rho.Obstacle(rho.Sphere([3, 1, 0], 0.5), active=(6.0 - HELD, 6.0)), (0.0, 6.0 - HELD)),
+        pytest.param(
+            rho.Obstacle(rho.Sphere([3, 1, 0], 0.5), active=(0.0, HELD)),
+            (HELD, 6.0),
+            marks=pytest.mark.slow,
+        ),
+        pytest.param(
+            rho.Obstacle(rho.Sphere([3, 1, 0], 0.5), active=(6.0 - HELD, 6.0)),
+            (0.0, 6.0 - HELD),
+            marks=pytest.mark.slow,
+        ),
         (
             rho.Obstacle(
                 rho.Box([-0.5] * 3, [0.5] * 3),
@@ -134,7 +142,7 @@ def test_times_are_found_though_the_first_guess_has_no_motion() -> None:
     assert plan.cost <= (1.0 + BEST) * best_given(scenario, np.arange(0.3, 1.0, 0.05))
 
 
-@pytest.mark.parametrize("planner", [rho.plan, rho.plan_minimum_time])
+@pytest.mark.parametrize("planner", [rho.plan, *slow(rho.plan_minimum_time)])
 def test_waypoints_are_passed_a_hundredth_of_a_step_apart(
     planner: Callable[[rho.Scenario], rho.Plan],
 ) -> None:
@@ -149,6 +157,7 @@ def test_waypoints_are_passed_a_hundredth_of_a_step_apart(
     assert plan.scenario.grid.duration == pytest.approx(3.0, rel=SAME)
 
 
+@pytest.mark.slow
 def test_nothing_is_proved_of_times_that_were_chosen() -> None:
     """A waypoint 30 m aside is too far, but it is not proved that it is at every time."""
     with pytest.raises(rho.InfeasibleError) as caught:

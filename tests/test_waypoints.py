@@ -100,7 +100,7 @@ def test_a_waypoint_holds_has_an_effect_and_is_verified(within: float) -> None:
     assert violation.tolerance == pytest.approx(1e-6 * np.linalg.norm([10.0, 4.0, -2.0]))
 
 
-@pytest.mark.parametrize("knots", [5, 17, 101])
+@pytest.mark.parametrize("knots", [5, 17, *slow(101)])
 @pytest.mark.parametrize("within", [0.0, 0.3])
 @pytest.mark.parametrize(
     "limits",
@@ -204,7 +204,7 @@ def test_there_and_back_again() -> None:
     assert rho.verify(plan).ok
 
 
-@pytest.mark.parametrize("replan_every", [1, 3, 5])
+@pytest.mark.parametrize("replan_every", [*slow(1), 3, 5])
 @pytest.mark.parametrize("within", [0.0, 0.3])
 @pytest.mark.parametrize("time", [3.3, 4.0, 0.51])
 def test_windows_include_a_waypoint_until_it_has_passed(
@@ -226,7 +226,7 @@ def test_windows_include_a_waypoint_until_it_has_passed(
         assert scenario_from_yaml(scenario_to_yaml(asked)) == asked
 
 
-@pytest.mark.parametrize("coupling", [rho.coupled, rho.decoupled])
+@pytest.mark.parametrize("coupling", [*slow(rho.coupled), rho.decoupled])
 def test_every_vehicle_of_a_fleet_passes_its_own_waypoints(coupling: object) -> None:
     """They have different numbers of waypoints at different times, and pass each other."""
     asked = through_the_middle(4)
@@ -271,7 +271,7 @@ WALL = rho.Box([4.5, -6.0, -1.0], [5.5, 6.0, 6.0])
 _CROSSING = rho.Obstacle(rho.Sphere([0.0, -9.0, 1.0], 0.3), velocity=[0.5, 0.0, 0.0])
 
 
-@pytest.mark.parametrize("obstacles", [(WALL,), (WALL, _CROSSING)])
+@pytest.mark.parametrize("obstacles", [*slow((WALL,)), (WALL, _CROSSING)])
 @pytest.mark.parametrize(
     "waypoints",
     [
@@ -298,23 +298,31 @@ def test_paths_lead_through_waypoints(
     assert rho.verify(plan).ok
 
 
-def test_an_unreachable_waypoint_is_named_and_diagnosed() -> None:
-    limits = rho.Limits(max_speed=2.5)
-    waypoints = [rho.Waypoint(1.0, [1.0, 0.5, 0.0]), rho.Waypoint(2.0, [5.0, 2.0, 0.0])]
-    scenario = single(limits=limits, waypoints=waypoints)
+UNREACHABLE = single(
+    limits=rho.Limits(max_speed=2.5),
+    waypoints=[rho.Waypoint(1.0, [1.0, 0.5, 0.0]), rho.Waypoint(2.0, [5.0, 2.0, 0.0])],
+)
+"""The second waypoint is too far from the first."""
+
+
+def test_an_unreachable_waypoint_is_named() -> None:
     with pytest.raises(rho.InfeasibleError) as caught:
-        rho.plan_convex(scenario)
+        rho.plan_convex(UNREACHABLE)
     (names,) = caught.value.conflicts.values()
     assert "waypoint 2 at 2 s" in names
     (names,) = rho.infeasible_subset(caught.value).values()
     kinds = [name.partition(" from")[0] for name in names]
     assert kinds == ["maximum speed", "waypoint 2 at 2 s"]
-    reason = rho.diagnose(scenario)
+
+
+@pytest.mark.slow
+def test_an_unreachable_waypoint_is_diagnosed() -> None:
+    reason = rho.diagnose(UNREACHABLE)
     assert not reason.feasible
     assert not reason.is_monotone
     assert reason.violations
     assert "waypoint 2" in str(reason)
-    least = minimum_violation(Problem.of(scenario))
+    least = minimum_violation(Problem.of(UNREACHABLE))
     assert max(_missed(least)) < 2.0
 
 

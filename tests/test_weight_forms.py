@@ -27,7 +27,7 @@ from drake_rho.planning.programs.parallel import solve_all
 from drake_rho.planning.scp import curved_sets
 from drake_rho.planning.scp.minimum_violation import minimum_violation
 from drake_rho.scenario.fields import FloatArray, IntArray
-from tests.scenarios import box, fleet, independent, single, through_the_middle
+from tests.scenarios import box, fleet, independent, single, slow, through_the_middle
 from tests.test_cli import run
 from tests.tolerances import INDEX
 
@@ -87,7 +87,7 @@ def test_the_heavier_of_two_that_swap_places_gives_way_less(solver: SolverName) 
     assert all(rho.verify(plan).ok for plan in plans)
 
 
-@pytest.mark.parametrize("weight", [1e-3, 1e3])
+@pytest.mark.parametrize("weight", [*slow(1e-3), 1e3])
 def test_the_motion_of_a_vehicle_alone_does_not_depend_on_its_weight(weight: float) -> None:
     limits = rho.Limits(acceleration=box(0.8))
     scenario = single(limits=limits, obstacles=[SPHERE], between_knots=True)
@@ -97,7 +97,7 @@ def test_the_motion_of_a_vehicle_alone_does_not_depend_on_its_weight(weight: flo
     assert rho.certify(other).is_globally_optimal
 
 
-@pytest.mark.parametrize("weights", [[1.0, 1.0, 10.0, 0.1], [1e-3, 1.0, 30.0, 1e3]])
+@pytest.mark.parametrize("weights", [[1.0, 1.0, 10.0, 0.1], *slow([1e-3, 1.0, 30.0, 1e3])])
 @pytest.mark.parametrize("coupling", COUPLINGS)
 def test_plans_of_every_coupling_hold(coupling: CouplingName, weights: list[float]) -> None:
     scenario = weighted(crossing(), weights)
@@ -110,7 +110,7 @@ def test_plans_of_every_coupling_hold(coupling: CouplingName, weights: list[floa
         assert plan.cost < index(rho.Plan.from_accelerations(scenario, unweighted.accelerations))
 
 
-@pytest.mark.parametrize("coupling", COUPLINGS)
+@pytest.mark.parametrize("coupling", ["grouped", *slow("coupled", "decoupled")])
 def test_relabelled_vehicles_have_the_same_plan(coupling: CouplingName) -> None:
     scenario, order = weighted(crossing(), [0.1, 1.0, 30.0, 5.0]), [2, 0, 3, 1]
     vehicles = tuple(scenario.vehicles[each] for each in order)
@@ -269,7 +269,7 @@ def in_sparse_form(problem: Problem, parts: Sequence[HalfSpaces], solver: Solver
         return by_programs(problem, parts, solver)
 
 
-@pytest.mark.parametrize("solver", ["clarabel", "daqp"])
+@pytest.mark.parametrize("solver", ["clarabel", *slow("daqp")])
 @pytest.mark.parametrize("penalty", [np.inf, 1.0, 0.1])
 @pytest.mark.parametrize("together", [True, False], ids=["coupled", "alone"])
 @pytest.mark.parametrize("find", [by_duals, by_programs, in_sparse_form])

@@ -16,6 +16,7 @@ from pydrake.systems.framework import DiagramBuilder
 import drake_rho as rho
 from drake_rho.planning.horizon.settings import Windows
 from drake_rho.simulation.closed_loop import fly
+from tests.scenarios import slow
 from tests.studies import small, table
 from tests.test_cli import run
 
@@ -142,7 +143,7 @@ def test_a_setting_has_an_effect_on_a_flight(name: str, scenario: rho.Scenario) 
         assert known == [[4], [8]]
 
 
-@pytest.mark.parametrize("fly_by", [rho.simulate, fly])
+@pytest.mark.parametrize("fly_by", [rho.simulate, *slow(fly)])
 def test_a_simulation_with_every_setting_is_that_of_a_horizon(
     fly_by: Callable[..., rho.Simulation], scenario: rho.Scenario
 ) -> None:
@@ -216,7 +217,7 @@ def test_an_unknown_setting_is_refused_by_the_function_it_was_given_to(
             unknown(given, every=3)
 
 
-@pytest.mark.parametrize("command", ["fly", "simulate"])
+@pytest.mark.parametrize("command", ["fly", *slow("simulate")])
 def test_a_command_with_every_option_is_the_call_from_python(
     command: str,
     scenario: rho.Scenario,
@@ -261,6 +262,7 @@ def test_a_plan_of_a_file_takes_no_options_of_windows(
     assert "expected a scenario with it: the plan in" in err
 
 
+@pytest.mark.slow
 def test_methods_of_studies_take_the_settings(scenario: rho.Scenario, tmp_path: Path) -> None:
     settings: dict[str, Any] = {"reference": "tail", "solver": "osqp", "windows": "convex"}
     settings |= {name: EVERYTHING[name] for name in ("replan_every", "contingencies", "latency")}

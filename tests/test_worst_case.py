@@ -133,12 +133,12 @@ def test_coloured_noise_has_its_correlation_and_is_reproducible() -> None:
     scenario = scenario_of(rho.Disturbance(1.0), rho.Grid(0.5, 8001))
     still = np.zeros((1, 3))
     values = []
-    for _ in range(2):
+    for count in (40_000, 1000):
         wind = rho.winds.coloured_noise(
             scenario, np.random.default_rng(1), correlation=2.0, intensity=0.1
         )
-        values.append(np.array([wind(0.1 * k, still, still)[0] for k in range(40_000)]))
-    np.testing.assert_array_equal(values[0], values[1])
+        values.append(np.array([wind(0.1 * k, still, still)[0] for k in range(count)]))
+    np.testing.assert_array_equal(values[0][:1000], values[1])
     x = values[0]
     assert x.std() == pytest.approx(0.1, rel=0.1)
     for lag, seconds in ((10, 1.0), (20, 2.0), (40, 4.0)):
