@@ -14,7 +14,7 @@ import drake_rho as rho
 from drake_rho.motion.scenario_tube import tube_of
 from drake_rho.scenario.fields import unchecked
 from drake_rho.simulation.closed_loop import fly
-from drake_rho.verification import holds
+from drake_rho.verification import quick_bounds
 from drake_rho.verification.holds import first_violation
 from tests.disturbed import disturbed
 from tests.scenarios import (
@@ -96,7 +96,7 @@ def test_cases_that_the_quick_check_cannot_decide_are_verified_in_full(
     scenario = single(limits=rho.Limits(max_tilt=0.6))
     wild = changed(rho.plan(scenario), np.random.default_rng(1), 1e3)
     if what == "many":
-        monkeypatch.setattr(holds, "_ALL_PAIRS", 1)
+        monkeypatch.setattr(quick_bounds, "_ALL_PAIRS", 1)
         scenario = through_the_middle(2)
         wild = independent(scenario)
     assert first_violation(rho.plan(scenario)) is None

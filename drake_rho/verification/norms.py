@@ -19,14 +19,14 @@ from drake_rho.verification.highest_over_time import Highest
 from drake_rho.verification.keep_in import Kept
 from drake_rho.verification.trajectory import PiecewiseTrajectory
 
-_FIELDS: tuple[Norm, ...] = ("max_speed", "max_acceleration", "max_jerk", "max_thrust", "max_tilt")
+FIELDS: tuple[Norm, ...] = ("max_speed", "max_acceleration", "max_jerk", "max_thrust", "max_tilt")
 """Limits in the order of their checks; those of smooth motions are in the order of `NORMS`."""
 
 
 def check_norms(trajectory: PiecewiseTrajectory) -> Iterator[Column]:
     """Yield the check of every limit on a norm that the scenario has."""
     limits = trajectory.scenario.fleet.norms
-    for field in NORMS if trajectory.is_smooth else _FIELDS:
+    for field in NORMS if trajectory.is_smooth else FIELDS:
         if (limit := limits.get(field)) is None:
             continue
         if field != "max_tilt":

@@ -25,12 +25,6 @@ from drake_rho.verification.steps import Steps
 from drake_rho.verification.trajectory import PiecewiseTrajectory
 
 
-def check_obstacles(trajectory: PiecewiseTrajectory) -> Iterator[Column]:
-    """Verify the vehicles' distances from every obstacle."""
-    for number in range(1, len(trajectory.scenario.bodies) + 1):
-        yield from check_obstacle(trajectory, number)
-
-
 def check_obstacle(trajectory: PiecewiseTrajectory, number: int) -> Iterator[Column]:
     """Verify distances from one obstacle: once it is known and, in separate checks, before.
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from functools import cached_property, partial
+from functools import cached_property
 
 import numpy as np
 
@@ -22,13 +22,9 @@ from drake_rho.scenario.fields import FloatArray, unchecked
 from drake_rho.scenario.records import Scenario
 from drake_rho.scenario.times import Clock
 from drake_rho.scenario.tracks import Track
-from drake_rho.verification.boxes import check_boxes
 from drake_rho.verification.check import AT_ALL_TIMES, AT_KNOTS, Column
+from drake_rho.verification.checkers import checkers
 from drake_rho.verification.jerks import Jerks
-from drake_rho.verification.norms import check_norms
-from drake_rho.verification.obstacles import check_obstacle
-from drake_rho.verification.requirements import check_requirements
-from drake_rho.verification.separation import check_separation
 from drake_rho.verification.trajectory import PiecewiseTrajectory
 from drake_rho.verification.tubes import NO_ERRORS, ConstantTubes, Tubes
 
@@ -127,15 +123,9 @@ class Rest:
 
     @property
     def checks(self) -> list[Check]:
-        """Functions that together verify all constraints of a trajectory."""
-        obstacles = range(1, len(self.scenario.bodies) + 1)
-        return [
-            check_boxes,
-            check_norms,
-            check_requirements,
-            *(partial(check_obstacle, number=number) for number in obstacles),
-            check_separation,
-        ]
+        """Functions that together verify all constraints of vehicles at rest."""
+        every = checkers(range(1, len(self.scenario.bodies) + 1))
+        return [each.check for each in every if each.at_rest]
 
     def columns(self, lasting: float = np.inf) -> list[Column]:
         """Return the checks of all constraints at all times.

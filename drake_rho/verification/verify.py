@@ -12,11 +12,9 @@ from drake_rho.motion.flown import Flown
 from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.verification.averages import averaged
-from drake_rho.verification.boxes import check_boxes
 from drake_rho.verification.check import Check
+from drake_rho.verification.checkers import checkers, refuse_unchecked
 from drake_rho.verification.jerks import notes_on_free_jerks
-from drake_rho.verification.kinds import refuse_unchecked
-from drake_rho.verification.norms import check_norms
 from drake_rho.verification.notes import (
     notes_on,
     notes_on_jumps,
@@ -24,17 +22,13 @@ from drake_rho.verification.notes import (
     notes_on_tracks,
     notes_on_uncertainty,
 )
-from drake_rho.verification.obstacles import check_obstacles
 from drake_rho.verification.report import Report
-from drake_rho.verification.requirements import check_requirements
 from drake_rho.verification.rest import check_rest, notes_on_rest
-from drake_rho.verification.separation import check_separation
 from drake_rho.verification.simulated import check_simulated, trajectory_of
 from drake_rho.verification.states import check_planned
 from drake_rho.verification.summary import Summary
 from drake_rho.verification.trajectory import PiecewiseTrajectory
 from drake_rho.verification.tubes import Tubes
-from drake_rho.verification.waypoints import check_waypoints
 
 __all__ = ["Check", "Report", "Summary", "verify"]
 
@@ -119,14 +113,10 @@ def verify(flown: Flown) -> Report:
             own = check_planned(plan, trajectory)
             trajectory, notes = averaged(trajectory), notes_on(trajectory)
             notes += notes_on_jumps(plan)
+        every_obstacle = range(1, len(trajectory.scenario.bodies) + 1)
         columns = [
             *own,
-            *check_boxes(trajectory),
-            *check_norms(trajectory),
-            *check_waypoints(trajectory),
-            *check_requirements(trajectory),
-            *check_obstacles(trajectory),
-            *check_separation(trajectory),
+            *(found for each in checkers(every_obstacle) for found in each.check(trajectory)),
             *check_rest(last),
         ]
         summary = Summary.of(trajectory, flown)
