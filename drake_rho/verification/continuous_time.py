@@ -163,11 +163,11 @@ class _Search:
         bounds -= width**2 * self.error_radii.curvatures[which, None] / 8.0
         d = d - radii
         _offer_samples(self.least, owners, d, which, u, width)
-        overflow = ~(np.isfinite(d).all(axis=1) & np.isfinite(bounds).all(axis=1))
-        values[owners[overflow]] = np.nan  # ends the search of these owners
-        slack = self.precision[which] + _ROUNDING * (
-            steps.coordinate_bounds[which] + np.abs(d).max(axis=1)
-        )
+        largest = np.abs(d).max(axis=1)
+        finite = np.isfinite(largest + bounds.sum(axis=1))
+        if not finite.all():
+            values[owners[~finite]] = np.nan  # ends the search of these owners
+        slack = self.precision[which] + _ROUNDING * (steps.coordinate_bounds[which] + largest)
         sought = np.fmax.reduce(values[owners], axis=1) - slack
         piece, part = np.nonzero(bounds < sought[:, None])
         return which[piece], u[piece, part]

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
+from functools import cached_property
 
 import numpy as np
 
@@ -227,7 +228,7 @@ class Kept:
         times, values = grid.elapsed[chosen], jerks.values[:, chosen]
         return self._greatest_of(times, values, np.zeros(len(times)), jerks.free[:, chosen])
 
-    @property
+    @cached_property
     def _during(self) -> IntArray:
         """Indices of the pieces of time inside the interval."""
         elapsed = self.trajectory.elapsed
