@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import sys
 from typing import Any
 
 import numpy as np
@@ -163,7 +164,7 @@ def test_the_error_of_a_planner_is_diagnosed_without_another_search() -> None:
         rho.plan(scenario)
     reason = rho.diagnose(caught.value, progress=reported.append)
     assert str(reason) == str(rho.diagnose(scenario))
-    assert reported[0] == "looking for constraints that cannot be met together"
+    assert reported[0] == "looking for the least violation"
 
 
 @pytest.mark.slow
@@ -256,3 +257,42 @@ def test_an_obstacle_known_after_a_shorter_end_does_not_end_the_search() -> None
     scenario = single(limits=rho.Limits(acceleration=box(1.0)), obstacles=(far,))
     shortest = rho.shortest_plan(scenario).scenario.grid.duration
     assert shortest == pytest.approx(np.sqrt(4 * 10.0 / 1.0), rel=2e-3)
+
+
+def _walled() -> rho.Scenario:
+    """Return a flight through a wall of voxels that is as wide and high as the room."""
+    voxels = [[0, y, z] for y in range(6) for z in range(6)]
+    wall = rho.Obstacle(rho.Voxels(voxels, 0.75, [4.0, -2.25, -2.25]))
+    vehicle = rho.Vehicle("v", rho.State([0, 0, 0]), rho.State([8, 0, 0]), radius=0.3)
+    room = rho.Box([-1, -2, -2], [9, 2, 2])
+    limits = rho.Limits(position=room, max_speed=3.0, max_acceleration=3.0, max_jerk=9.0)
+    return rho.Scenario("walled", rho.Grid(0.5, 13), [vehicle], limits=limits, obstacles=[wall])
+
+
+@pytest.mark.parametrize(("work", "finds"), [(60.0, False), (150.0, True)])
+def test_a_diagnosis_does_a_bounded_amount_of_work_and_says_what_it_left_out(
+    work: float, finds: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with pytest.raises(rho.InfeasibleError) as caught:
+        rho.plan(_walled())
+    monkeypatch.setattr(sys.modules["drake_rho.analysis.diagnose"], "_WORK", work)
+    told = list[str]()
+    reason = rho.diagnose(caught.value, progress=told.append)
+    trials = {each.split(": l")[0] for each in told if each.startswith("trying")}
+    assert 0 < len(trials) <= work
+    assert reason.cut
+    assert reason.violations
+    assert "not everything was tried to the end" in str(reason)
+    assert bool(reason.changes) == finds
+    assert ("position" in reason.untried) == (not finds)
+    assert all(limit in str(reason) for limit in reason.untried)
+    assert all(rho.verify(rho.plan(each.scenario)).ok for each in reason.changes)
+    assert str(rho.diagnose(caught.value)) == str(reason)
+
+
+def test_a_time_limit_replaces_the_bound_on_the_work(monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = rho.diagnose(_walled())
+    assert not whole.cut
+    monkeypatch.setattr(sys.modules["drake_rho.analysis.diagnose"], "_WORK", 1.0)
+    assert rho.diagnose(_walled()).cut
+    assert str(rho.diagnose(_walled(), time_limit=1e6)) == str(whole)

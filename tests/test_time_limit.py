@@ -16,6 +16,7 @@ import drake_rho as rho
 from drake_rho.cli.console import stopping_early
 from drake_rho.planning.call import time_limit
 from drake_rho.planning.call.time_limit import check_time, seconds_left, stoppable, within_time
+from drake_rho.planning.call.work_limit import count_work, within_work, work_left
 from drake_rho.planning.minimum_effort import MinimumEffort
 
 HURRY = rho.Scenario(
@@ -41,6 +42,22 @@ def ends(monkeypatch: pytest.MonkeyPatch) -> Callable[[int], None]:
         monkeypatch.setattr(time_limit, "seconds_left", seconds)
 
     return after
+
+
+def test_bounds_on_work_nest_and_count_in_the_outer_ones() -> None:
+    assert work_left() == math.inf
+    with within_work(math.inf):
+        count_work(5.0)
+        check_time()
+    with within_work(10.0):
+        with within_work(100.0):
+            assert work_left() == 10.0
+        with within_work(4.0):
+            count_work(4.0)
+            with pytest.raises(rho.OutOfTimeError):
+                check_time()
+        assert work_left() == 6.0
+        check_time()
 
 
 def test_limits_nest_and_end_with_their_blocks() -> None:
@@ -140,7 +157,7 @@ def test_a_diagnosis_cut_short_reports_what_is_known(ends: Callable[[int], None]
     ends(300)
     cut = rho.diagnose(impossible)
     assert cut.cut
-    assert "time was up" in str(cut)
+    assert "not everything was tried to the end" in str(cut)
     assert set(cut.conflicts) == {"a"}
 
 

@@ -1,14 +1,14 @@
 """Least changes that make an infeasible scenario feasible.
 
-For each limit, a plan without it shows a sufficient change, and bisection finds the least one.
-Every trial is warm-started with the plan of a wider limit, so that only the first one is a search.
+For each limit, a plan without it shows a sufficient change (`sufficient_change`), and bisection
+finds the least one (`least_change`). Every trial is warm-started with the plan of a wider limit, so
+that only the first one is a search.
 """
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Sequence
-from typing import Protocol
 
 import numpy as np
 
@@ -33,17 +33,8 @@ _PRECISION = 2.0
 _FINEST_CHANGE = 0.05
 """Coarsest precision of a change, as a part of the excess of a plan without the limit."""
 
-_MOST_RESTARTS = 3
-"""Largest number of bisections; each begins beyond the boundary found by the last."""
-
 _DIGITS = 5
 """Digits of suggested numbers."""
-
-
-class _Trial(Protocol):
-    """Trial of a part of a change; `near` warm-starts it with the last plan."""
-
-    def __call__(self, part: float, near: bool = True) -> bool: ...
 
 
 @dataclasses.dataclass(frozen=True)
@@ -56,17 +47,17 @@ class _Parts:
     words: Callable[[float], str]
     """function that describes it"""
 
-    def have_plan(self, part: float, near: bool = True) -> bool:
-        """Return whether a part of the change gives a plan."""
-        return self.trials.has_plan(lambda: self.changed(part), self.words(part), near=near)
+    def have_plan(self, part: float) -> bool:
+        """Return whether a part of the change gives a plan, near the last one."""
+        return self.trials.has_plan(lambda: self.changed(part), self.words(part), near=True)
 
-    def have_plans_alone(self, part: float, near: bool = True) -> bool:
+    def have_plans_alone(self, part: float) -> bool:
         """Return whether it gives plans of single vehicles, without separation."""
 
         def alone() -> Scenario:
             return self.changed(part).without_separation()
 
-        return self.trials.has_plan(alone, self.words(part), near=near)
+        return self.trials.has_plan(alone, self.words(part), near=True)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -112,10 +103,30 @@ class Change(metaclass=Described):
         return " and ".join(map(str, self.numbers))
 
 
-def least_change(
+@dataclasses.dataclass(frozen=True)
+class Sufficient:
+    """Change of some limits, which are widened in proportion, that gives a plan."""
+
+    scenario: Scenario
+    """scenario without a plan"""
+    adjustables: Sequence[Adjustable]
+    """limits to change"""
+    parts: _Parts
+    """trials of parts of the change"""
+    numbers: Callable[[float], list[FloatArray]]
+    """function that returns the numbers of the limits with a part of the change"""
+    part: float
+    """part that gives a plan"""
+    plan: Plan
+    """the plan that was found for it"""
+    precision: float
+    """precision of the least part"""
+
+
+def sufficient_change(
     scenario: Scenario, adjustables: Sequence[Adjustable], trials: Trials
-) -> Change | None:
-    """Return the least joint change of some limits that gives a plan; None if none is found.
+) -> Sufficient | None:
+    """Return a joint change of some limits that gives a plan; None if none is found.
 
     Limits change in proportion, from their present values towards those of a plan without them.
     """
@@ -149,12 +160,19 @@ def least_change(
     if enough_of_it is None:
         return None
     precision = min(_PRECISION * precision_of(scenario) / largest, _FINEST_CHANGE)
-    part = _least_of(scenario, parts, enough_of_it, precision)
+    return Sufficient(scenario, adjustables, parts, numbers, enough_of_it, trials.plan, precision)
+
+
+def least_change(enough: Sufficient) -> Change:
+    """Return the least part of a sufficient change that gives a plan, as far as trials show."""
+    parts = enough.parts
+    parts.trials.go_back_to(enough.plan)
+    part = _least_of(enough.scenario, parts, enough.part, enough.precision)
     new = [
         NewNumbers(each.limit, each.unit, tuple(each.now.tolist()), tuple(found.tolist()))
-        for each, found in zip(adjustables, numbers(part), strict=True)
+        for each, found in zip(enough.adjustables, enough.numbers(part), strict=True)
     ]
-    return Change(tuple(new), changed(part))
+    return Change(tuple(new), parts.changed(part))
 
 
 def without(scenario: Scenario, adjustables: Sequence[Adjustable]) -> Scenario:
@@ -215,36 +233,25 @@ def _least_of(scenario: Scenario, parts: _Parts, enough: float, precision: float
     the fleet seldom needs more.
     """
     if scenario.separation is None:
-        return _least(parts.have_plan, 0.0, enough, precision, confirm=bool(scenario.avoided))
+        return _least(parts.have_plan, 0.0, enough, precision)
     low, step = 0.0, precision
     if not parts.have_plans_alone(0.0):
-        low = _least(parts.have_plans_alone, 0.0, enough, precision, confirm=False)
+        low = _least(parts.have_plans_alone, 0.0, enough, precision)
         if parts.have_plan(low):
             return low
     while low < enough:
         step *= 2.0
         if parts.have_plan(after := min(low + step * (1.0 + low), enough)):
-            return _least(parts.have_plan, low, after, precision, confirm=False)
+            return _least(parts.have_plan, low, after, precision)
         low = after
     return enough
 
 
-def _least(
-    has_plan: _Trial, least: float, enough: float, precision: float, *, confirm: bool
-) -> float:
-    """Return the least value with a plan, by bisection from one without to one with a plan.
-
-    To confirm it, a search just below has to fail; otherwise bisection goes on from there.
-    """
-    high = enough
-    for _ in range(_MOST_RESTARTS):
-        low = least
-        while high - low > precision * (1.0 + high):
-            middle = (low + high) / 2.0
-            low, high = (low, middle) if has_plan(middle) else (middle, high)
-        if not confirm or low == least or not has_plan(low, near=False):
-            break
-        high = low
+def _least(has_plan: Callable[[float], bool], low: float, high: float, precision: float) -> float:
+    """Return the least value with a plan, by bisection from one without to one with a plan."""
+    while high - low > precision * (1.0 + high):
+        middle = (low + high) / 2.0
+        low, high = (low, middle) if has_plan(middle) else (middle, high)
     return high
 
 

@@ -6,23 +6,32 @@ For a plan of least time: the sensitivity of that time to the limits.
 from __future__ import annotations
 
 import dataclasses
+import math
 import re
 from collections.abc import Mapping
-from contextlib import suppress
 from functools import partial
 from typing import overload
 
 from drake_rho.analysis.adjustable import Adjustable, adjustable_numbers
-from drake_rho.analysis.changes import Change, least_change, least_duration, new_duration, without
+from drake_rho.analysis.changes import (
+    Change,
+    Sufficient,
+    least_change,
+    least_duration,
+    new_duration,
+    sufficient_change,
+    without,
+)
 from drake_rho.analysis.diagnosis import Diagnosis
 from drake_rho.analysis.infeasible_subset import infeasible_subset
 from drake_rho.analysis.least_violation import least_violations
 from drake_rho.analysis.sensitivity import TimeSensitivity
 from drake_rho.analysis.time_sensitivity import SensitivityAnalysis
-from drake_rho.analysis.trials import Trials, durations, precision_of
+from drake_rho.analysis.trials import Trials, boundary, durations, precision_of
 from drake_rho.motion.plan import Plan
 from drake_rho.planning.call.progress import Progress, tell
 from drake_rho.planning.call.time_limit import with_time_limit
+from drake_rho.planning.call.work_limit import within_work, work_left
 from drake_rho.planning.errors import InfeasibleError, Names, OutOfTimeError, SolverError
 from drake_rho.planning.planners.first_plan import first_plan
 from drake_rho.planning.planners.related import can_be_slower
@@ -32,6 +41,13 @@ from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.records import Scenario
 from drake_rho.system.threads import single_threaded_blas
 from drake_rho.verification.check import Check
+
+_WORK = 500.0
+"""Work of a diagnosis without a time limit [rounds], a few seconds for a vehicle or two."""
+
+_TO_FIND = 0.7
+"""Part of the work left after the conflicts for finding sufficient changes; the rest is for the
+least ones."""
 
 _PENALTIES = 8
 """Largest number of penalties in a trial of a change; trials begin near a plan."""
@@ -86,6 +102,11 @@ def diagnose(
     a smaller change may suffice. Where a longer duration is not always possible (`can_be_slower`),
     shorter ones are tried as well.
 
+    Without a `time_limit`, a scenario without a plan gets a bounded amount of work, a few seconds
+    for a vehicle or two. It is counted, so that the answer does not depend on the speed of the
+    machine. Violations and conflicts come first, then a change of each limit that suffices, then
+    the bisections. Limits that did not fit in are named (`Diagnosis.cut`, `Diagnosis.untried`).
+
     Args:
         scenario: scenario to diagnose; or a planner's error about one, which saves another search
             if infeasibility is proved or paths were searched; or a plan of least time.
@@ -94,7 +115,8 @@ def diagnose(
         solver: `"clarabel"`, `"daqp"` or `"osqp"`, or a Drake solver; Clarabel if not given. Plans
             are diagnosed with Clarabel.
         progress: called with a short description of the current step, such as a trial.
-        time_limit: seconds, above 0, after which the findings so far are returned (`cut`).
+        time_limit: seconds, above 0, after which the findings so far are returned (`cut`). It
+            replaces the bound on the work, so that a long one lets more be tried.
 
     Returns:
         A `Diagnosis` of a scenario, the `TimeSensitivity` of a plan.
@@ -129,7 +151,8 @@ def diagnose(
     if planned is not None:
         raise ValueError("planned: got a scenario beside a scenario, expected it beside a plan")
     backend = Backend.of(solver)
-    search = _Search(Trials(backend, progress, _PENALTIES), backend, progress)
+    work = _WORK if time_limit is None else math.inf
+    search = _Search(Trials(backend, progress, _PENALTIES), backend, progress, work)
     if isinstance(scenario, InfeasibleError):
         error = scenario
         if error.scenario is None:
@@ -151,6 +174,7 @@ class _Search:
     trials: Trials
     backend: Backend
     progress: Progress | None
+    work: float
 
     def feasible(self, scenario: Scenario, plan: Plan) -> Diagnosis:
         """Return the diagnosis of a scenario that has a plan: its shortest duration."""
@@ -168,25 +192,27 @@ class _Search:
         )
 
     def infeasible(self, scenario: Scenario, error: InfeasibleError) -> Diagnosis:
-        """Return the diagnosis of a scenario without a plan."""
-        trials, violations = self.trials, tuple[Check, ...]()
+        """Return the diagnosis of a scenario without a plan, within its work."""
+        with within_work(self.work):
+            return self._infeasible(scenario, error)
+
+    def _infeasible(self, scenario: Scenario, error: InfeasibleError) -> Diagnosis:
+        trials = self.trials
         trials.begin(None)
-        tolerable = _largest_tolerable_wind(scenario, trials)
-        conflicts, premise = error.conflicts, error.premise
-        try:
-            if tolerable is None and scenario.disturbance is not None:
-                error = _undisturbed(error, scenario, self.backend)
-            tell(self.progress, "looking for constraints that cannot be met together")
-            premise, conflicts = error.premise, error.conflicts
-            with suppress(SolverError):
-                conflicts = infeasible_subset(error, solver=self.backend.solver)
-            tell(self.progress, "looking for the least violation")
-            with suppress(SolverError):
-                violations = least_violations(scenario, error, self.backend)
-        except OutOfTimeError:
-            trials.stop()
-        changes = self._changes(scenario, error, conflicts)
-        shortest, longest = self._durations(scenario, error)
+        is_windy = _has_plan_in_calm(scenario, trials)
+        if not is_windy and scenario.disturbance is not None:
+            error = _undisturbed(error, scenario, self.backend)
+        violations = self._violations(scenario, error)
+        conflicts = self._conflicts(error)
+        with within_work(_TO_FIND * work_left()):
+            enough, untried = self._sufficient(scenario, error, conflicts)
+        with within_work(work_left() / (1 + len(enough) + is_windy)):
+            shortest, longest = self._durations(scenario, error)
+        changes = list[Change]()
+        for left in range(len(enough), 0, -1):  # each gets an equal part of what is left
+            with within_work(work_left() / (left + is_windy)):
+                changes.append(least_change(enough[-left]))
+        tolerable = _largest_tolerable_wind(scenario, trials) if is_windy else None
         if (other := longest or shortest) is not None:
             changes = [new_duration(scenario, other), *changes]
         if tolerable is not None:  # without it there is a plan, so it is part of every conflict
@@ -199,24 +225,69 @@ class _Search:
             shortest_duration=shortest,
             longest_duration=longest,
             is_monotone=is_monotone(scenario),
-            premise=premise,
+            premise=error.premise,
             bearable_wind=tolerable,
             cut=trials.cut,
+            untried=untried,
         )
 
-    def _changes(
+    def _violations(self, scenario: Scenario, error: InfeasibleError) -> tuple[Check, ...]:
+        """Return the least violations; none if they are not found."""
+        tell(self.progress, "looking for the least violation")
+        try:
+            return least_violations(scenario, error, self.backend)
+        except SolverError:
+            return ()
+        except OutOfTimeError:
+            self.trials.stop()
+            return ()
+
+    def _conflicts(self, error: InfeasibleError) -> dict[str, Names]:
+        """Return the conflicts, reduced as far as half of the work left allows."""
+        tell(self.progress, "looking for constraints that cannot be met together")
+        try:
+            with within_work(work_left() / 2.0):
+                return infeasible_subset(error, solver=self.backend.solver)
+        except SolverError:
+            return error.conflicts
+        except OutOfTimeError:
+            self.trials.unfinished += 1
+            return error.conflicts
+
+    def _sufficient(
         self, scenario: Scenario, error: InfeasibleError, conflicts: Mapping[str, Names]
-    ) -> list[Change]:
-        """Return the least change of each limit that gives a plan, or of all limits together."""
-        numbers = adjustable_numbers(scenario, list(conflicts))
+    ) -> tuple[list[Sufficient], Names]:
+        """Return changes that give a plan, and the names of limits that were not tried to the end.
+
+        Each change is of one limit; if there is none, the change is of several together.
+        """
+        numbers, untried = adjustable_numbers(scenario, list(conflicts)), list[str]()
+
+        def enough(together: list[Adjustable]) -> Sufficient | None:
+            before = self.trials.unfinished
+            found = sufficient_change(scenario, together, self.trials)
+            if found is None and self.trials.unfinished > before:
+                untried.extend(each.limit for each in together)
+            return found
+
         alone = [each for each in numbers if _may_help(each, error, conflicts)]
-        found = [least_change(scenario, [each], self.trials) for each in alone]
+        named = [each for each in alone if _is_named(each, conflicts)]
+        others = [each for each in alone if each not in named]
+        found = [enough([each]) for each in named]
+        before = self.trials.unfinished
+        if len(others) < 2 or self.trials.has_plan(
+            partial(without, scenario, others), _names(others)
+        ):
+            found += [enough([each]) for each in others]
+        elif self.trials.unfinished > before:
+            untried += [each.limit for each in others]
         changes = [each for each in found if each is not None]
-        if changes or len(numbers) < 2:
-            return changes
-        others_first = sorted(numbers, key=lambda each: _is_named(each, conflicts))
-        together = least_change(scenario, self._needed(scenario, others_first), self.trials)
-        return [] if together is None else [together]
+        if not changes and len(numbers) > 1:
+            others_first = sorted(numbers, key=lambda each: _is_named(each, conflicts))
+            together = enough(self._needed(scenario, others_first))
+            changes = [] if together is None else [together]
+        changes.sort(key=lambda each: numbers.index(each.adjustables[0]))
+        return changes, tuple(dict.fromkeys(untried))
 
     def _needed(self, scenario: Scenario, numbers: list[Adjustable]) -> list[Adjustable]:
         """Return the limits that have to change together for a plan."""
@@ -288,31 +359,37 @@ def is_monotone(scenario: Scenario) -> bool:
 def _undisturbed(error: InfeasibleError, scenario: Scenario, backend: Backend) -> InfeasibleError:
     """Return the error without the disturbance, if any, since it is more informative."""
     try:
-        first_plan(Problem.of(scenario.with_disturbance(None)), backend=backend)
+        with within_work(work_left() / 2.0):
+            first_plan(Problem.of(scenario.with_disturbance(None)), backend=backend)
     except InfeasibleError as other:
         return other
-    except SolverError:
+    except (SolverError, OutOfTimeError):
         pass
     return error
 
 
+def _has_plan_in_calm(scenario: Scenario, trials: Trials) -> bool:
+    """Return whether a plan is found without the disturbance, for a scenario with one."""
+    if scenario.disturbance is None:
+        return False
+    return trials.has_plan(lambda: dataclasses.replace(scenario, disturbance=None), "no wind")
+
+
 def _largest_tolerable_wind(scenario: Scenario, trials: Trials) -> float | None:
-    """Return the largest wind with a plan [m/s²], for a scenario without one; see `Diagnosis`."""
+    """Return the largest wind with a plan [m/s²], for a scenario with a plan in calm.
+
+    None if it is not known whether there is a plan with the errors of estimates alone.
+    """
     disturbance = scenario.disturbance
-    if disturbance is None:
-        return None
+    assert disturbance is not None  # noqa: S101  # there is a plan in calm only
 
-    def tolerates(part: float) -> bool:
-        weaker = dataclasses.replace(disturbance, acceleration=part * disturbance.acceleration)
+    def tolerates(factor: float, near: bool = False) -> bool:
+        weaker = dataclasses.replace(disturbance, acceleration=factor * disturbance.acceleration)
         words = f"wind up to {weaker.acceleration:.4g} m/s²"
-        return trials.has_plan(lambda: dataclasses.replace(scenario, disturbance=weaker), words)
+        make = partial(dataclasses.replace, scenario, disturbance=weaker)
+        return trials.has_plan(make, words, near=near)
 
-    if not trials.has_plan(lambda: dataclasses.replace(scenario, disturbance=None), "no wind"):
-        return None
+    before = trials.unfinished
     if disturbance.acceleration == 0.0 or not tolerates(0.0):
-        return 0.0
-    low, high = 0.0, 1.0
-    while high - low > precision_of(scenario):
-        middle = (low + high) / 2.0
-        low, high = (middle, high) if tolerates(middle) else (low, middle)
-    return low * disturbance.acceleration
+        return 0.0 if trials.unfinished == before else None
+    return boundary(tolerates, 0.0, 1.0, precision_of(scenario)) * disturbance.acceleration

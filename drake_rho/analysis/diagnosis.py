@@ -20,7 +20,9 @@ _SHOWN = 4
 _APART = re.compile(r"separation from (.*?)(?: (?:at|from) [^ ]+ s.*)?")
 """Name of a pair's constraint in a conflict, with the other vehicle."""
 
-_CUT = "time was up before everything was tried: smaller changes may suffice"
+_CUT = (
+    "not everything was tried to the end: smaller changes may suffice; a `time_limit` allows more"
+)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -56,13 +58,16 @@ class Diagnosis(metaclass=Described):
     """assumption under which the conflicts are proved, as in 'with the margins that are kept for
     the disturbance'; empty if they are proved for the scenario itself"""
     bearable_wind: float | None = None
-    """if there is a plan without the disturbance, the largest wind for which one was found, with
+    """if a plan was found without the disturbance, the largest wind for which one was found, with
     the feedback that is best for this wind and all else unchanged [m/s²]; 0 if the estimation
-    errors alone leave no plan; None if there is no plan without the disturbance either, or no
-    disturbance"""
+    errors alone leave no plan; None if there is no plan without the disturbance either, no
+    disturbance, or no answer"""
 
     cut: bool = False
-    """whether time was up before all trials were made, so that smaller changes may suffice"""
+    """whether the time or the work was up before all trials had ended, so that smaller changes may
+    suffice"""
+    untried: tuple[str, ...] = ()
+    """names of limits that may give a plan as well: the work was up before this was known"""
 
     @property
     def feasible(self) -> bool:
@@ -110,7 +115,12 @@ class Diagnosis(metaclass=Described):
         """Changes with which there is a plan; empty if there is one already."""
         if self.feasible:
             return ""
-        return "\n".join([*self._disturbed(), *self._repairs(), *([_CUT] if self.cut else [])])
+        return "\n".join([*self._disturbed(), *self._repairs(), *self._left_out()])
+
+    def _left_out(self) -> list[str]:
+        """Return lines on what was not tried to the end."""
+        named = [f"not tried to the end: {', '.join(self.untried)}"] if self.untried else []
+        return [*named, _CUT] if self.cut else []
 
     def _missed(self) -> list[str]:
         """Return a line for each vehicle, with its violations."""

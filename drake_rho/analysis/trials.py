@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from functools import partial
 from typing import Protocol
 
 from drake_rho.motion.plan import Plan
+from drake_rho.planning.call.options import DEFAULTS, Options
 from drake_rho.planning.call.progress import Progress, tell, within
+from drake_rho.planning.call.time_limit import seconds_left
+from drake_rho.planning.call.work_limit import count_work, within_work, work_left
 from drake_rho.planning.errors import InfeasibleError, OutOfTimeError, SolverError
 from drake_rho.planning.planners.first_plan import FirstPlan, plan_near
 from drake_rho.planning.planners.related import can_be_slower, rescaled, time_scaled_plan
@@ -30,6 +34,18 @@ PRECISION_WITH_SEPARATION = 1e-2
 LARGEST_FACTOR = 2.0**10
 """Largest factor that is tried on the duration and on acceleration limits."""
 
+QUICK = Options(max_ways=2, max_memory=3e7)
+"""Bounds of quick searches: coarse grids, since a fine one takes longer than all other trials."""
+
+_SHARE = 0.5
+"""Largest part of the work left that one quick trial may take."""
+
+_PER_TRIAL, _WITH_GAINS = 1.0, 6.0
+"""Least work of a trial [rounds], so that a bound on the work bounds their number; and with a
+disturbance, for which gains of the feedback are sought."""
+
+_LEAST_WORK = 20.0
+"""Work of a usual trial [rounds]; with less no further one is begun."""
 
 _MAX_RESTARTS = 3
 """Largest number of bisections; each begins beyond the boundary that local trials found last."""
@@ -49,12 +65,14 @@ class Trials:
         backend: solves their programs.
         progress: called with a short description of each trial.
         most: the largest number of penalties in one restoration of a trial. Where it is given,
-            motions are first sought without obstacles and pairs, and searches are short.
+            trials are quick: motions are first sought without obstacles and pairs, paths on one
+            coarse grid, and no trial takes more than a part of the work left (`within_work`).
 
     Attributes:
         plan: the last plan found.
         feasible: whether the original scenario has a plan; None if this is not known.
-        cut: whether time was up; all later trials then fail.
+        unfinished: the number of trials that time or work ended, so that they may have missed a
+            plan.
     """
 
     def __init__(
@@ -63,7 +81,7 @@ class Trials:
         self._most = most
         self.plan: Plan | None = None
         self.feasible: bool | None = None
-        self.cut = False
+        self.unfinished, self._stopped = 0, False
         self._backend, self._progress = backend, progress
 
     def begin(self, plan: Plan | None) -> None:
@@ -74,9 +92,20 @@ class Trials:
         """Make an earlier plan the initial guess of the next trial."""
         self.plan = plan
 
+    @property
+    def cut(self) -> bool:
+        """Whether time or work ended any trial."""
+        return self.unfinished > 0
+
+    @property
+    def are_quick(self) -> bool:
+        """Whether trials are quick ones."""
+        return self._most < MAX_RESTORATIONS
+
     def stop(self) -> None:
-        """Let all later trials fail, as time is up."""
-        self.cut = True
+        """Let all later trials fail, as time or work is up."""
+        self._stopped = True
+        self.unfinished += 1
 
     def has_plan(self, make: Callable[[], Scenario], words: str, *, near: bool = False) -> bool:
         """Return whether a plan is found for a variant of the scenario.
@@ -86,28 +115,34 @@ class Trials:
             words: description of the variant for progress.
             near: whether to search near the last plan only.
         """
-        if self.cut:
+        if self._stopped or seconds_left() <= 0.0 or work_left() < _LEAST_WORK:
+            self.unfinished += 1
             return False
         words = f"trying {words}"
         tell(self._progress, words)
+        share = _SHARE * work_left() if self.are_quick else math.inf
         try:
-            self.plan = self._found(make(), within(self._progress, words), near)
+            with within_work(share):
+                scenario = make()
+                count_work(_PER_TRIAL if scenario.disturbance is None else _WITH_GAINS)
+                self.plan = self._found(scenario, within(self._progress, words), near)
         except (InfeasibleError, SolverError, ScenarioError):
             return False
         except OutOfTimeError:
-            self.cut = True
+            self.unfinished += 1
             return False
         return True
 
     def _found(self, scenario: Scenario, progress: Progress | None, near: bool) -> Plan:
-        problem, quick = Problem.of(scenario), self._most < MAX_RESTORATIONS
+        problem, quick = Problem.of(scenario), self.are_quick
         if near and self.plan is not None:
             if quick and (scenario.avoided or scenario.separation is not None):
                 plan_around(finest(scenario), None, self._backend)  # proves that there is none
             reference = time_scaled_plan(self.plan, scenario)
             backend, most = self._backend, self._most
             return plan_near(problem, reference, backend=backend, progress=progress, most=most)
-        search = FirstPlan(self._backend, progress, most=self._most, thorough=not quick)
+        options = QUICK if quick else DEFAULTS
+        search = FirstPlan(self._backend, progress, options, most=self._most, thorough=not quick)
         return with_finer_margins(search.of, problem)
 
 
@@ -149,14 +184,19 @@ def boundary(has_plan: Trial, one: float, other: float, precision: float) -> flo
     """
     without = other
     for _ in range(_MAX_RESTARTS):
-        other = without
-        while abs(one - other) > precision * max(one, other):
-            middle = (one + other) / 2.0
-            one, other = (middle, other) if has_plan(middle, near=True) else (one, middle)
+        one, other = _bisected(has_plan, one, without, precision)
         if other == without or not has_plan(other):
             break
         one = other
     return one
+
+
+def _bisected(has_plan: Trial, one: float, other: float, precision: float) -> tuple[float, float]:
+    """Return factors that differ little, the first one with a plan near that of `one`."""
+    while abs(one - other) > precision * max(one, other):
+        middle = (one + other) / 2.0
+        one, other = (middle, other) if has_plan(middle, near=True) else (one, middle)
+    return one, other
 
 
 def durations(
@@ -183,6 +223,11 @@ def durations(
         make = partial(rescaled, scenario) if variant is None else variant
         return trials.has_plan(lambda: make(factor), words, near=near)
 
+    def last(one: float, other: float) -> float:
+        if trials.are_quick:
+            return _bisected(lasting, one, other, precision)[0]
+        return boundary(lasting, one, other, precision)
+
     slower = can_be_slower(scenario)
     high = some_factor(lasting, trials.feasible, shorter=not slower, largest=largest)
     if high is None:
@@ -190,12 +235,12 @@ def durations(
     longest = None
     if high < 1.0:
         found = trials.plan
-        longest = duration * boundary(lasting, high, high / SHORTER, precision)
+        longest = duration * last(high, high / SHORTER)
         trials.go_back_to(found)
     while 1.0 >= high > 1.0 / LARGEST_FACTOR and lasting(high / 2.0):
         high /= 2.0
     if high > 1.0 / LARGEST_FACTOR:
-        high = boundary(lasting, high, high / 2.0, precision)
+        high = last(high, high / 2.0)
     return duration * high, longest
 
 

@@ -33,7 +33,7 @@ _KEYS: dict[type, str] = {
     Claim: "number claim=text evidence found",
     Diagnosis: "scenario feasible conflicts premise violations changes "
     "shortest_duration_s=shortest_duration longest_duration_s=longest_duration is_monotone "
-    "acceleration_factor bearable_wind_mps2=bearable_wind cut",
+    "acceleration_factor bearable_wind_mps2=bearable_wind cut untried",
     Example: "number method obstacle ok=report.ok cost=plan.cost "
     "lower_bound=certificate.lower_bound seconds programs=plan.statistics.programs",
     LimitEffect: "limit change less_time vehicles",

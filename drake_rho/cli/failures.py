@@ -9,13 +9,15 @@ from drake_rho.analysis.diagnose import diagnose
 from drake_rho.analysis.diagnosis import Diagnosis
 from drake_rho.cli.console import err, output_mode, say, stopping_early, working, write
 from drake_rho.cli.documents import json_of
+from drake_rho.planning.call.time_limit import within_time
 from drake_rho.planning.errors import InfeasibleError, OutOfTimeError, SolverError
 from drake_rho.scenario.errors import DrakeRhoError
 
 BAD_INPUT, NO_PLAN, SOLVERS_FAILED, OUT_OF_TIME, INTERRUPTED = 2, 3, 4, 5, 130
 
 _DIAGNOSIS_TIME = 15.0
-"""Time limit of the diagnosis after a planning command has found no plan [s]."""
+"""Time limit of the diagnosis after a planning command has found no plan, beside the bound on its
+work [s]."""
 
 
 class InterruptedByUserError(Exception):
@@ -62,8 +64,9 @@ def _without_plan(error: InfeasibleError) -> int:
         say(f"drake-rho: {_line(error)}", err)
     diagnosis = None
     status = working("looking for changes that make the scenario feasible")
-    with suppress(SolverError, OutOfTimeError), status as work, stopping_early():
-        diagnosis = diagnose(error, progress=work, time_limit=_DIAGNOSIS_TIME)
+    cut = suppress(SolverError, OutOfTimeError)
+    with cut, status as work, stopping_early(), within_time(_DIAGNOSIS_TIME):
+        diagnosis = diagnose(error, progress=work)
     if output_mode.as_json:
         write(_document(NO_PLAN, error, diagnosis))
     elif diagnosis is not None:

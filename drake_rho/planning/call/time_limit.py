@@ -16,6 +16,7 @@ from typing import Any, ParamSpec, TypeVar
 
 from drake_rho.planning.call.options import Options
 from drake_rho.planning.call.progress import Progress
+from drake_rho.planning.call.work_limit import work_left
 from drake_rho.planning.errors import OutOfTimeError
 
 _ENDS: ContextVar[float] = ContextVar("_ENDS", default=math.inf)
@@ -37,12 +38,12 @@ def seconds_left() -> float:
 
 
 def check_time() -> None:
-    """Raise an error if no time is left.
+    """Raise an error if no time or no work is left.
 
     Raises:
-        OutOfTimeError: the deadline has passed.
+        OutOfTimeError: the deadline has passed, or a bound on the work is reached.
     """
-    if seconds_left() <= 0.0:
+    if seconds_left() <= 0.0 or work_left() <= 0.0:
         raise OutOfTimeError
 
 

@@ -18,6 +18,7 @@ from drake_rho.motion.plan import Plan
 from drake_rho.motion.statistics import PathSearch
 from drake_rho.planning.call.options import DEFAULTS
 from drake_rho.planning.call.time_limit import check_time
+from drake_rho.planning.call.work_limit import PATH_GRID, count_work
 from drake_rho.planning.path_search.continuation import piecewise_linear
 from drake_rho.planning.path_search.fleet_in_space import FleetSpaceSearch, space_size
 from drake_rho.planning.path_search.prioritized import (
@@ -108,6 +109,7 @@ def _from_first_found(grids: Iterator[InitialGuesses]) -> Iterator[InitialGuesse
 def _in_space(scenario: Scenario, most: int, max_memory: float) -> Iterator[InitialGuesses]:
     """Yield the references along paths in space on each grid, from coarse to fine."""
     for resolution in resolutions(scenario, _POINTS, partial(space_size, scenario), max_memory):
+        count_work(PATH_GRID)
         search = FleetSpaceSearch(scenario, resolution, max_memory)
         vehicles = list[list[FloatArray]]()
         try:
@@ -131,6 +133,7 @@ def _in_space_and_time(scenario: Scenario, max_memory: float) -> Iterator[Initia
     """Yield the references along space-time paths on each grid, from coarse to fine."""
     size, orders = partial(space_time_size, scenario), 0
     for resolution in resolutions(scenario, _SPACE_TIME_POINTS, size, max_memory):
+        count_work(PATH_GRID)
         try:
             fleet = FleetSpaceTimeSearch(scenario, resolution, max_memory)
             best, tried = _in_a_few_orders(fleet)

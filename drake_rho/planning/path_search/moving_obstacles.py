@@ -12,9 +12,12 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from drake_rho.planning.call.time_limit import check_time
+from drake_rho.planning.call.work_limit import MOVE, MOVE_IN_MAP, count_work
 from drake_rho.planning.path_search.lattice import BATCH_SIZE, MOVES, Lattice
 from drake_rho.planning.path_search.swept_clearance import lower_bound, required_distance
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
+from drake_rho.scenario.maps.parts import Parts
 from drake_rho.scenario.records import Obstacle, Separation
 
 _PARTS = np.array([0.0, 0.5, 1.0])
@@ -39,6 +42,7 @@ class MovingObstacle:
         begins: first layer in which the obstacle is active.
         layers: layers in which it is active; if nothing changes, only the first two.
         alike: layers with the same blocked moves as the last of `layers`.
+        work: of checking one move [rounds].
     """
 
     blocks = True
@@ -58,6 +62,7 @@ class MovingObstacle:
         errors = body.uncertainty(times) - body.position_error
         self._before, self._growth = errors[:-1], np.diff(errors)
         self.reach: FloatArray = body.shape.extent + (self.margins + errors[1:]).max()
+        self.work = MOVE_IN_MAP if isinstance(body.shape, Parts) else MOVE
         self._shape, self._outermost = body.shape, float(np.linalg.norm(body.shape.extent))
 
     def clearance(self, layers: IntArray, positions: FloatArray) -> FloatArray:
@@ -102,6 +107,8 @@ class MovingVehicle:
     """colliding moves are possible at a cost"""
     begins = 0
     """first layer with the vehicle as an obstacle"""
+    work = MOVE
+    """work of checking one move [rounds]"""
 
     def __init__(self, positions: FloatArray, separation: Separation) -> None:
         self.centers = positions
@@ -202,6 +209,8 @@ def _blocked_among(
     u, q = np.nonzero((clearance < lengths[:, layers]) & (to < count))
     collides = np.zeros(len(u), dtype=bool)
     for some in np.array_split(np.arange(len(u)), 1 + len(u) // BATCH_SIZE):
+        check_time()
+        count_work(len(some) * moving.work)
         begin = start[q[some]]
         collides[some] = moving.collide(layers[q[some]], begin, begin + steps[u[some]])
     u, q = u[collides], q[collides]

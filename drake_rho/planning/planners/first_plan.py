@@ -49,7 +49,7 @@ class FirstPlan:
     """largest number of penalties in one restoration of a fleet"""
     thorough: bool = True
     """whether to try paths that avoid each other if restoration does not separate a fleet, and
-    perturbed initial guesses if no path of a vehicle leads to a plan"""
+    finer grids and perturbed initial guesses if no path of a vehicle leads to a plan"""
 
     def of_any_duration(self, problem: Problem, reference: Plan | None = None) -> Plan:
         """Return a first plan, possibly one for a shorter duration flown slower.

@@ -79,13 +79,14 @@ def plan_along_paths(
         backend: Clarabel if not given.
         options: `max_ways` bounds the paths that are tried.
         progress: called with a short text on the current activity.
-        perturbed: whether perturbed initial guesses of a vehicle are tried if all paths fail.
+        perturbed: whether a second grid and perturbed initial guesses of a vehicle are tried if all
+            paths fail.
     """
     tell(progress, "looking for paths around the obstacles")
     scenario, larger = problem.scenario, enlarged_by_margins(problem.scenario, problem.margins)
     grids = paths_on_grids(larger, options.max_ways, options.max_memory)
     attempts, best = _Attempts(problem, backend), None
-    for found in islice(grids, _GRIDS):
+    for found in islice(grids, _GRIDS if perturbed else 1):
         attempts.count(Statistics(searched=found.searched))
         if (best := _best_along(found.references, attempts, progress)) is not None:
             break

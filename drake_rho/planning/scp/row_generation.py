@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from drake_rho.planning.call.time_limit import check_time
+from drake_rho.planning.call.work_limit import count_work
 
 
 def generate_rows(search: Callable[[], bool], solve: Callable[[], None], most: int) -> bool:
@@ -26,4 +27,5 @@ def generate_rows(search: Callable[[], bool], solve: Callable[[], None], most: i
         if not search():
             return True
         solve()
+        count_work(1.0)
     return False
