@@ -11,6 +11,7 @@ import pytest
 
 import drake_rho as rho
 from drake_rho import cli
+from tests.mixed import mixed
 from tests.scenarios import slow
 
 EQUAL = 2e-3
@@ -150,3 +151,10 @@ def test_a_tour_there_and_back_takes_as_long_from_any_first_guess() -> None:
     by_hand = 50 / 2.5 + 1.0 + 50 / 1.5 + 0.6
     assert np.ptp(times) <= EQUAL * by_hand
     assert by_hand <= min(times) <= (1.0 + 2.0 * EQUAL) * by_hand
+
+
+@pytest.mark.slow
+def test_a_waypoint_is_not_passed_where_an_obstacle_is_for_a_moment() -> None:
+    """The motion found passes close to a box that is there for 0.09 s; the error named a field."""
+    scene = mixed(30_182, leave_out=("smoothing", "disturbance"))
+    assert least(scene.scenario) < scene.scenario.grid.duration

@@ -92,7 +92,8 @@ class TimeSearch:
     def plan(self) -> Plan:
         """Return the plan of least time.
 
-        Where solvers are too inexact for the limits, this is the plan found by bisection.
+        Where solvers are too inexact for the limits, or a place is taken at the time found, this is
+        the plan found by bisection, or that for the scenario's own final time.
         """
         scenario = self._scenario
         alone = TimesAlone(scenario, self._waypoints, self._backend, self._progress)
@@ -111,8 +112,10 @@ class TimeSearch:
         try:
             return self._finished(self._arriving(best, alone.durations))
         except SolverError:
-            slower = None if each is None else self._by_bisection(each, coupled=False)
-            if slower is None:
+            known: list[Callable[[], Timed | None]] = [self._planned_in_own_final_time]
+            if each is not None:
+                known.append(partial(self._by_bisection, each, coupled=False))
+            if (slower := self._shortest(known)) is None:
                 raise
             slower = dataclasses.replace(slower, converged=False)
             return self._finished(self._arriving(slower, alone.durations))
@@ -154,10 +157,14 @@ class TimeSearch:
 
     def _from_own_final_time(self) -> Timed | None:
         """Return a motion in the least time around the plan for the scenario's own final time."""
-        known = planned_in_own_final_time(
+        known = self._planned_in_own_final_time()
+        return self._shortest([partial(_same, known), partial(self._least.around, known)])
+
+    def _planned_in_own_final_time(self) -> Timed:
+        """Return the plan for the scenario's own final time."""
+        return planned_in_own_final_time(
             self._given, self._scenario, self._backend, self._options, self._progress
         )
-        return self._shortest([partial(_same, known), partial(self._least.around, known)])
 
     def _arriving(self, best: Timed, alone: FloatArray) -> Timed:
         """Return a motion with the earliest arrival of each vehicle, if the search is for one.

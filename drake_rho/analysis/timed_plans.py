@@ -14,6 +14,7 @@ from drake_rho.planning.programs.backend import Backend
 from drake_rho.planning.scp.least_time import LeastTime
 from drake_rho.planning.scp.subproblem import Subproblem
 from drake_rho.planning.scp.timed import Timed
+from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.records import Grid, Scenario
 from drake_rho.scenario.waypoints import AllWaypoints
@@ -108,8 +109,15 @@ class TimedPlans:
         return None
 
     def _plan(self, timed: Timed) -> Plan:
-        """Return the plan of a motion, with goals reached to rounding."""
-        problem = Problem.of(self.scenario(timed.grid, timed.passing.times))
+        """Return the plan of a motion, with goals reached to rounding.
+
+        Raises:
+            SolverError: a place is passed at a time at which the scenario does not allow it.
+        """
+        try:
+            problem = Problem.of(self.scenario(timed.grid, timed.passing.times))
+        except ScenarioError as error:  # the times are those found, not the user's
+            raise SolverError(f"the motion found is at a place that is taken: {error}") from None
         every = np.arange(len(problem))
         accelerations = problem.effort.goals.met_by(timed.accelerations, every)
         return Plan.from_accelerations(problem.scenario, accelerations)
