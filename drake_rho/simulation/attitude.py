@@ -85,7 +85,8 @@ class AttitudeController(LeafSystem):
     By differential flatness the thrust vector is m (a + g e_z); its direction is the body's z axis
     and the yaw is 0. The attitude is a rotation whose error is the vector part of a quaternion, so
     there is no gimbal lock. The vertical thrust is as commanded even while the quadrotor turns.
-    Rotors cannot pull, so inputs are at least 0; where one would have to, the yaw gives way.
+    Rotors cannot pull, so inputs are at least 0; where one would have to, the moment of
+    yaw is reduced.
 
     Ports: inputs `acceleration` (3) and `state` (12, of a `QuadrotorPlant`); output `rotors` (4),
     updated at each step of the simulator.
