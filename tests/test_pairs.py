@@ -127,7 +127,7 @@ def test_the_same_instant_counts_once() -> None:
     motion, separation = _swarm(3)
     some = close_pairs(motion, separation, 4.0 * separation.distance)
     assert len(some) > 0
-    both = some.union(some)
+    both = some.merged(some)
     np.testing.assert_array_equal(both.times, some.times)
     np.testing.assert_array_equal(both.one, some.one)
     none = some.select(np.zeros(len(some), dtype=bool))
