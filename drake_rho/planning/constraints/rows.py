@@ -59,10 +59,14 @@ class Rows(Table):
     tolerances: FloatArray
     """largest violations that count as satisfied, in the quantity's unit, shape (R,)"""
 
+    def __len__(self) -> int:
+        """Return the number of rows, R."""
+        return len(self.times)
+
     @property
     def soft(self) -> bool:
         """Whether rows may be violated."""
-        return bool(np.isfinite(self.form.penalty))
+        return self.form.penalty < np.inf
 
     def responses(self, grid: Grid) -> FloatArray:
         """Return the responses of rows to unit accelerations along their normals, (R, K-1).

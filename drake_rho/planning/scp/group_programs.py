@@ -178,8 +178,8 @@ class GroupPrograms:
         u, groups = answers.accelerations[answers.feasible], answers.groups[answers.feasible]
         units = self._problem.effort.units[groups].max(axis=1)
         vehicles = groups.reshape(-1)
-        a = np.repeat(units, groups.shape[1])[:, None, None] * u.reshape(-1, *u.shape[2:])
-        a *= self._problem.effort.factors[vehicles, None, None]
+        scales = np.repeat(units, groups.shape[1]) * self._problem.effort.factors[vehicles]
+        a = scales[:, None, None] * u.reshape(-1, *u.shape[2:])
         return vehicles, a + self._problem.effort.motion.accelerations[vehicles]
 
     def _retry(self) -> int:
