@@ -201,7 +201,7 @@ def test_huge_numbers_are_verified_without_warnings(plan: rho.Plan, huge: float)
         vehicles=(*plan.scenario.vehicles, far),
         separation=rho.Separation(0.1),
         between_knots=True,
-        limits=rho.Limits(box(90), box(3), box(2), box(2), max_speed=3.0),
+        limits=rho.Limits(box(90), box(3), box(2), box(2), max_speed=3.0, max_tilt=0.5),
     )
     a = np.zeros((2, *plan.accelerations.shape[1:]))
     a[0, 3, 2], a[1, 5] = huge, [-huge, huge, 0.0]

@@ -34,8 +34,7 @@ def check_norms(trajectory: PiecewiseTrajectory) -> Iterator[Column]:
         elif trajectory.is_smooth or trajectory.has_errors:
             yield _check_inside_cone(trajectory, limit)
         else:
-            thrusts = trajectory.commands - limit.kind.origin
-            yield _check_tilt(limit, trajectory.times[:-1], thrusts)
+            yield _check_tilt(limit, trajectory.times[:-1], trajectory.commands)
 
 
 def _check_length(trajectory: PiecewiseTrajectory, limit: NormLimit) -> Column:
@@ -53,17 +52,19 @@ def _check_length(trajectory: PiecewiseTrajectory, limit: NormLimit) -> Column:
     return _column(limit, Highest(times, values, found.errors), most, tolerances, unit)
 
 
-def _check_tilt(limit: NormLimit, times: FloatArray, thrusts: FloatArray) -> Column:
-    """Return the check of the largest tilt of each vehicle's thrusts, shape (N, M, 3).
+def _check_tilt(limit: NormLimit, times: FloatArray, commands: FloatArray) -> Column:
+    """Return the check of the largest tilt of each vehicle at its commands, shape (N, M, 3).
 
     The tolerance is that of an acceleration. As an angle it grows as the thrust falls; it is π at
     most, since zero thrust has no direction. Where the limit is violated, the check is of the angle
     with the largest excess over tolerance.
     """
-    angles = np.arctan2(np.linalg.norm(thrusts[..., :2], axis=2), thrusts[..., 2])
-    sizes = np.linalg.norm(thrusts, axis=2)
+    angles = limit.kind.measured(commands)
+    thrusts = commands - limit.kind.origin
+    sizes = np.hypot(np.hypot(thrusts[..., 0], thrusts[..., 1]), thrusts[..., 2])
     least = limit.sets.tolerances[:, None] / np.pi
     tolerances = limit.sets.tolerances[:, None] / np.maximum(sizes, least)  # π at most
+    tolerances = np.maximum(tolerances, np.finfo(float).tiny)  # 0 for an infinite thrust
     excess = angles - limit.limits[:, None]
     violated = np.any(excess > tolerances, axis=1, keepdims=True)
     k = np.argmax(np.where(violated, excess / tolerances, angles), axis=1)
