@@ -16,8 +16,8 @@ import numpy as np
 from drake_rho.motion.scenario_tube import tube_of
 from drake_rho.motion.tube import Maximum
 from drake_rho.scenario.fields import BoolArray, FloatArray
-from drake_rho.scenario.limits import GRAVITY
 from drake_rho.scenario.maps.map import Map
+from drake_rho.scenario.norms import Length
 from drake_rho.scenario.parts import Quantity
 from drake_rho.verification.check import PRECISION
 from drake_rho.verification.closest_pairs import ellipsoid_distance
@@ -99,23 +99,17 @@ class QuickBounds:
 
     def norms_hold(self) -> bool:
         """Return whether all norms are certainly within their limits."""
-        limits, trajectory, radii = (
-            self.trajectory.scenario.fleet.norms,
-            self.trajectory,
-            self.radii,
-        )
-        upright, limited = np.array([0.0, 0.0, GRAVITY]), trajectory.jerks.limited
+        trajectory, radii, limited = self.trajectory, self.radii, self.trajectory.jerks.limited
         vectors = {
-            "max_speed": (trajectory.velocities, np.maximum(*_beside(radii.velocity))),
-            "max_acceleration": (trajectory.commands, radii.acceleration),
-            "max_jerk": (limited, np.zeros(limited.shape[1])),
-            "max_thrust": (trajectory.commands + upright, radii.acceleration),
+            "velocity": (trajectory.velocities, np.maximum(*_beside(radii.velocity))),
+            "acceleration": (trajectory.commands, radii.acceleration),
+            "jerk": (limited, np.zeros(limited.shape[1])),
         }
-        if limits.keys() - vectors.keys():  # decided by the full check
-            return False
-        for norm, limit in limits.items():
-            values, errors = vectors[norm]
-            lengths = np.sqrt(np.einsum("nki,nki->nk", values, values)) + errors
+        for limit in trajectory.scenario.fleet.norms.values():
+            if not isinstance(limit.kind, Length):  # decided by the full check
+                return False
+            values, errors = vectors[limit.kind.quantity]
+            lengths = limit.kind.measured(values) + errors
             if not (lengths.max(axis=1) <= limit.limits + limit.sets.tolerances).all():
                 return False
         return True

@@ -10,10 +10,11 @@ from typing import Self
 import numpy as np
 
 from drake_rho.scenario.fields import FloatArray, IntArray
+from drake_rho.system.table import Table
 
 
 @dataclasses.dataclass(frozen=True)
-class Steps:
+class Steps(Table):
     """Steps of motions: in step m the position is p[m] + u v[m] + u²/2 a[m], with u from 0 to 1.
 
     Smooth motions have n higher powers of u too; n is 0 where accelerations are constant.
@@ -53,10 +54,6 @@ class Steps:
         each = (p[..., :-1, :], step * v[..., :-1, :], step**2 * a)
         p, v, a = (array.reshape(-1, array.shape[-1]) for array in each)
         return cls(p, v, a, scaled.reshape(len(p), *higher.shape[-2:]))
-
-    def select(self, which: IntArray) -> Steps:
-        """Return the steps with the given indices."""
-        return Steps(self.p[which], self.v[which], self.a[which], self.higher[which])
 
     def less(self, other: Steps) -> Steps:
         """Return the steps relative to others."""
