@@ -96,7 +96,7 @@ class Change(metaclass=Described):
 
     @property
     def is_of_duration(self) -> bool:
-        """Whether the change is one of the duration alone."""
+        """Whether the duration is the only number of the scenario that changes."""
         return [each.limit for each in self.numbers] == ["duration"]
 
     def __str__(self) -> str:

@@ -76,9 +76,10 @@ class Diagnosis(metaclass=Described):
 
     @property
     def acceleration_factor(self) -> float | None:
-        """Factor by which acceleration limits have to grow for a plan; None if it is not known.
+        """Least factor of acceleration limits with which there is a plan, if it is known.
 
-        It is 1 if there is a plan, and None if no change of these limits alone was found to help.
+        It is 1 if there is a plan already, and None if no change of these limits alone was found to
+        help.
         """
         if self.feasible:
             limits = map(self.scenario.limits_of, self.scenario.vehicles)
@@ -118,7 +119,7 @@ class Diagnosis(metaclass=Described):
         return "\n".join([*self._disturbed(), *self._repairs(), *self._left_out()])
 
     def _left_out(self) -> list[str]:
-        """Return lines on what was not tried to the end."""
+        """Return lines about unfinished trials."""
         named = [f"not tried to the end: {', '.join(self.untried)}"] if self.untried else []
         return [*named, _CUT] if self.cut else []
 

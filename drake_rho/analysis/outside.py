@@ -40,7 +40,7 @@ class Kept:
 
     @property
     def has_middle(self) -> bool:
-        """Whether the middle point is closer to the set than the required distance."""
+        """Whether `middle` is forbidden: closer to the obstacle than the required distance."""
         return bool(self.distance(np.zeros(3)) < self.required)
 
     @property

@@ -134,7 +134,7 @@ class TimesAlone:
 
     @property
     def _requires_slowness(self) -> bool:
-        """Whether a requirement of any vehicles, at any time, limits how fast they move."""
+        """Whether any requirement limits velocities, accelerations or jerks."""
         return any(each.quantity != "position" for each in self._scenario.requirements)
 
     def _one(self, free: Scenario, passing: Passing, number: int) -> Timed:

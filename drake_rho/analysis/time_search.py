@@ -127,7 +127,7 @@ class TimeSearch:
 
     @property
     def _binds_more(self) -> bool:
-        """Whether there are constraints besides those of each vehicle alone."""
+        """Whether obstacles, other vehicles, links or a smoothing may add to the least time."""
         scenario = self._scenario
         own = of_each_alone(scenario).requirements
         more = scenario.smoothing is not None or len(own) < len(scenario.requirements)
@@ -181,7 +181,7 @@ class TimeSearch:
         return best
 
     def _together(self, alone: Timed) -> Timed:
-        """Return the least-time motion in which all vehicles arrive together.
+        """Return the least-time motion with a common arrival of all vehicles.
 
         Args:
             alone: motion of each vehicle alone.
@@ -245,7 +245,7 @@ class TimeSearch:
         return self._shortest([partial(self._least.around, start), partial(_same, start)])
 
     def _around_alone(self, alone: Timed) -> Timed | None:
-        """Return a fleet's least-time motion near those of its vehicles alone, or None."""
+        """Return a least-time motion around the vehicles' own least times, if one is found."""
         least = self._least_of(alone)
         for longer in (1.0, 1.0 + _SPARE, *_LITTLE_LONGER, *_LONGER):
             near = partial(self._least.around, self._lasting(alone, longer * least))
