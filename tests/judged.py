@@ -186,7 +186,7 @@ def _averaged_over(plan: rho.Plan, time: float) -> Array:
     parts = (np.arange(_PARTS) + 0.5) / _PARTS - 0.5
     for _ in range(smoothing.times):
         times = (times[:, None] + smoothing.width * parts).ravel()
-    return np.clip(times, 0.0, plan.scenario.grid.duration)
+    return np.asarray(np.clip(times, 0.0, plan.scenario.grid.duration))
 
 
 def _obstacles(plan: rho.Plan) -> Iterator[str]:
