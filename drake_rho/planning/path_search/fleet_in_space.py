@@ -7,7 +7,7 @@ import numpy as np
 from drake_rho.planning.path_search.homotopy_paths import SpacePath, SpacePathSearch
 from drake_rho.planning.path_search.lattice import PEAK_BYTES, STEADY_BYTES, Lattice, Raster
 from drake_rho.planning.path_search.resolution import Resolution, Size
-from drake_rho.planning.path_search.time_scaling import Leg, legs_of, time_scaled, usable_speeds
+from drake_rho.planning.path_search.speed_profiles import Leg, legs_of, time_scaled, usable_speeds
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.records import Scenario
 

@@ -23,7 +23,7 @@ from drake_rho.planning.path_search.space_time import (
     SpaceTimeSearch,
     TimeExpandedGraph,
 )
-from drake_rho.planning.path_search.time_scaling import legs_of, progress, usable_speeds
+from drake_rho.planning.path_search.speed_profiles import legs_of, progress, usable_speeds
 from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.records import Scenario
 

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from drake_rho.planning.path_search.reachable import Reach, reach_of
-from drake_rho.planning.path_search.time_scaling import legs_of, usable_speeds
+from drake_rho.planning.path_search.speed_profiles import legs_of, usable_speeds
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.records import Grid, Scenario
 from drake_rho.scenario.times import Clock

@@ -18,31 +18,17 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from drake_rho.motion.dynamics import Motion, roll_out
-from drake_rho.planning.constraints.base import Constraint, HalfSpaces
+from drake_rho.planning.constraints.base import HalfSpaces
 from drake_rho.planning.constraints.boxes import KeepInBox
 from drake_rho.planning.constraints.keep_in import KeepInSets
-from drake_rho.planning.minimum_effort import TerminalState
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs.backend import Backend
 from drake_rho.planning.programs.conic import Cones
 from drake_rho.planning.programs.free_time_program import FreeTimeProgram
 from drake_rho.planning.programs.free_times import Change, FreeTime, Passing
 from drake_rho.planning.programs.solve import solve
+from drake_rho.planning.programs.time_scaling import TimeScaling
 from drake_rho.scenario.fields import FloatArray, IntArray
-from drake_rho.scenario.parts import Quantity
-
-POWERS: dict[Quantity, float] = {"position": 0.0, "velocity": 0.5, "acceleration": 1.0, "jerk": 1.5}
-"""Power of y by which time scaling divides the values of a quantity."""
-
-
-def power_of(constraint: Constraint) -> float:
-    """Return the power of y by which time scaling divides a constraint's values.
-
-    A change of the acceleration over the width of an average scales like the acceleration.
-    """
-    return POWERS["acceleration" if constraint.per_width else constraint.quantity]
-
 
 LITTLE_EFFORT = 1e-7
 """Small effort weight that breaks ties between motions of equal duration; y stays near its least
@@ -64,7 +50,7 @@ class FreeTimePrograms:
 
     def __init__(self, problem: Problem, backend: Backend, effort: float = LITTLE_EFFORT) -> None:
         self._effort, self._backend, self._weight = problem.effort, backend, effort
-        self._drift = drift_of(problem)
+        self._scaling = TimeScaling.around(problem)
         group, motion = np.arange(len(problem)), problem.effort.motion
         boxes = [each for each in problem.convex if isinstance(each, KeepInBox)]
         self._boxes = [each.every_row(motion) for each in boxes if each.quantity != "position"]
@@ -124,7 +110,7 @@ class FreeTimePrograms:
         farthest = passing.farthest_from(self._effort.motion.positions[:, 0])
         units = np.maximum(self._effort.units, farthest / self._effort.grid.duration**2)
         effort = dataclasses.replace(self._effort, units=units)
-        written = FreeTimeProgram(effort, self._unit, self._drift, *parts)
+        written = FreeTimeProgram(effort, self._unit, self._scaling, *parts)
         written.add_costs(self._weight)
         written.add_times(change)
         if resting is not None:
@@ -137,21 +123,3 @@ class FreeTimePrograms:
         solution = solve([written.program], self._backend)[0]
         found = written.found(solution)
         return found if solution.feasible and 0.0 < found.factor < np.inf else None
-
-
-def drift_of(problem: Problem) -> Motion | None:
-    """Return the derivative of minimum-effort motions by y at y = 1; None where all are at rest.
-
-    Given velocities at both ends grow with the square root of y, and given accelerations before the
-    start and after the goal with y.
-    """
-    fleet, grid = problem.scenario.fleet, problem.scenario.grid
-    if fleet.are_at_rest:
-        return None
-    first, last = fleet.start_velocities, fleet.goal_velocities
-    terminal = TerminalState(grid)
-    values, _ = terminal.values((last - first) / 2.0, -grid.duration * first / 2.0)
-    accelerations = terminal.rows.T @ values
-    p, v = roll_out(np.zeros_like(first), first / 2.0, accelerations, grid.step)
-    outside = fleet.accelerations_before, fleet.accelerations_after
-    return Motion(grid.step, p, v, accelerations, *outside)

@@ -18,32 +18,22 @@ from scipy.sparse import (
     kron,
 )
 
-from drake_rho.motion.dynamics import Motion
-from drake_rho.planning.constraints.base import Constraint, HalfSpaces, about
+from drake_rho.planning.constraints.base import HalfSpaces, about
+from drake_rho.planning.constraints.rows import Rows
 from drake_rho.planning.minimum_effort import Changes, MinimumEffort
 from drake_rho.planning.programs.conic import Cones
 from drake_rho.planning.programs.free_times import Change, FreeTime, Passing
 from drake_rho.planning.programs.solution import Solution
 from drake_rho.planning.programs.sparse import SparseRows, add_goal, scale_of
+from drake_rho.planning.programs.time_scaling import TimeScaling
 from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.parts import Quantity
-
-_SLOPES: dict[Quantity, tuple[float, float]] = {
-    "position": (0.0, 0.0),
-    "velocity": (0.0, 1.0),
-    "acceleration": (1.0, 0.0),
-    "jerk": (1.5, 0.0),
-}
-"""Growth of limits with y and with s; that of jerks is linearised at y = 1."""
 
 _BLOCK = 300
 """Number of variables in a block of the cost, whose Hessian is dense."""
 
 _CLOSE = 0.9
 """Least g / f for which a cone is transformed."""
-
-_PART = 1e-6
-"""Relative change of a time for finite differences of bounds."""
 
 
 class FreeTimeProgram:
@@ -52,29 +42,24 @@ class FreeTimeProgram:
     Args:
         effort: the minimum-effort motions; x is the change from them.
         unit: unit of accelerations in the program [m/s²].
-        drift: derivative of these motions by y.
+        scaling: derivatives of limits and of these motions by y and s.
         limits: hard rows.
         cones: limits of norms.
         passing: the waypoints.
         velocities: velocities of the reference at their times [m/s], shape (W, 3).
-
-    Attributes:
-        slopes: growth of limits with y and with s, by quantity.
     """
-
-    slopes = _SLOPES
 
     def __init__(
         self,
         effort: MinimumEffort,
         unit: float,
-        drift: Motion | None,
+        scaling: TimeScaling,
         limits: Sequence[HalfSpaces],
         cones: Sequence[Cones],
         passing: Passing,
         velocities: FloatArray,
     ) -> None:
-        self._effort, self._drift = effort, drift
+        self._effort, self._scaling = effort, scaling
         self._cones, self._passing, self._velocities = cones, passing, velocities
         halves = [*limits, *(each.axes for each in cones)]
         parts = [*about(effort.motion, halves), passing.axes(effort)]
@@ -95,18 +80,13 @@ class FreeTimeProgram:
         self._weights = effort.factors**-2
         self._about = effort.motion.accelerations.reshape(-1) / unit
         add_goal(self.program, changes, self._x[:count])
-        scales = diags_array(np.repeat(float(self._steps) ** np.arange(3), count)[: len(self._x)])
+        powers = np.repeat(float(self._steps) ** np.arange(3), count)
+        self._scales = diags_array(powers[: len(self._x)])
         for order, equations in enumerate(sparse.dynamics()):
-            scaled = csc_matrix(equations @ scales) / float(self._steps) ** order
+            scaled = csc_matrix(equations @ self._scales) / float(self._steps) ** order
             self.program.AddLinearEqualityConstraint(scaled, np.zeros(count), self._x)
-        matrix, needed, _, _ = sparse.matrix()
-        by_time = np.concatenate([*map(self._by_time, halves), self._passing_by_time(velocities)])
-        finer = np.concatenate(
-            [np.full(len(each), self._finer(each.form.quantity)) for each in parts]
-        )
-        matrix = diags_array(finer) @ matrix @ scales
-        self._matrix = csc_array(hstack([matrix, csc_array(-by_time)], format="csc"))
-        self._needed = needed * finer - by_time.sum(axis=1)
+        by_time = [*map(self._by_time, halves), self._passing_by_time(velocities)]
+        self._matrix, self._needed = self._in_time(sparse, parts, np.concatenate(by_time))
         ends = np.cumsum([0, *map(len, parts)])
         self._first = int(ends[len(limits)])
         self._parts = [slice(*each) for each in pairwise(ends[len(limits) :].tolist())]
@@ -190,44 +170,38 @@ class FreeTimeProgram:
         own = self._unit * scale_of(quantity, self._effort.grid.step)
         return own / self._unit_of(quantity)
 
-    def slopes_of(self, constraint: Constraint) -> tuple[float, float]:
-        """Return the growth of a constraint's limit with y and s."""
-        return self.slopes["acceleration" if constraint.per_width else constraint.quantity]
+    def _in_time(
+        self, sparse: SparseRows, parts: Sequence[Rows], by_time: FloatArray
+    ) -> tuple[csc_array, FloatArray]:
+        """Return rows as matrix @ (x, y, s) >= needed, in the units of this program.
+
+        Args:
+            sparse: the rows, in units of sparse programs.
+            parts: the same rows, by form.
+            by_time: derivatives of their bounds by y and s, shape (R, 2).
+        """
+        matrix, needed, _, _ = sparse.matrix()
+        finer = [np.full(len(each), self._finer(each.form.quantity)) for each in parts]
+        unit = np.concatenate(finer)
+        matrix = diags_array(unit) @ matrix @ self._scales
+        both = csc_array(hstack([matrix, csc_array(-by_time)], format="csc"))
+        return both, needed * unit - by_time.sum(axis=1)
 
     def _by_time(self, rows: HalfSpaces) -> FloatArray:
         """Return the derivatives of bounds by y and s, in units of the program, shape (R, 2)."""
-        quantity = rows.constraint.quantity
-        slopes = self.slopes_of(rows.constraint)
-        by_time = np.outer(rows.bounds, slopes)
-        if quantity == "velocity":  # a lower bound above zero is linearised in y instead
-            by_time[rows.bounds > 0.0] = np.outer(rows.bounds[rows.bounds > 0.0], [0.5, 0.0])
-        by_time[:, 0] += bound_rates(rows) - self._rise(rows)
-        scaled: FloatArray = by_time / self._unit_of(quantity)
-        return scaled
-
-    def _rise(self, rows: HalfSpaces) -> FloatArray:
-        """Return the derivatives of values by y at y = 1 for constant x, shape (R,)."""
-        drift, quantity = self._drift, rows.constraint.quantity
-        if drift is None:
-            return np.zeros(len(rows))
-        values = drift.each_at(quantity, rows.vehicles, rows.times)
-        if rows.constraint.coupled:
-            values = values - drift.each_at(quantity, rows.partners, rows.times)
-        rise: FloatArray = np.vecdot(rows.normals, values)
-        return rise
+        return self._scaling.of_bounds(rows) / self._unit_of(rows.constraint.quantity)
 
     def _passing_by_time(self, velocities: FloatArray) -> FloatArray:
         """Return the derivatives by y and s for the axes of waypoints, shape (3 W, 2).
 
         On the program's time scale, a given time t is earlier by t (y - 1) / 2.
         """
-        passing, drift = self._passing, self._drift
+        passing = self._passing
         earlier = np.where(passing.given, passing.times, 0.0) / 2.0
-        values = earlier[:, None] * velocities
-        if drift is not None:
-            values = values - drift.each_at("position", passing.vehicles, passing.times)
-        by_y = values.reshape(-1) / self._unit_of("position")
-        return np.stack([by_y, np.zeros(len(by_y))], axis=1)
+        by_time = -self._scaling.of_positions(passing.vehicles, passing.times)
+        by_time[:, :, 0] += earlier[:, None] * velocities
+        scaled: FloatArray = by_time.reshape(-1, 2) / self._unit_of("position")
+        return scaled
 
     @property
     def _variables(self) -> np.ndarray:
@@ -249,7 +223,7 @@ class FreeTimeProgram:
         transform = bsr_array((cones.matrices, each[:-1], each))  # block-diagonal
         offsets = np.zeros((count, 4))
         offsets[:, 0] = cones.constants / unit
-        grown = np.outer(offsets.reshape(-1), self.slopes_of(cones.constraint))
+        grown = np.outer(offsets.reshape(-1), self._scaling.growth_of(cones.constraint))
         matrix = transform @ self._matrix[own]
         matrix = matrix + csc_array(hstack([csc_array((4 * count, len(self._x))), grown]))
         constant = offsets.reshape(-1) - grown.sum(axis=1) - transform @ self._needed[own]
@@ -297,15 +271,14 @@ class FreeTimeProgram:
         """Return a solution of the program."""
         effort, x = self._effort, solution.x
         columns, count = len(self._x), len(effort.units)
-        y = float(x[columns])
+        y, s = x[columns : columns + 2].tolist()
         u = x[: 3 * self._steps * count].reshape(count, self._steps, 3)
         accelerations = effort.motion.accelerations + self._unit * u
-        if self._drift is not None:
-            accelerations = accelerations + (y - 1.0) * self._drift.accelerations
+        accelerations = accelerations + self._scaling.accelerations(y, s)
         first = columns + 2 + len(self._passing)
         changes, misses = x[columns + 2 : first], x[first : first + len(self._soft)]
         missed = float(np.maximum(misses, 0.0).sum()) * self._unit_of("position")
-        return FreeTime(accelerations, y, changes, solution.solver, solution.seconds, missed)
+        return FreeTime(accelerations, y, s, changes, solution.solver, solution.seconds, missed)
 
 
 def boosts_of(cones: Cones) -> FloatArray:
@@ -326,12 +299,3 @@ def boosts_of(cones: Cones) -> FloatArray:
     boosts[ball, 0, 0], boosts[ball, 0, 1:], boosts[ball, 1:, 0] = growth, mixed, mixed
     boosts[ball, 1:, 1:] += (growth - 1.0)[:, None, None] * along[:, :, None] * along[:, None]
     return boosts
-
-
-def bound_rates(rows: HalfSpaces) -> FloatArray:
-    """Return the derivatives of bounds by y at y = 1, due to moving obstacles and tracks, (R,)."""
-    constraint, times = rows.constraint, rows.times
-    later = constraint.bounds_at(rows, times * (1.0 + _PART))
-    earlier = constraint.bounds_at(rows, times * (1.0 - _PART))
-    rates: FloatArray = (later - earlier) / (4.0 * _PART)  # t grows with the root of y
-    return rates

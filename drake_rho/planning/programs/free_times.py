@@ -179,6 +179,8 @@ class FreeTime:
     """accelerations of the motion with the step of the program [m/s²], shape (N, K-1, 3)"""
     factor: float
     """y, the square of the final time over that of the program"""
+    root: float
+    """s, at most the square root of y"""
     changes: FloatArray
     """changes of the times of the free waypoints, on the program's time scale [s], shape (W,)"""
     solver: str

@@ -10,27 +10,26 @@ So every motion with a final time in the interval is a feasible point with the s
 from __future__ import annotations
 
 import copy
-import dataclasses
 from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.sparse import block_diag, csc_array, csc_matrix, diags_array, eye_array, hstack, kron
+from scipy.sparse import block_diag, csc_array, csc_matrix, eye_array, kron
 
-from drake_rho.motion.dynamics import Motion, roll_out
+from drake_rho.motion.dynamics import Motion
 from drake_rho.planning.constraints.base import HalfSpaces
 from drake_rho.planning.constraints.boxes import KeepInBox
 from drake_rho.planning.errors import SolverError
-from drake_rho.planning.minimum_effort import Changes, MinimumEffort, TerminalState
+from drake_rho.planning.minimum_effort import Changes, MinimumEffort
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs.backend import Backend
 from drake_rho.planning.programs.conic import Cones
 from drake_rho.planning.programs.free_time import FreeTimePrograms
 from drake_rho.planning.programs.free_time_program import FreeTimeProgram
 from drake_rho.planning.programs.free_times import Passing
-from drake_rho.planning.programs.solution import Solution
 from drake_rho.planning.programs.solve import solve
 from drake_rho.planning.programs.sparse import SparseRows
+from drake_rho.planning.programs.time_scaling import TimeScaling
 from drake_rho.scenario.fields import FloatArray
 
 PRECISION = 1e-6
@@ -80,7 +79,7 @@ class TimeRelaxations(FreeTimePrograms):
 
     def __init__(self, problem: Problem, backend: Backend) -> None:
         super().__init__(problem, backend, 0.0)
-        self._scenario, self._rates = problem.scenario, _rates_of(problem)
+        self._problem, self._scenario = problem, problem.scenario
         boxes = [each for each in problem.convex if isinstance(each, KeepInBox)]
         rows = [each.every_row(problem.effort.motion) for each in boxes]
         self._rows = [each for each in rows if len(each) > 0]
@@ -100,7 +99,9 @@ class TimeRelaxations(FreeTimePrograms):
         """
         grid = self._scenario.grid
         first = min(max(shortest / grid.duration, 0.0), 1.0 - PRECISION)
-        timed = self._rates is not None or any(np.any(each.velocity) for each in places)
+        timed = not self._scenario.fleet.are_at_rest or any(
+            np.any(each.velocity) for each in places
+        )
         program = self._without_places(first).copied()
         program.add_interval(first, 1.0 if timed else _LONGER)
         program.add_polyhedra([each for each in places if len(each.bounds) > 0])
@@ -110,15 +111,16 @@ class TimeRelaxations(FreeTimePrograms):
             return None
         if not solution.exact:
             raise SolverError("a relaxation was solved to a low accuracy only")
-        y, s, accelerations = program.solved(solution)
+        found = program.found(solution)
+        y, s = found.factor, found.root
         if y > 1.0 + PRECISION:
             return None
         y = max(y, first**2, PRECISION**2)
         step = grid.step * float(np.sqrt(y))
-        motion = Motion.from_starts(self._scenario.fleet, accelerations / y, step)
+        motion = Motion.from_starts(self._scenario.fleet, found.accelerations / y, step)
         looseness = 1.0 - s**2 / y if timed else 0.0
         if self._has_jerks:
-            chord = 1.0 - program.slopes["jerk"][0] * (1.0 - y)
+            chord = 1.0 - program.chord * (1.0 - y)
             looseness = max(looseness, chord / y**1.5 - 1.0)
         return Relaxed(grid.duration * float(np.sqrt(y)), motion, looseness)
 
@@ -127,8 +129,9 @@ class TimeRelaxations(FreeTimePrograms):
         first = first if self._has_jerks else 0.0
         if first not in self._written:
             chord = (1.0 - first**3) / (1.0 - first**2)
-            parts = self._effort, self._unit, self._rates, self._rows, self._cones
-            program = _Relaxation(*parts, chord)
+            scaling = TimeScaling.relaxed(self._problem, chord)
+            parts = self._effort, self._unit, scaling, self._rows, self._cones
+            program = _Relaxation(*parts)
             program.add_costs(0.0)
             program.add_limits()
             for number in range(len(self._cones)):
@@ -143,9 +146,11 @@ class _Relaxation(FreeTimeProgram):
     Args:
         effort: the minimum-effort motion in the longest final time.
         unit: unit of accelerations in the program [m/s²].
-        rates: derivative of this motion by s, and of given accelerations outside of it by y.
+        scaling: derivatives of limits and of this motion by y and s.
         limits: hard rows.
         cones: limits of norms.
+
+    Attributes:
         chord: slope of the chord of y^1.5.
     """
 
@@ -153,15 +158,13 @@ class _Relaxation(FreeTimeProgram):
         self,
         effort: MinimumEffort,
         unit: float,
-        rates: Motion | None,
+        scaling: TimeScaling,
         limits: Sequence[HalfSpaces],
         cones: Sequence[Cones],
-        chord: float,
     ) -> None:
-        self.slopes = {**FreeTimeProgram.slopes, "jerk": (chord, 0.0)}
-        self._rates = rates
+        self.chord, _ = scaling.growth["jerk"]
         start = _passing(effort, [Place(0.0, np.zeros(3), np.zeros(3), _NONE, np.zeros(0))])
-        super().__init__(effort, unit, None, limits, cones, start, np.zeros((1, 3)))
+        super().__init__(effort, unit, scaling, limits, cones, start, np.zeros((1, 3)))
         self._sparse = SparseRows(
             Changes(effort.grid, effort.goals.rows, np.full(1, unit), np.ones(1)),
             np.zeros(1, dtype=int),
@@ -206,45 +209,14 @@ class _Relaxation(FreeTimeProgram):
             constant[::4] = [each.radius / self._unit_of("position") for each in places]
             self._add_lorentz(csc_array(shifted @ matrix), constant, self._variables)
 
-    def solved(self, solution: Solution) -> tuple[float, float, FloatArray]:
-        """Return y, s and the accelerations in the longest final time [m/s²], (1, K-1, 3)."""
-        y, s = solution.x[len(self._x) : len(self._x) + 2]
-        u = solution.x[: 3 * self._steps].reshape(1, self._steps, 3)
-        accelerations = self._effort.motion.accelerations + self._unit * u
-        if self._rates is not None:
-            accelerations = accelerations + (s - 1.0) * self._rates.accelerations
-        return float(y), float(s), accelerations
-
     def _axes(self, places: Sequence[Place]) -> tuple[csc_array, FloatArray]:
         """Return the positions less the centres, matrix @ variables - needed in their unit."""
         effort, passing = self._effort, _passing(self._effort, places)
-        sparse = SparseRows(self._sparse.changes, self._sparse.group, [passing.axes(effort)])
-        matrix, needed, _, _ = sparse.matrix()
-        finer, count = self._finer("position"), 3 * self._steps
-        powers = np.repeat(float(self._steps) ** np.arange(3), count)
-        moved = passing.times[:, None] * np.array([each.velocity for each in places])
-        if self._rates is not None:
-            moved = moved - self._rates.each_at("position", passing.vehicles, passing.times)
-        by_s = moved.reshape(-1) / self._unit_of("position")
-        by_time = np.stack([np.zeros(len(by_s)), by_s], axis=1)
-        every = hstack([finer * matrix @ diags_array(powers), csc_array(-by_time)], format="csc")
-        return csc_array(every), finer * needed - by_s
-
-    def _by_time(self, rows: HalfSpaces) -> FloatArray:
-        """Return the derivatives of bounds by y and s, in units of the program, shape (R, 2)."""
-        quantity, rates = rows.constraint.quantity, self._rates
-        by_time = np.outer(rows.bounds, self.slopes_of(rows.constraint))
-        if rates is not None:
-            rest = np.zeros_like(rates.before)
-            with_s = dataclasses.replace(rates, before=rest, after=rest)
-            with_y = dataclasses.replace(rates, accelerations=np.zeros_like(rates.accelerations))
-            values = with_s.each_at(quantity, rows.vehicles, rows.times)
-            by_time[:, 1] -= np.vecdot(rows.normals, values)
-            if quantity == "jerk":
-                values = with_y.each_at(quantity, rows.vehicles, rows.times)
-                by_time[:, 0] -= np.vecdot(rows.normals, values)
-        scaled: FloatArray = by_time / self._unit_of(quantity)
-        return scaled
+        axes = passing.axes(effort)
+        sparse = SparseRows(self._sparse.changes, self._sparse.group, [axes])
+        by_time = -self._scaling.of_positions(passing.vehicles, passing.times)
+        by_time[:, :, 1] += passing.times[:, None] * np.array([each.velocity for each in places])
+        return self._in_time(sparse, [axes], by_time.reshape(-1, 2) / self._unit_of("position"))
 
 
 _NONE = np.zeros((0, 3))
@@ -256,20 +228,3 @@ def _passing(effort: MinimumEffort, places: Sequence[Place]) -> Passing:
     centers, zeros = np.array([each.center for each in places]), np.zeros(len(times))
     none = zeros.astype(int)
     return Passing(none, times, centers, zeros, none == 0, 0.0)
-
-
-def _rates_of(problem: Problem) -> Motion | None:
-    """Return the derivative of minimum-effort motions by s; None where all are at rest.
-
-    Given velocities at both ends grow with s, and given accelerations outside of them with y.
-    """
-    fleet, grid = problem.scenario.fleet, problem.scenario.grid
-    if fleet.are_at_rest:
-        return None
-    first, last = fleet.start_velocities, fleet.goal_velocities
-    terminal = TerminalState(grid)
-    values, _ = terminal.values(last - first, -grid.duration * first)
-    accelerations = terminal.rows.T @ values
-    p, v = roll_out(np.zeros_like(first), first, accelerations, grid.step)
-    outside = fleet.accelerations_before, fleet.accelerations_after
-    return Motion(grid.step, p, v, accelerations, *outside)

@@ -13,9 +13,8 @@ import numpy as np
 from drake_rho.motion.dynamics import Motion, roll_out
 from drake_rho.planning.constraints.base import VIOLATED, Constraint, HalfSpaces
 from drake_rho.planning.problem import Problem
-from drake_rho.planning.programs.free_time import POWERS, power_of
-from drake_rho.planning.programs.free_time_program import bound_rates
 from drake_rho.planning.programs.free_times import FreeTime
+from drake_rho.planning.programs.time_scaling import POWERS, bound_rates, power_of
 
 _NEAR = 0.1
 """Largest margin of a nearly active row, as a fraction of the quantity's scale."""
