@@ -19,6 +19,7 @@ from drake_rho.planning.planners.related import rescaled, time_scaled_plan
 from drake_rho.scenario.described import Described
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.records import Limits, Scenario
+from drake_rho.system.bisection import bisected
 from drake_rho.verification.verify import verify
 
 LONGEST = 2.0**10
@@ -249,10 +250,7 @@ def _least_of(scenario: Scenario, parts: _Parts, enough: float, precision: float
 
 def _least(has_plan: Callable[[float], bool], low: float, high: float, precision: float) -> float:
     """Return the least value with a plan, by bisection from one without to one with a plan."""
-    while high - low > precision * (1.0 + high):
-        middle = (low + high) / 2.0
-        low, high = (low, middle) if has_plan(middle) else (middle, high)
-    return high
+    return bisected(has_plan, high, low, lambda one, low: one - low <= precision * (1.0 + one))[0]
 
 
 def _relative(now: FloatArray, needed: FloatArray) -> float:

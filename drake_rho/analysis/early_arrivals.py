@@ -11,6 +11,7 @@ from drake_rho.planning.call.progress import Progress, tell
 from drake_rho.planning.scp.least_time import LeastTime
 from drake_rho.planning.scp.timed import Timed
 from drake_rho.scenario.fields import FloatArray
+from drake_rho.system.bisection import least_count
 
 
 def as_soon_as_each_can(
@@ -32,16 +33,16 @@ def as_soon_as_each_can(
     first = np.ceil(alone / together.step * (1.0 - 1e-9)).astype(int)
     with least.or_cut():
         for number in np.argsort(first, kind="stable").tolist():
-            low, high = max(int(first[number]), 1), steps
-            while low < high:
-                middle = (low + high) // 2
-                found = least.at_same_times(_arriving(best, number, middle))
-                if found is None:
-                    low = middle + 1
-                else:
-                    best, high = found, middle
+
+            def arrives(knot: int, number: int = number) -> bool:
+                nonlocal best
+                found = least.at_same_times(_arriving(best, number, knot))
+                best = found or best
+                return found is not None
+
+            arrival = least_count(arrives, max(int(first[number]), 1) - 1, steps)
             name = together.scenario.vehicles[number].name
-            tell(progress, f"{name} arrives after {high * together.step:.6g} s")
+            tell(progress, f"{name} arrives after {arrival * together.step:.6g} s")
     return dataclasses.replace(best, converged=together.converged)
 
 

@@ -8,8 +8,6 @@ from functools import partial
 
 import numpy as np
 
-from drake_rho.planning.constraints.base import Constraint
-from drake_rho.planning.constraints.obstacles import KeepOutOfObstacle
 from drake_rho.planning.scp.timed import Timed
 from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.kinds import BOXES, LIMITS
@@ -133,31 +131,11 @@ def _sooner(timed: Timed, vehicles: IntArray, *, number: int) -> Timed:
     return dataclasses.replace(timed, passing=dataclasses.replace(timed.passing, times=times))
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class _Nearer(Timed):
-    """Motion with a smaller required distance of some vehicles from an obstacle."""
-
-    number: int = 0
-    """number of the obstacle"""
-    by: FloatArray = dataclasses.field(default_factory=lambda: np.zeros(0))
-    """reduction of each vehicle's required distance [m], shape (N,)"""
-
-    def linearised(self) -> list[Constraint]:
-        """Return the constraints with a smaller distance from the obstacle."""
-        return [
-            dataclasses.replace(each, required=each.required - self.by)
-            if isinstance(each, KeepOutOfObstacle) and each.obstacle_number == self.number
-            else each
-            for each in super().linearised()
-        ]
-
-
 def _nearer(timed: Timed, vehicles: IntArray, *, number: int, by: float) -> Timed:
     """Return a motion with a smaller distance of some vehicles from an obstacle [m]."""
     distances = np.zeros(len(timed.scenario.vehicles))
     distances[vehicles] = by
-    fields = {each.name: getattr(timed, each.name) for each in dataclasses.fields(Timed)}
-    return _Nearer(**fields, number=number, by=distances)
+    return dataclasses.replace(timed, nearer=(number, distances))
 
 
 def _of_scenario(scenario: Scenario) -> list[Relaxation]:

@@ -21,6 +21,7 @@ from drake_rho.planning.scp.restoration import MAX_RESTORATIONS
 from drake_rho.planning.scp.subproblem import plan_around
 from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.records import Scenario
+from drake_rho.system.bisection import bisected
 
 PRECISION = 1e-4
 """Relative precision of the shortest duration and of the smallest relaxation."""
@@ -184,19 +185,22 @@ def boundary(has_plan: Trial, one: float, other: float, precision: float) -> flo
     """
     without = other
     for _ in range(_MAX_RESTARTS):
-        one, other = _bisected(has_plan, one, without, precision)
+        one, other = _bisected_near(has_plan, one, without, precision)
         if other == without or not has_plan(other):
             break
         one = other
     return one
 
 
-def _bisected(has_plan: Trial, one: float, other: float, precision: float) -> tuple[float, float]:
+def _bisected_near(
+    has_plan: Trial, one: float, other: float, precision: float
+) -> tuple[float, float]:
     """Return factors that differ little, the first one with a plan near that of `one`."""
-    while abs(one - other) > precision * max(one, other):
-        middle = (one + other) / 2.0
-        one, other = (middle, other) if has_plan(middle, near=True) else (one, middle)
-    return one, other
+
+    def are_close(one: float, other: float) -> bool:
+        return abs(one - other) <= precision * max(one, other)
+
+    return bisected(partial(has_plan, near=True), one, other, are_close)
 
 
 def durations(
@@ -225,7 +229,7 @@ def durations(
 
     def last(one: float, other: float) -> float:
         if trials.are_quick:
-            return _bisected(lasting, one, other, precision)[0]
+            return _bisected_near(lasting, one, other, precision)[0]
         return boundary(lasting, one, other, precision)
 
     slower = can_be_slower(scenario)

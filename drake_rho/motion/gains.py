@@ -11,6 +11,7 @@ import numpy as np
 
 from drake_rho.motion.sampled_loop import Measurements, Responses, is_stable
 from drake_rho.scenario.fields import FloatArray
+from drake_rho.system.bisection import bisected
 from drake_rho.system.threads import single_threaded_blas
 
 _PARTS = np.linspace(0.0, 1.0, 9)
@@ -139,20 +140,19 @@ def largest_wind(loop: Loop, radius: float) -> float:
         high = (1.0 + _COARSE) * low  # quotients are lower bounds
         while is_tolerable(high):
             low, high = high, (1.0 + _COARSE) * high
-    while high - low > _CLOSE * wind:
-        middle = (low + high) / 2.0
-        low, high = (middle, high) if is_tolerable(middle) else (low, middle)
-    return low
+    return bisected(is_tolerable, low, high, lambda low, high: high - low <= _CLOSE * wind)[0]
 
 
 def tolerable_wind(loop: Loop, responses: Responses, radius: float) -> float:
     """Return the largest tolerable wind for given gains [m/s²]; 0 if errors alone are too large."""
-    low, high = _tolerable_quotients(loop, responses, radius)
-    while high - low > _EXACT * low > 0.0:
-        middle = (low + high) / 2.0
-        tolerable = _excess(loop, responses, radius, middle) <= 0.0
-        low, high = (middle, high) if tolerable else (low, middle)
-    return low
+
+    def is_tolerable(wind: float) -> bool:
+        return _excess(loop, responses, radius, wind) <= 0.0
+
+    def are_close(low: float, high: float) -> bool:
+        return not high - low > _EXACT * low > 0.0
+
+    return bisected(is_tolerable, *_tolerable_quotients(loop, responses, radius), are_close)[0]
 
 
 def _tolerable_quotients(loop: Loop, responses: Responses, radius: float) -> tuple[float, float]:

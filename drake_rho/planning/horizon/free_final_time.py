@@ -25,6 +25,7 @@ from drake_rho.scenario.consistency import check_goals_at_rest
 from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.records import Grid, Scenario
+from drake_rho.system.bisection import least_count
 from drake_rho.verification.holds import first_violation
 
 _ROUNDING = 1e-6
@@ -139,18 +140,17 @@ class EarlyArrival:
         steps = scenario.grid.knots - 1 if self.or_later else self.before
         avoids = scenario.avoided or scenario.separation is not None
         best = self._plan(self.at_latest or self.planner, scenario, steps, reference, solver)
-        spent, none, saved, bisects = best.statistics, self._passed(scenario), 1, False
+        spent = best.statistics
+
+        def arrives(fewer: int) -> bool:
+            nonlocal best, spent
+            references = (None, best) if avoids and reference is None else (reference,)
+            found, more = self._plan_around(scenario, fewer, references, solver)
+            best, spent = found or best, spent + more
+            return found is not None
+
         with suppress(OutOfTimeError):
-            while steps - none > 1:
-                fewer = max(steps - saved, none + 1)
-                references = (None, best) if avoids and reference is None else (reference,)
-                found, more = self._plan_around(scenario, fewer, references, solver)
-                spent += more
-                if found is None:
-                    none, bisects = fewer, True
-                else:
-                    best, steps = found, fewer
-                saved = max((steps - none) // 2, 1) if bisects else 2 * saved
+            least_count(arrives, self._passed(scenario), steps, gallop=True)
         return best.with_statistics(spent)
 
     def _plan_around(

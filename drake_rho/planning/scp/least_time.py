@@ -19,14 +19,15 @@ import numpy as np
 
 from drake_rho.motion.statistics import Statistics
 from drake_rho.planning.call.progress import Progress, tell
-from drake_rho.planning.call.time_limit import check_time
-from drake_rho.planning.constraints.base import Constraint
+from drake_rho.planning.constraints.base import Constraint, HalfSpaces
 from drake_rho.planning.errors import OutOfTimeError, SolverError
 from drake_rho.planning.programs.backend import Backend
 from drake_rho.planning.programs.free_time import LITTLE_EFFORT, FreeTimePrograms
-from drake_rho.planning.programs.free_times import NO_CHANGE, Change
+from drake_rho.planning.programs.free_times import NO_CHANGE, Change, FreeTime
 from drake_rho.planning.scp.free_time_rows import near_rows, violated_rows
+from drake_rho.planning.scp.row_generation import generate_rows
 from drake_rho.planning.scp.timed import Timed
+from drake_rho.planning.scp.working_set import RowKeys, WorkingSet
 from drake_rho.scenario.errors import Description, ScenarioError
 
 _ROUNDS = 60
@@ -291,8 +292,6 @@ class LeastTime:
     def _solve(self, timed: Timed, change: Change) -> Timed | None:
         """Return the minimum-time motion around another; None if there is none.
 
-        Rows are added until none is violated, at the knots first and then between them.
-
         Raises:
             ScenarioError: nothing bounds the time.
             SolverError: the solvers fail numerically.
@@ -307,28 +306,51 @@ class LeastTime:
         least = max(timed.least_factor, min(change.final[1], _FASTEST))
         low, high = (max(each, least) for each in change.final)
         change = change._replace(final=(low, high))
-        passing = timed.passing_tightened
-        if np.any(passing.within < 0.0):  # the errors of a disturbance are larger
+        if np.any(timed.passing_tightened.within < 0.0):  # the errors of a disturbance are larger
             return None
         weight = LITTLE_EFFORT if self._final_time else 1.0
         programs = FreeTimePrograms(problem, self._backend, weight)
         if self._final_time and not _is_bounded(programs, constraints):
             raise nothing_bounds_the_time()
+        found, rows = self._with_rows(programs, timed, constraints, change)
+        return None if found is None else timed.after(found, near_rows(rows, found, problem))
+
+    def _with_rows(
+        self,
+        programs: FreeTimePrograms,
+        timed: Timed,
+        constraints: Sequence[Constraint],
+        change: Change,
+    ) -> tuple[FreeTime | None, Sequence[HalfSpaces]]:
+        """Return a solution that violates no row, or None, and the rows in its program.
+
+        Raises:
+            SolverError: the solvers fail numerically, or rows are still violated in the end.
+        """
+        problem, passing = timed.problem, timed.passing_tightened
+        working = WorkingSet(RowKeys(len(problem), problem.scenario.grid))
         known = {each.key: each for each in constraints}
-        rows = {
-            key: known[key].renewed(each)
-            for each in timed.rows
-            if (key := each.constraint.key) in known
-        }
+        for rows in timed.rows:
+            if (key := rows.constraint.key) in known:
+                working.add(known[key].renewed(rows))
         _, velocities = passing.states(timed.motion)
-        for _ in range(_ROUNDS):
-            check_time()
-            found = programs.solve(list(rows.values()), passing, velocities, change, timed.resting)
+        found: FreeTime | None = None
+        more: list[HalfSpaces] | None = None  # before the first solution
+
+        def search() -> bool:
+            for each in more or ():
+                working.add(each)
+            return more is None or len(more) > 0
+
+        def solve() -> None:
+            nonlocal found, more
+            rows = list(working.rows.values())
+            found, more = programs.solve(rows, passing, velocities, change, timed.resting), []
             if found is None:
                 self.statistics += Statistics(programs=1)
-                return None
-            if low == high:  # solvers satisfy it only to their tolerance
-                found = dataclasses.replace(found, factor=low)
+                return
+            if change.final[0] == change.final[1]:  # solvers satisfy it only to their tolerance
+                found = dataclasses.replace(found, factor=change.final[0])
             more = violated_rows(constraints, found, problem)
             self.statistics += Statistics(
                 programs=1,
@@ -336,12 +358,10 @@ class LeastTime:
                 solver=found.solver,
                 solver_seconds=found.seconds,
             )
-            if not more:
-                return timed.after(found, near_rows(rows.values(), found, problem))
-            for each in more:
-                key = each.constraint.key
-                rows[key] = rows[key].union(each) if key in rows else each
-        raise SolverError(f"rows were still violated after {_ROUNDS} rounds")
+
+        if not generate_rows(search, solve, _ROUNDS):
+            raise SolverError(f"rows were still violated after {_ROUNDS} rounds")
+        return found, list(working.rows.values())
 
 
 def _is_bounded(programs: FreeTimePrograms, constraints: Sequence[Constraint]) -> bool:

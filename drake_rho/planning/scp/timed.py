@@ -15,6 +15,7 @@ from drake_rho.motion.smooth import response_of
 from drake_rho.planning.constraints.base import Constraint, HalfSpaces
 from drake_rho.planning.constraints.boxes import KeepInBox
 from drake_rho.planning.constraints.coupling import coupled
+from drake_rho.planning.constraints.obstacles import KeepOutOfObstacle
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs.free_times import FreeTime, Passing
 from drake_rho.scenario.fields import FloatArray, IntArray
@@ -48,6 +49,9 @@ class Timed:
     """whether a search for the least time has converged here"""
     short: float = 0.0
     """sum of the distances by which the last program missed free waypoints [m]"""
+    nearer: tuple[int, FloatArray] | None = None
+    """number of an obstacle and reductions of the distance from it that each vehicle keeps [m],
+    shape (N,); None for none"""
 
     @cached_property
     def problem(self) -> Problem:
@@ -153,10 +157,19 @@ class Timed:
     def linearised(self) -> list[Constraint]:
         """Return the constraints, linearised around the motion, that enter by row generation."""
         reference = self.reference or Plan.from_motion(self.problem.scenario, self.motion)
-        return [
+        constraints = [
             each
             for each in self.problem.linearized(reference, coupled)
             if not each.as_cone and (not isinstance(each, KeepInBox) or each.quantity == "position")
+        ]
+        if self.nearer is None:
+            return constraints
+        number, by = self.nearer
+        return [
+            dataclasses.replace(each, required=each.required - by)
+            if isinstance(each, KeepOutOfObstacle) and each.obstacle_number == number
+            else each
+            for each in constraints
         ]
 
     def after(self, found: FreeTime, rows: Sequence[HalfSpaces]) -> Timed:
