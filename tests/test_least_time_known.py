@@ -158,3 +158,9 @@ def test_a_waypoint_is_not_passed_where_an_obstacle_is_for_a_moment() -> None:
     """The motion found passes close to a box that is there for 0.09 s; the error named a field."""
     scene = mixed(30_182, leave_out=("smoothing", "disturbance"))
     assert least(scene.scenario) < scene.scenario.grid.duration
+
+
+def test_a_vehicle_whose_velocity_limits_exclude_rest_has_a_least_time() -> None:
+    """A first guess from rest to rest violates the limits; the error named a start nobody gave."""
+    scene = mixed(10_748)
+    assert least(scene.scenario) < scene.scenario.grid.duration

@@ -155,8 +155,9 @@ class TimesAlone:
             if found is not None:
                 return found
         if not is_steady(scenario):  # a start or a goal in motion
-            found = self._one(at_rest(scenario), passing.of(own), 0)
-            return dataclasses.replace(found, scenario=scenario, rows=(), converged=False)
+            with suppress(ScenarioError):  # where velocities or requirements do not allow rest
+                found = self._one(at_rest(scenario), passing.of(own), 0)
+                return dataclasses.replace(found, scenario=scenario, rows=(), converged=False)
         raise no_plan_alone(scenario, self._backend)
 
     def _from_guess(self, scenario: Scenario, passing: Passing) -> Timed | None:
