@@ -5,11 +5,14 @@ These are not checked: a flight may have left the limits, and the previous plan 
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 
 from drake_rho.scenario.disturbance import Tracking
 from drake_rho.scenario.fields import FloatArray, read_only, unchecked
 from drake_rho.scenario.known_obstacles import active_during, known_at_start
+from drake_rho.scenario.obstacles import AnyObstacle, Obstacle
 from drake_rho.scenario.parts import Grid
 from drake_rho.scenario.records import Scenario
 from drake_rho.scenario.waypoints import is_during_flight
@@ -86,6 +89,56 @@ def going_on(scenario: Scenario, flown: FloatArray) -> Scenario:
         for each, own in zip(scenario.vehicles, read_only(flown), strict=True)
     )
     return scenario.derived(vehicles=vehicles)
+
+
+def with_obstacles(scenario: Scenario, obstacles: tuple[AnyObstacle, ...]) -> Scenario:
+    """Return a scenario, or the rest of one, with other obstacles; itself if they are its own.
+
+    The scales of motions, and so the tolerances, stay those of the flight.
+    """
+    if obstacles is scenario.obstacles:
+        return scenario
+    return scenario.derived(obstacles=obstacles, fleet=scenario.fleet)
+
+
+def known_later(scenario: Scenario, ahead: float) -> Scenario:
+    """Return the scenario in which obstacles become known later, by the time of planning ahead.
+
+    A window avoids the obstacles that are known when planning begins. Errors of obstacles grow from
+    the time of the sighting, as without a latency. Obstacles become known at the end at the latest.
+
+    Args:
+        scenario: scenario to fly.
+        ahead: time by which windows are planned ahead [s].
+    """
+    end, late = scenario.grid.end, [each.is_late(scenario.grid) for each in scenario.bodies]
+    if ahead == 0.0 or not any(late):
+        return scenario
+    obstacles = tuple(
+        dataclasses.replace(
+            each, known_from=min(each.known_from + ahead, end), seen_at=each.errors_from
+        )
+        if isinstance(each, Obstacle) and is_late
+        else each
+        for each, is_late in zip(scenario.obstacles, late, strict=True)
+    )
+    return dataclasses.replace(scenario, obstacles=obstacles)
+
+
+def known_when_seen(scenario: Scenario, given: Scenario) -> Scenario:
+    """Return the scenario of a flight in which obstacles become known at their declared times.
+
+    Args:
+        scenario: scenario of the windows, from `known_later`, with newer obstacles after the given.
+        given: scenario that was given.
+    """
+    old, newer = scenario.obstacles[: len(given.bodies)], scenario.obstacles[len(given.bodies) :]
+    obstacles = tuple(
+        unchecked(each, known_from=own.known_from) if isinstance(each, Obstacle) else each
+        for each, own in zip(old, given.bodies, strict=True)
+    )
+    same = all(one == other for one, other in zip(obstacles, old, strict=True))
+    return scenario if same else with_obstacles(scenario, (*obstacles, *newer))
 
 
 def _known(acceleration: FloatArray) -> FloatArray | None:

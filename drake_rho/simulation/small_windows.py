@@ -1,7 +1,7 @@
 """Smoothed windows in small steps of constant acceleration, for simulation.
 
 A window of a `RecedingHorizon` with smoothing is planned `lead` before its first knot, when its
-averages begin (`drake_rho/planning/horizon/smooth_windows.py`). In small steps it begins there.
+averages begin (`drake_rho/planning/horizon/situation.py`). In small steps it begins there.
 """
 
 from __future__ import annotations
@@ -11,10 +11,10 @@ from typing import Any
 
 from drake_rho.motion.flight import Flight, Window
 from drake_rho.motion.remainders import remainder
-from drake_rho.planning.horizon.latencies import known_later
 from drake_rho.scenario.disturbance import Disturbance
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.records import Scenario
+from drake_rho.scenario.rest_of_flight import known_later
 from drake_rho.simulation.feedback import Horizon
 from drake_rho.simulation.small_steps import averaged_in, small_scenario, small_step
 

@@ -18,6 +18,7 @@ from drake_rho.motion.plan import Plan
 from drake_rho.motion.statistics import Statistics
 from drake_rho.planning.errors import InfeasibleError, OutOfTimeError, SolverError
 from drake_rho.planning.horizon.interfaces import Planner
+from drake_rho.planning.horizon.situation import WindowStart
 from drake_rho.planning.horizon.waypoints_ahead import Free, sooner, until, with_waypoints
 from drake_rho.planning.horizon.windows import WindowPlanner
 from drake_rho.planning.programs.backend import Solver
@@ -67,17 +68,7 @@ def arriving(
     return dataclasses.replace(windows, planner=planner, fallback=fallback, retimed=True)
 
 
-def next_window(
-    windows: WindowPlanner,
-    free: Free,
-    scenario: Scenario,
-    first_knot: int,
-    remaining: Plan,
-    *,
-    last: Window,
-    on_plan: bool,
-    stop: Plan | None = None,
-) -> Window:
+def next_window(windows: WindowPlanner, start: WindowStart) -> Window:
     """Return a window that arrives no later than the previous plan, as long as that is valid.
 
     Vehicles that have arrived stay. If the previous plan is no longer valid, the arrival may become
@@ -85,26 +76,20 @@ def next_window(
 
     Args:
         windows: planner of windows with a given final time.
-        free: flags of waypoints ahead with free times.
-        scenario: rest of the flight, from the current states.
-        first_knot: knot of the whole flight at which the window starts, counted from 0.
-        remaining: rest of the previous prediction.
-        last: previous window, with that prediction.
-        on_plan: whether vehicles are in the tube of the remaining plan, so that it stays valid.
-        stop: rest of the previous window's contingency; None without one.
+        start: what the window stands on.
     """
-    before, spent = arrival_steps(remaining), Statistics()
+    remaining, spent = start.remaining, Statistics()
+    before = arrival_steps(remaining)
     if before > 0:
-        earlier = arriving(dataclasses.replace(windows, braking_after=None), free, before)
-        window = earlier.next(scenario, first_knot, remaining, last=last, on_plan=on_plan)
+        earlier = arriving(dataclasses.replace(windows, braking_after=None), start.free, before)
+        window = earlier.next(start)
         if window.kept or not window.infeasible:
             return window
         spent = window.statistics
-    elif on_plan and windows.still_holds(remaining, last):
-        return Window(first_knot, remaining, remaining, kept=True)
-    later = arriving(windows, free, before, or_later=True)
-    window = later.next(scenario, first_knot, remaining, last=last, on_plan=on_plan, stop=stop)
-    return window.after(spent)
+    elif windows.still_holds(start):
+        return Window(start.knot, remaining, remaining, kept=True)
+    later = arriving(windows, start.free, before, or_later=True)
+    return later.next(start).after(spent)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -18,9 +18,10 @@ from drake_rho.scenario.fields import IntArray, unchecked
 from drake_rho.scenario.maps.cells import difference
 from drake_rho.scenario.maps.map import Map
 from drake_rho.scenario.maps.voxels import Voxels
-from drake_rho.scenario.obstacles import AnyObstacle, Obstacle
+from drake_rho.scenario.obstacles import Obstacle
 from drake_rho.scenario.parts import Grid
 from drake_rho.scenario.records import Scenario
+from drake_rho.scenario.rest_of_flight import with_obstacles
 from drake_rho.scenario.shapes.base import Solid
 
 _JUST_BEFORE = 1e-6
@@ -30,94 +31,89 @@ LONGEST = 50
 """Largest number of characters of a map's name in the names of its added and removed parts."""
 
 
-class SeenMaps:
-    """Maps of a flight as known at present.
+Parts = Mapping[int, tuple[int, ...]]
+"""Numbers of the obstacles that each map at rest consists of at present, by its own number."""
+
+
+def parts_of_maps(scenario: Scenario) -> Parts:
+    """Return the parts of a scenario's maps at rest, each a single one."""
+    return {
+        number: (number,)
+        for number, body in enumerate(scenario.bodies, start=1)
+        if isinstance(body.shape, Map) and not body.moves
+    }
+
+
+def with_newer_maps(
+    scenario: Scenario, parts: Parts, newer: Map | Mapping[str, Map], time: float
+) -> tuple[Scenario, Parts]:
+    """Return a scenario in which newer maps are known from a time on, and the parts of its maps.
 
     Args:
-        scenario: to be flown; each of its maps at rest may be updated by newer ones.
+        scenario: of the whole flight.
+        parts: of its maps until then.
+        newer: the latest map; if the scenario has several, a mapping from their names.
+        time: on the scenario's clock [s].
+
+    Raises:
+        ValueError: the scenario has no such map, or has several and no name is given.
     """
+    bodies, present = list(scenario.bodies), dict(parts)
+    for number, latest in _numbered(scenario, parts, newer):
+        own = list(present.get(number, ()))
+        name = (bodies[number - 1].name if number <= len(bodies) else None) or "map"
+        name, at, rest = name[:LONGEST], clock_time(time), _Rest(latest)
+        for each in tuple(own):
+            body = bodies[each - 1]
+            stays, goes = rest.compared(body.shape)
+            if goes is None:
+                continue
+            gone = _until(time, scenario, body, goes, f"{name} until {at}")
+            if stays is None:
+                own.remove(each)
+                bodies[each - 1] = unchecked(gone, name=body.name)
+            else:
+                bodies[each - 1] = unchecked(body, shape=stays)
+                bodies.append(gone)
+        if rest.left is not None:
+            bodies.append(Obstacle(rest.left, known_from=time, name=f"{name} from {at}"))
+            own.append(len(bodies))
+        present[number] = tuple(own)
+    return with_obstacles(scenario, tuple(bodies)), present
 
-    def __init__(self, scenario: Scenario) -> None:
-        self._parts = {
-            number: [number]
-            for number, body in enumerate(scenario.bodies, start=1)
-            if isinstance(body.shape, Map) and not body.moves
-        }
 
-    def seen(self, scenario: Scenario, newer: Map | Mapping[str, Map], time: float) -> Scenario:
-        """Return a scenario in which newer maps are known from a time on.
+def _until(time: float, scenario: Scenario, body: Obstacle, goes: Solid, name: str) -> Obstacle:
+    """Return the removed part of an obstacle, active from when it became known until now.
 
-        Args:
-            scenario: of the whole flight.
-            newer: the latest map; if the scenario has several, a mapping from their names.
-            time: on the scenario's clock [s].
+    It counts as known from the start.
+    """
+    begin = scenario.grid.start - scenario.grid.step
+    if body.known_from > 0.0:
+        begin = body.known_from
+    active, known = (begin, just_before(time, scenario.grid)), body.known_by(0.0)
+    return unchecked(known, shape=goes, active=active, name=name)
 
-        Raises:
-            ValueError: the scenario has no such map, or has several and no name is given.
-        """
-        bodies = list(scenario.bodies)
-        for number, latest in self._numbered(scenario, newer):
-            parts = self._parts.setdefault(number, [])
-            name = (bodies[number - 1].name if number <= len(bodies) else None) or "map"
-            name, at, rest = name[:LONGEST], clock_time(time), _Rest(latest)
-            for each in list(parts):
-                body = bodies[each - 1]
-                stays, goes = rest.compared(body.shape)
-                if goes is None:
-                    continue
-                gone = self._until(time, scenario, body, goes, f"{name} until {at}")
-                if stays is None:
-                    parts.remove(each)
-                    bodies[each - 1] = unchecked(gone, name=body.name)
-                else:
-                    bodies[each - 1] = unchecked(body, shape=stays)
-                    bodies.append(gone)
-            if rest.left is not None:
-                bodies.append(Obstacle(rest.left, known_from=time, name=f"{name} from {at}"))
-                parts.append(len(bodies))
-        return with_obstacles(scenario, tuple(bodies))
 
-    def _until(
-        self, time: float, scenario: Scenario, body: Obstacle, goes: Solid, name: str
-    ) -> Obstacle:
-        """Return the removed part of an obstacle, active from when it became known until now.
-
-        It counts as known from the start.
-        """
-        begin = scenario.grid.start - scenario.grid.step
-        if body.known_from > 0.0:
-            begin = body.known_from
-        active, known = (begin, just_before(time, scenario.grid)), body.known_by(0.0)
-        return unchecked(known, shape=goes, active=active, name=name)
-
-    def _numbered(
-        self, scenario: Scenario, newer: Map | Mapping[str, Map]
-    ) -> Iterable[tuple[int, Map]]:
-        """Return newer maps with the numbers of their obstacles."""
-        if isinstance(newer, Map):
-            if len(self._parts) > 1:
-                expected = "a mapping from names to maps, since the scenario has several"
-                raise ValueError(f"map: got one map, expected {expected}")
-            return [(next(iter(self._parts), len(scenario.bodies) + 1), newer)]
-        names = {scenario.bodies[number - 1].name: number for number in self._parts}
-        known = [name for name in names if name is not None]
-        for name in newer:
-            if name not in known:
-                raise ValueError(f"map: got {name!r}, expected {one_of(known, str(name))}")
-        return [(names[name], latest) for name, latest in newer.items()]
+def _numbered(
+    scenario: Scenario, parts: Parts, newer: Map | Mapping[str, Map]
+) -> Iterable[tuple[int, Map]]:
+    """Return newer maps with the numbers of their obstacles."""
+    if isinstance(newer, Map):
+        if len(parts) > 1:
+            expected = "a mapping from names to maps, since the scenario has several"
+            raise ValueError(f"map: got one map, expected {expected}")
+        return [(next(iter(parts), len(scenario.bodies) + 1), newer)]
+    names = {scenario.bodies[number - 1].name: number for number in parts}
+    known = [name for name in names if name is not None]
+    for name in newer:
+        if name not in known:
+            raise ValueError(f"map: got {name!r}, expected {one_of(known, str(name))}")
+    return [(names[name], latest) for name, latest in newer.items()]
 
 
 def just_before(time: float, grid: Grid) -> float:
     """Return the last time that counts as before a time on the scenario's clock [s]."""
     return time - max(_JUST_BEFORE * grid.step, grid.clock.tick)
-
-
-def with_obstacles(scenario: Scenario, obstacles: tuple[AnyObstacle, ...]) -> Scenario:
-    """Return a scenario, or the rest of one, with other obstacles.
-
-    The scales of motions, and so the tolerances, stay those of the flight.
-    """
-    return scenario.derived(obstacles=obstacles, fleet=scenario.fleet)
 
 
 @dataclasses.dataclass

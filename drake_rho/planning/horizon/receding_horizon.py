@@ -6,12 +6,12 @@ import dataclasses
 from collections.abc import Mapping
 from functools import partial
 from numbers import Integral
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from drake_rho.motion.flight import Flight, Window
-from drake_rho.motion.plan import Plan
 from drake_rho.planning.call.options import Options
 from drake_rho.planning.call.progress import Progress, tell
 from drake_rho.planning.call.time_limit import within_time
@@ -26,23 +26,10 @@ from drake_rho.planning.horizon.interfaces import (
     tail_reference,
     with_options,
 )
-from drake_rho.planning.horizon.latencies import (
-    known_later,
-    known_when_seen,
-    latency_in_samples,
-    time_ahead,
-)
-from drake_rho.planning.horizon.measured_states import (
-    continued,
-    deviations,
-    from_measured,
-    off_tube,
-)
-from drake_rho.planning.horizon.newer_maps import SeenMaps, with_obstacles
-from drake_rho.planning.horizon.seen_again import Seen, seen_again
-from drake_rho.planning.horizon.smooth_windows import resting_before, states_at
+from drake_rho.planning.horizon.measured_states import from_measured
+from drake_rho.planning.horizon.seen_again import Seen
+from drake_rho.planning.horizon.situation import Situation, latency_in_samples
 from drake_rho.planning.horizon.step_arguments import knot_at, states_of
-from drake_rho.planning.horizon.waypoints_ahead import free_ahead, free_of, timed_as
 from drake_rho.planning.horizon.windows import WindowPlanner
 from drake_rho.planning.planners.convex import plan_convex
 from drake_rho.planning.planners.plan import plan as best_plan
@@ -50,7 +37,7 @@ from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs.backend import Backend, Solver, SolverName
 from drake_rho.planning.scp.violations import violations_of
 from drake_rho.scenario.arguments import checked
-from drake_rho.scenario.fields import FloatArray, unchecked
+from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.maps.map import Map
 from drake_rho.scenario.records import Scenario
 from drake_rho.system.threads import single_threaded_blas
@@ -103,8 +90,6 @@ class RecedingHorizon:
             (`Window.cost_bound`), whatever the disturbance.
 
     Attributes:
-        scenario: as given, with newer maps, sightings and the times found for waypoints; with a
-            latency or a smoothing, obstacles become known in flight that much later.
         replan_every: as given.
         free_final_time: as given.
         latency: number of samples of the feedback that last as long as the latency, or longer.
@@ -142,14 +127,11 @@ class RecedingHorizon:
                 expected = "False with a free final time, since earlier arrivals cost more"
                 raise ValueError(f"bounded_cost: got True, expected {expected}")
         self.latency = latency_in_samples(scenario, latency, int(replan_every))
-        self._given, self._ahead = scenario, time_ahead(scenario, self.latency)
-        scenario = known_later(scenario, self._ahead)
         if reference is None:
             reference = free_reference if scenario.separation is None else tail_reference
-        self.scenario, self.replan_every = scenario, int(replan_every)
-        self.free_final_time, self._free = free_final_time, free_of(scenario)
+        self.replan_every, self.free_final_time = int(replan_every), free_final_time
         self.windows: list[Window] = []
-        self._maps, self._due = SeenMaps(scenario), scenario.obstacles
+        self._situation = Situation.of(scenario, self.latency)
         self._planner, self._progress = (
             WindowPlanner(
                 with_options(options, planner),
@@ -165,6 +147,14 @@ class RecedingHorizon:
         self._time_limit = None if options is None else options.time_limit
 
     @property
+    def scenario(self) -> Scenario:
+        """Scenario as given, with newer maps, sightings and the times found for waypoints.
+
+        With a latency or a smoothing, obstacles become known in flight that much later.
+        """
+        return self._situation.scenario
+
+    @property
     def knots(self) -> range:
         """Knots at which windows start, counted from 0."""
         return range(0, self.scenario.grid.knots - 1, self.replan_every)
@@ -178,10 +168,7 @@ class RecedingHorizon:
         Args:
             knot: counted from 0, not before the start of the last window.
         """
-        if not self.windows:
-            return self.scenario.fleet.start_states
-        last = self.windows[-1]
-        return states_at(last.plan, knot - last.first_knot)
+        return self._situation.planned(knot)
 
     @checked
     def step(
@@ -231,40 +218,42 @@ class RecedingHorizon:
             ValueError: the states have another shape or are not numbers, or the time is not that
                 of a later knot.
         """
+        situation = self._situation
         if map is not None or sightings:
-            self._knot(time)  # an impossible time changes nothing
+            self._knot(time)  # an impossible time is refused first
         if map is not None:
-            self.scenario = self._maps.seen(self.scenario, map, time)
-        due = self.scenario
+            situation = situation.with_map(map, time)
         if sightings:
-            self.scenario, due = seen_again(self.scenario, sightings, time, self._ahead)
-        self._due = due.obstacles
+            situation = situation.with_sightings(sightings, time)
         with within_time(self._time_limit):
-            self.windows.append(self._window(states, time))
-        if self.windows[-1].kept and self.scenario.obstacles is not self._due:
-            self.scenario = with_obstacles(self.scenario, self._due)
-        return self.windows[-1]
+            window = self._window(situation, states, time)
+        self.windows.append(window)
+        self._situation = situation.with_window(window)
+        return window
 
     @with_wall_time
     @single_threaded_blas()
-    def _window(self, states: npt.ArrayLike, time: float) -> Window:
+    def _window(self, situation: Situation, states: npt.ArrayLike, time: float) -> Window:
         """Return the next window; see `step`."""
-        measured = states_of(self.scenario, states)
-        knot = self._knot(time)
-        number = knot // self.replan_every + 1
-        tell(self._progress, f"window {number} of {len(self.knots)}")
-        window = self._next(knot, measured) if self.windows else self._first(measured)
-        if any(map(any, self._free)):
-            self.scenario = timed_as(self.scenario, window.plan.scenario)
+        measured = states_of(situation.scenario, states)
+        knot, notes = self._knot(time), dict[str, Any]()
+        tell(self._progress, f"window {knot // self.replan_every + 1} of {len(self.knots)}")
+        if situation.last is None:
+            window = self._first(situation.at_start, measured)
+        else:
+            start = situation.at(knot, measured)
+            if self.free_final_time:
+                window = next_window(self._planner, start)
+            else:
+                window = self._planner.next(start)
+            notes["off_tube"] = start.off if start.scenario.disturbance is not None else ()
         window = self._planner.with_contingency(window)
         if self._planner.bounded_cost:
-            bound = cost_bound(window.plan, self.replan_every, self.latency)
-            window = dataclasses.replace(window, cost_bound=bound)
-        names = [vehicle.name for vehicle in self.scenario.vehicles]
-        unseen = tuple(names[i] for i in np.flatnonzero(np.isnan(measured).any(axis=1)))
-        if unseen:
-            window = dataclasses.replace(window, unseen=unseen)
-        return _with_sightings(window, self.windows[-1] if self.windows else window)
+            notes["cost_bound"] = cost_bound(window.plan, self.replan_every, self.latency)
+        unseen = np.flatnonzero(np.isnan(measured).any(axis=1))
+        notes["unseen"] = tuple(situation.scenario.names[i] for i in unseen)
+        window = dataclasses.replace(window, **notes)
+        return _with_sightings(window, situation.last or window)
 
     @property
     def flight(self) -> Flight:
@@ -275,7 +264,7 @@ class RecedingHorizon:
         """
         if not self.windows:
             raise ValueError("windows: got none, expected at least one planned window")
-        return Flight.composed(known_when_seen(self.scenario, self._given), self.windows)
+        return self._situation.flight(self.windows)
 
     def _knot(self, time: float) -> int:
         """Return the number of the knot at a time."""
@@ -284,42 +273,11 @@ class RecedingHorizon:
             return knot_at(grid, time, range(1))
         return knot_at(grid, time, range(self.windows[-1].first_knot + 1, grid.knots - 1))
 
-    def _first(self, states: FloatArray) -> Window:
-        """Return the first window."""
+    def _first(self, scenario: Scenario, states: FloatArray) -> Window:
+        """Return the first window of a scenario, from measured states."""
         times = with_options(self._options, best_plan)
         measured = partial(from_measured, states=states)
-        first = FirstWindow(self._planner, times, measured, self.free_final_time)
-        return first.of(resting_before(self.scenario))
-
-    def _next(self, knot: int, states: FloatArray) -> Window:
-        """Return a window after the first."""
-        last = self.windows[-1]
-        remaining = self._rest(last.plan, knot - last.first_knot)
-        stop = last.contingency and self._rest(last.contingency, knot - last.first_knot)
-        left = remaining.scenario
-        if left.obstacles is not self.scenario.obstacles:  # an obstacle was seen again
-            left = with_obstacles(left, self.scenario.obstacles)
-        measured, away = deviations(states, states_at(remaining, 0))
-        off = off_tube(remaining.scenario, away, self.latency)
-        left = continued(left, self.scenario, states, measured, away, self.latency)
-        plan_next = self._planner.next
-        if self.free_final_time:
-            free = free_ahead(self._free, self.scenario, left.grid)
-            plan_next = partial(next_window, self._planner, free)
-        on_plan = left.smoothing is not None or not off.any()
-        window = plan_next(left, knot, remaining, last=last, on_plan=on_plan, stop=stop)
-        if left.disturbance is None or not off.any():
-            return window
-        names = tuple(left.vehicles[i].name for i in np.flatnonzero(off))
-        return dataclasses.replace(window, off_tube=names)
-
-    def _rest(self, plan: Plan, knot: int) -> Plan:
-        """Return the rest of a window's plan or contingency, with the obstacles known by now."""
-        remaining = plan.tail(knot)
-        if remaining.scenario.obstacles is self._due:
-            return remaining
-        # a newer map was seen
-        return unchecked(remaining, scenario=with_obstacles(remaining.scenario, self._due))
+        return FirstWindow(self._planner, times, measured, self.free_final_time).of(scenario)
 
 
 def _with_sightings(window: Window, before: Window) -> Window:

@@ -17,12 +17,13 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 import numpy.typing as npt
 
-from drake_rho.planning.horizon.newer_maps import LONGEST, just_before, with_obstacles
+from drake_rho.planning.horizon.newer_maps import LONGEST, just_before
 from drake_rho.scenario.clock import clock_time
 from drake_rho.scenario.errors import one_of
 from drake_rho.scenario.fields import LARGEST, FloatArray, unchecked
 from drake_rho.scenario.obstacles import Obstacle
 from drake_rho.scenario.records import Scenario
+from drake_rho.scenario.rest_of_flight import with_obstacles
 from drake_rho.scenario.tracks import Track
 
 Seen = tuple[npt.ArrayLike, npt.ArrayLike]

@@ -23,6 +23,7 @@ from drake_rho.planning.horizon.fallbacks import (
     moved,
 )
 from drake_rho.planning.horizon.interfaces import Planner, Reference
+from drake_rho.planning.horizon.situation import WindowStart
 from drake_rho.planning.horizon.waypoints_ahead import with_waypoints
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs.backend import Solver
@@ -94,16 +95,7 @@ class WindowPlanner:
             raise window
         return window
 
-    def next(
-        self,
-        scenario: Scenario,
-        first_knot: int,
-        remaining: Plan,
-        *,
-        last: Window,
-        on_plan: bool,
-        stop: Plan | None = None,
-    ) -> Window:
+    def next(self, start: WindowStart) -> Window:
         """Return a window after the first, which always has a motion to fly.
 
         If there is a disturbance and the remaining plan is valid, the planner is called a second
@@ -111,27 +103,20 @@ class WindowPlanner:
         enabled, one is flown rather than a motion of minimum violation.
 
         Args:
-            scenario: rest of the flight, from the current states.
-            first_knot: knot of the whole flight at which the window starts, counted from 0.
-            remaining: rest of the previous prediction.
-            last: previous window, with that prediction.
-            on_plan: whether vehicles are in the tube of the remaining plan, so that it stays valid.
-            stop: rest of the previous window's contingency; None without one.
+            start: what the window stands on.
         """
-        followed = moved(remaining, scenario)
-        window: Window | Failure | None = self._lack_of_slack(scenario, remaining, last)
-        window = window or self._planned(scenario, first_knot, followed)
+        scenario, followed = start.scenario, moved(start.remaining, start.scenario)
+        window: Window | Failure | None = self._lack_of_slack(start)
+        window = window or self._planned(scenario, start.knot, followed)
         if isinstance(window, Window):
-            if self._is_cheap(window.plan, followed) or not (
-                on_plan and self.still_holds(remaining, last)
-            ):
+            if self._is_cheap(window.plan, followed) or not self.still_holds(start):
                 return window
             window = _too_costly(window.plan, followed)
-        holds = on_plan and self.still_holds(remaining, last)
+        holds = self.still_holds(start)
         if not _lacks(scenario):  # otherwise no planner can find a plan
             quick = holds and scenario.disturbance is not None
             other = self.planner if quick else self.fallback
-            window = self._planned_again(other, scenario, first_knot, followed, window)
+            window = self._planned_again(other, scenario, start.knot, followed, window)
             if isinstance(window, Window):
                 if self._is_cheap(window.plan, followed) or not holds:
                     return window
@@ -140,26 +125,26 @@ class WindowPlanner:
         spent = dataclasses.replace(window.statistics, cut=window.statistics.cut or cut)
         reason = str(window)
         if holds:
-            plan = remaining.with_statistics(spent)
-            return Window(first_knot, plan, plan, infeasible=reason, kept=True)
-        without = Window(first_knot, followed.with_statistics(spent), followed, reason)
-        return self._without_plan(without, remaining if on_plan else None, stop)
+            plan = start.remaining.with_statistics(spent)
+            return Window(start.knot, plan, plan, infeasible=reason, kept=True)
+        without = Window(start.knot, followed.with_statistics(spent), followed, reason)
+        return self._without_plan(without, start)
 
-    def _without_plan(self, window: Window, remaining: Plan | None, stop: Plan | None) -> Window:
+    def _without_plan(self, window: Window, start: WindowStart) -> Window:
         """Return a window that flies a contingency or, if there is none, the least violation.
 
         Args:
             window: with the rest of the previous prediction, moved, and the reason for having no
                 plan.
-            remaining: that rest as planned; None if a vehicle is off its tube.
-            stop: rest of the previous window's contingency; None without one.
+            start: what the window stands on.
         """
         followed, spent, none_found = window.reference, window.plan.statistics, ""
         if self.braking_after is not None:
             around = followed
             try:
-                if remaining is not None and stop is not None and first_violation(stop) is None:
-                    found, around = stop, remaining
+                stop = start.stop
+                if start.on_plan and stop is not None and first_violation(stop) is None:
+                    found, around = stop, start.remaining
                 else:
                     found = contingency(followed, 0, self.solver)
             except FAILURES as error:
@@ -192,7 +177,7 @@ class WindowPlanner:
             return dataclasses.replace(window, no_contingency=str(error))
         return dataclasses.replace(window, contingency=found)
 
-    def _lack_of_slack(self, scenario: Scenario, remaining: Plan, last: Window) -> Failure | None:
+    def _lack_of_slack(self, start: WindowStart) -> Failure | None:
         """Return the error for constraints without tightening slack; None if there is slack.
 
         The slack is computed only if it is likely to be missing, or if the lack would go unnoticed.
@@ -200,11 +185,12 @@ class WindowPlanner:
         had no plan of its own. Without a disturbance no constraint is violated if the window begins
         as planned by the last one and nothing new became known.
         """
+        scenario, last = start.scenario, start.last
         if scenario.disturbance is not None:
             has_slack = not last.kept
         else:
-            same = scenario is remaining.scenario and not last.infeasible
-            has_slack = same and not _new_obstacles(remaining, last)
+            same = scenario is start.remaining.scenario and not last.infeasible
+            has_slack = same and not _new_obstacles(start)
         if has_slack:
             return None
         reasons = _lacks(scenario)
@@ -214,19 +200,20 @@ class WindowPlanner:
         """Return whether a plan costs no more than the rest of the previous one, moved."""
         return not self.bounded_cost or plan.cost <= followed.cost
 
-    def still_holds(self, remaining: Plan, last: Window) -> bool:
-        """Return whether the rest of the previous plan meets every constraint.
+    def still_holds(self, start: WindowStart) -> bool:
+        """Return whether the rest of the plan in force meets every constraint.
 
-        Constraints that were verified when the plan was accepted are not verified again. Since the
-        tolerances shrink with the rest, a second check could only reject the plan by rounding.
+        It does not if a vehicle is off its tube. Constraints that were verified when the plan was
+        accepted are not verified again. Since the tolerances shrink with the rest, a second check
+        could only reject the plan by rounding.
         """
-        if remaining.scenario.disturbance is None:
-            return violations_of(Problem.of(remaining.scenario), remaining).none
+        rest, last = start.remaining, start.last
+        if not start.on_plan:
+            return False
+        if rest.scenario.disturbance is None:
+            return violations_of(Problem.of(rest.scenario), rest).none
         accepted = last.kept or not last.infeasible
-        return (
-            first_violation(remaining, _new_obstacles(remaining, last) if accepted else None)
-            is None
-        )
+        return first_violation(rest, _new_obstacles(start) if accepted else None) is None
 
     def _planned(
         self, scenario: Scenario, first_knot: int, remaining: Plan | None
@@ -321,7 +308,7 @@ def _no_slack(scenario: Scenario, reasons: dict[str, tuple[str, ...]]) -> Infeas
     return InfeasibleError(reasons, scenario=scenario, because=because)
 
 
-def _new_obstacles(remaining: Plan, last: Window) -> list[int]:
+def _new_obstacles(start: WindowStart) -> list[int]:
     """Return the numbers of the obstacles that became known since the last window."""
-    before = {number for number, _ in last.plan.scenario.known}
-    return [number for number, _ in remaining.scenario.known if number not in before]
+    before = {number for number, _ in start.last.plan.scenario.known}
+    return [number for number, _ in start.remaining.scenario.known if number not in before]

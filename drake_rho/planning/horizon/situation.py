@@ -1,0 +1,236 @@
+"""Situation of a flight: what its next window stands on.
+
+It has what is known now, the plan in force with its tube, and the times found for free waypoints. A
+window that begins at a knot stands on `Situation.at`.
+
+With a latency, windows are planned while the previous one is flown. With a smoothing, averages
+depend on accelerations up to `Scenario.lead` later: a window that changes accelerations from a knot
+on must be planned that much before the knot. Its averages change from then on. They also depend on
+accelerations planned before, up to another `lead` back (`State.flown`). All windows together are
+one plan, and the flight is its average: nothing jumps where a window begins. Such windows begin on
+the plan of the window before, not at measured states, which would be a jump, and the error tube
+continues from the start of the flight. A new window may accelerate up to the limits while averages
+near its first knot still depend on positions planned before. All windows therefore keep the margin
+for the largest accelerations.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Self
+
+import numpy as np
+
+from drake_rho.motion.flight import Flight, Window
+from drake_rho.motion.plan import Plan
+from drake_rho.planning.horizon.measured_states import continued, deviations, off_tube
+from drake_rho.planning.horizon.newer_maps import Parts, parts_of_maps, with_newer_maps
+from drake_rho.planning.horizon.seen_again import Seen, seen_again
+from drake_rho.planning.horizon.waypoints_ahead import Free, free_ahead, free_of, timed_as
+from drake_rho.scenario.disturbance import Disturbance
+from drake_rho.scenario.fields import FloatArray, unchecked
+from drake_rho.scenario.maps.map import Map
+from drake_rho.scenario.obstacles import AnyObstacle
+from drake_rho.scenario.parts import REACHED
+from drake_rho.scenario.records import Scenario
+from drake_rho.scenario.rest_of_flight import (
+    going_on,
+    known_later,
+    known_when_seen,
+    with_obstacles,
+)
+from drake_rho.scenario.times import Clock, steps_lasting
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class WindowStart:
+    """What a window after the first stands on."""
+
+    knot: int
+    """knot of the whole flight at which the window begins, counted from 0"""
+    scenario: Scenario
+    """rest of the flight, from the measured states"""
+    remaining: Plan
+    """rest of the plan in force"""
+    last: Window
+    """window with that plan"""
+    stop: Plan | None
+    """rest of its contingency; None without one"""
+    off: tuple[str, ...]
+    """names of the vehicles off the tube of the plan in force"""
+    free: Free
+    """flags of waypoints ahead with free times"""
+
+    @property
+    def on_plan(self) -> bool:
+        """Whether all vehicles are in the tube of the plan in force, so that it stays valid."""
+        return self.scenario.smoothing is not None or not self.off
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Situation:
+    """What the windows of a flight stand on, but for measured states."""
+
+    given: Scenario
+    """scenario as given"""
+    scenario: Scenario
+    """scenario of the whole flight as it is known now, with the times found for waypoints"""
+    necessary: tuple[AnyObstacle, ...]
+    """obstacles that the plan in force has to avoid: those of the scenario, but for sightings
+    within the errors of former ones"""
+    free: Free
+    """flags of the waypoints with free times"""
+    maps: Parts
+    """obstacles that each map at rest consists of at present"""
+    latency: int
+    """number of samples of the feedback by which states are predicted"""
+    last: Window | None = None
+    """last window, with the plan in force; None before the first"""
+
+    @classmethod
+    def of(cls, given: Scenario, latency: int) -> Self:
+        """Return the situation before a flight.
+
+        Args:
+            given: scenario to fly.
+            latency: number of samples of the feedback that planning a window takes.
+        """
+        scenario = known_later(given, time_ahead(given, latency))
+        parts = parts_of_maps(scenario)
+        return cls(given, scenario, scenario.obstacles, free_of(scenario), parts, latency)
+
+    def with_map(self, newer: Map | Mapping[str, Map], time: float) -> Self:
+        """Return the situation with newer maps, known from a time on the scenario's clock [s].
+
+        Raises:
+            ValueError: the scenario has no such map, or has several and no name is given.
+        """
+        scenario, maps = with_newer_maps(self.scenario, self.maps, newer, time)
+        necessary = scenario.obstacles
+        return dataclasses.replace(self, scenario=scenario, maps=maps, necessary=necessary)
+
+    def with_sightings(self, sightings: Mapping[str, Seen], time: float) -> Self:
+        """Return the situation with sightings that apply from a time on the scenario's clock [s].
+
+        Raises:
+            ValueError: there is no obstacle of a name, or more than one, or a sighting is not two
+                vectors.
+        """
+        ago = time_ahead(self.given, self.latency)
+        scenario, due = seen_again(self.scenario, sightings, time, ago)
+        return dataclasses.replace(self, scenario=scenario, necessary=due.obstacles)
+
+    def with_window(self, window: Window) -> Self:
+        """Return the situation after a window was planned.
+
+        A window that continues the plan before keeps the former sightings, which this plan avoids.
+        """
+        scenario = self.scenario
+        if any(map(any, self.free)):
+            scenario = timed_as(scenario, window.plan.scenario)
+        if window.kept:
+            scenario = with_obstacles(scenario, self.necessary)
+        necessary = scenario.obstacles
+        return dataclasses.replace(self, scenario=scenario, necessary=necessary, last=window)
+
+    @property
+    def at_start(self) -> Scenario:
+        """Scenario of the first window: at rest before, with margins for later windows."""
+        scenario = self.scenario
+        if scenario.smoothing is None:
+            return scenario
+        return going_on(scenario, np.zeros((len(scenario.vehicles), REACHED, 3)))
+
+    def planned(self, knot: int) -> FloatArray:
+        """Return the planned states at which a window from a knot begins, shape (N, 6).
+
+        Args:
+            knot: of the whole flight, counted from 0, not before the start of the last window.
+        """
+        if self.last is None:
+            return self.scenario.fleet.start_states
+        return _states_at(self.last.plan, knot - self.last.first_knot)
+
+    def at(self, knot: int, states: FloatArray) -> WindowStart:
+        """Return what a window after the first stands on.
+
+        Args:
+            knot: of the whole flight at which it begins, counted from 0.
+            states: measured positions [m] and velocities [m/s], shape (N, 6), with NaN for vehicles
+                that were not seen.
+
+        Raises:
+            ValueError: there is no window yet.
+        """
+        if (last := self.last) is None:
+            raise ValueError("windows: got none, expected at least one planned window")
+        remaining = self._rest(last.plan, knot - last.first_knot)
+        planned = remaining.scenario
+        measured, away = deviations(states, _states_at(remaining, 0))
+        off = np.flatnonzero(off_tube(planned, away, self.latency))
+        left = with_obstacles(planned, self.scenario.obstacles)
+        left = continued(left, self.scenario, states, measured, away, self.latency)
+        return WindowStart(
+            knot,
+            left,
+            remaining,
+            last,
+            stop=last.contingency and self._rest(last.contingency, knot - last.first_knot),
+            off=tuple(left.names[i] for i in off),
+            free=free_ahead(self.free, self.scenario, left.grid),
+        )
+
+    def _rest(self, plan: Plan, knot: int) -> Plan:
+        """Return the rest of a window's plan or contingency, with the obstacles known by now."""
+        rest = plan.tail(knot)
+        scenario = with_obstacles(rest.scenario, self.necessary)
+        return rest if scenario is rest.scenario else unchecked(rest, scenario=scenario)
+
+    def flight(self, windows: list[Window]) -> Flight:
+        """Return the flight composed of its windows, each flown until the next."""
+        return Flight.composed(known_when_seen(self.scenario, self.given), windows)
+
+
+def latency_in_samples(scenario: Scenario, latency: float, replan_every: int) -> int:
+    """Return a latency in samples of the feedback, rounded up.
+
+    Args:
+        scenario: scenario to fly.
+        latency: time that planning a window takes [s].
+        replan_every: number of steps flown of each window.
+
+    Raises:
+        ValueError: the latency is negative, or too long.
+    """
+    period = replan_every * scenario.grid.step
+    if not (latency >= 0.0 and Clock.of(period).within(latency, (0.0, period))):  # also for NaN
+        expected = f"0 to {period:g} s, the time for which a window is flown"
+        raise ValueError(f"latency: got {latency!r}, expected {expected}")
+    return steps_lasting(latency, _sample(scenario))
+
+
+def time_ahead(scenario: Scenario, latency: int) -> float:
+    """Return the time by which windows are planned ahead [s], with a smoothing by its lead too.
+
+    Args:
+        scenario: scenario to fly.
+        latency: number of samples of the feedback.
+    """
+    return latency * _sample(scenario) + scenario.lead
+
+
+def _sample(scenario: Scenario) -> float:
+    """Return the time from one sample of the feedback to the next [s]."""
+    around = scenario.disturbance or Disturbance(0.0)
+    return around.sample(scenario.grid)
+
+
+def _states_at(plan: Plan, knot: int) -> FloatArray:
+    """Return the states at a knot, or those of a smoothing's averages `lead` before it, (N, 6)."""
+    smooth, scenario = plan.smooth(), plan.scenario
+    if smooth is None:
+        return plan.states(knot)
+    begin = scenario.grid.elapsed[knot : knot + 1] - scenario.lead
+    positions, velocities, _ = smooth.at(begin)
+    return np.concatenate([positions[:, 0], velocities[:, 0]], axis=1)
