@@ -202,3 +202,22 @@ def test_a_flight_that_ends_before_time_0_avoids_obstacles(
     assert rho.verify(flown).ok
     (row,) = errors_of(flown)
     assert row.to_obstacles_m == pytest.approx(0.0, abs=1e-6)
+
+
+@pytest.mark.parametrize("early", [2e-6, 3.2e-6, 6e-6])
+def test_points_at_rounded_times_are_not_proved_to_contradict_each_other(early: float) -> None:
+    """Two accelerations pass three points to within the clock's rounding, and never exactly."""
+    flown = [[5.4, 1.7, 4.5], [3.3, 7.1, 6.4], [-4.5, -4.4, -4.5], [-2, -4, -3], [1, -2, 0.4]]
+    grid, h, a = rho.Grid(5.0, 6, 1.7e9), 5.0, np.array(flown)
+    p, v = np.zeros((6, 3)), np.zeros((6, 3))
+    for k in range(5):
+        p[k + 1], v[k + 1] = p[k] + h * v[k] + h**2 / 2.0 * a[k], v[k] + h * a[k]
+    points = [
+        rho.Waypoint(grid.start + h - early, p[1]),
+        rho.Waypoint(grid.start + 1.05 * h, p[1] + 0.25 * v[1] + 0.25**2 / 2.0 * a[1]),
+        rho.Waypoint(grid.start + 2.0 * h - early, p[2]),
+    ]
+    vehicle = rho.Vehicle("v", rho.State(p[0]), rho.State(p[5], v[5]), waypoints=points)
+    scenario = rho.Scenario("rounded", grid, [vehicle])
+    assert rho.verify(rho.Plan.from_accelerations(scenario, a[None])).ok
+    assert rho.verify(rho.plan_convex(scenario)).ok

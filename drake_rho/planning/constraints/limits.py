@@ -21,6 +21,12 @@ _ACCEPTED = 0.25
 violation of a set with a curved surface, at the knots and again between them, and linked vehicles
 need many rounds."""
 
+_FASTEST = 4.0
+"""Speed at waypoints, as a multiple of the average from start to goal, for rounding errors."""
+
+_ROUNDED = 0.4
+"""Largest part of a waypoint's tolerance by which the rounding of its time may move it."""
+
 
 def norms_of(scenario: Scenario, margins: PlanMargins) -> list[KeepInSets]:
     """Return the limits on norms of all vehicles, imposed at the knots.
@@ -66,8 +72,9 @@ def waypoints_of(scenario: Scenario, margins: PlanMargins) -> list[KeepInSets]:
     that a motion violates contains the waypoint. With a smoothing the ball is one of averaged
     positions, which are linear in the accelerations too.
     """
-    fleet = scenario.fleet
+    fleet, clock = scenario.fleet, scenario.grid.clock
     scale, own = fleet.scale("position"), margins.convex or margins.steps
+    late = clock.rounding * _FASTEST * fleet.scale("velocity")  # by the rounding of times
     return [
         KeepInSets(
             kind="waypoints",
@@ -76,7 +83,8 @@ def waypoints_of(scenario: Scenario, margins: PlanMargins) -> list[KeepInSets]:
             quantity="position",
             sets=waypoints.balls(scale),
             members=np.arange(len(scenario.vehicles)),
-            roundings=fleet.coordinate_errors,
+            roundings=fleet.coordinate_errors
+            + np.minimum(late, _ROUNDED * waypoints.tolerances(scale)),
             times=scenario.grid.since_start(waypoints.times)[:, None],
             averaged=scenario.smoothing,
             margins=own.pointwise,

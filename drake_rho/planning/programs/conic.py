@@ -217,7 +217,8 @@ class Cones:
         matrices, constants = constraint.sets.cones(kept.vehicles)
         limited = np.isfinite(constants)
         vehicles, times = kept.vehicles[limited], kept.times[limited]
-        constants = constants[limited] - constraint.margin(times)
+        room = constraint.roundings[vehicles] - constraint.margin(times)
+        constants = constants[limited] + room
         return cls(constraint, vehicles, times, matrices[limited], constants)
 
     def __len__(self) -> int:
