@@ -72,7 +72,7 @@ def test_a_program_without_a_solution_is_distinguished_from_the_others(
 
 
 Attempt = Callable[
-    [SolverInterface, dict[str, float | int], Sequence[Program]],
+    [SolverInterface, str, dict[str, float | int], Sequence[Program]],
     list[Solution | None],
 ]
 
@@ -84,14 +84,15 @@ def _spoiled(spoil: Callable[[str, int, Solution], Solution | None]) -> tuple[At
 
     def attempt(
         solver: SolverInterface,
+        name: str,
         values: dict[str, float | int],
         programs: Sequence[Program],
     ) -> list[Solution | None]:
-        name = str(solver.solver_id().name()) + ("" if values else " as it is")
-        used.append(name)
-        answers = solve_with(solver, values, programs)
+        how = name + ("" if values else " as it is")
+        used.append(how)
+        answers = solve_with(solver, name, values, programs)
         return [
-            None if answer is None else spoil(name, index, answer)
+            None if answer is None else spoil(how, index, answer)
             for index, answer in enumerate(answers)
         ]
 

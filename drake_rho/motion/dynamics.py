@@ -22,6 +22,8 @@ from drake_rho.scenario.times import steps_begun
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
+_QUANTITIES = get_args(Quantity)
+
 
 def roll_out(
     position: FloatArray, velocity: FloatArray, accelerations: FloatArray, step: float
@@ -208,8 +210,9 @@ class Motion:
         times: FloatArray,
         pick: Callable[[FloatArray, IntArray], FloatArray],
     ) -> FloatArray:
-        if quantity not in (known := get_args(Quantity)):
-            raise ValueError(f"quantity: got {quantity!r}, expected one of {', '.join(known)}")
+        if quantity not in _QUANTITIES:
+            expected = f"one of {', '.join(_QUANTITIES)}"
+            raise ValueError(f"quantity: got {quantity!r}, expected {expected}")
         last = self.accelerations.shape[-2] - 1
         k = np.maximum(step_at(times, self.step), 0)
         if quantity == "jerk":

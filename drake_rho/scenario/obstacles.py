@@ -163,7 +163,7 @@ class Obstacle:
         It is `position_error` until it was seen and grows by `velocity_error` from then on.
         """
         if self.velocity_error == 0.0:
-            return np.full(times.shape, self.position_error)
+            return self.position_error + np.zeros(times.shape)
         since = np.maximum(times - self.errors_from, 0.0)
         uncertainty: FloatArray = self.position_error + self.velocity_error * since
         return uncertainty

@@ -73,10 +73,10 @@ class Least:
         self, owners: IntArray, values: FloatArray, steps: IntArray, u: FloatArray, width: float
     ) -> None:
         """Keep each owner's least value, the first of equal ones; arrays of shape (P,)."""
-        better = np.flatnonzero(values < self.values[owners])
+        better = (values < self.values[owners]).nonzero()[0]
         if len(better) == 0:
             return
-        order = better[np.argsort(values[better], kind="stable")[::-1]]  # the least is last, stays
+        order = better[values[better].argsort(kind="stable")[::-1]]  # the least is last, stays
         who = owners[order]
         self.values[who], self.steps[who] = values[order], steps[order]
         self.moments[who], self.widths[who] = u[order], width
@@ -169,7 +169,7 @@ class _Search:
             values[owners[~finite]] = np.nan  # ends the search of these owners
         slack = self.precision[which] + _ROUNDING * (steps.coordinate_bounds[which] + largest)
         sought = np.fmax.reduce(values[owners], axis=1) - slack
-        piece, part = np.nonzero(bounds < sought[:, None])
+        piece, part = (bounds < sought[:, None]).nonzero()
         return which[piece], u[piece, part]
 
     def interpolate(self) -> None:
@@ -197,7 +197,7 @@ def _offer_samples(
     least: Least, owners: IntArray, d: FloatArray, which: IntArray, u: FloatArray, width: float
 ) -> None:
     """Offer the least sample d of each interval, shape (P, S), to the interval's owners."""
-    each, best = np.arange(len(d)), np.argmin(d, axis=1)
+    each, best = np.arange(len(d)), d.argmin(axis=1)
     found, at = d[each, best], u[each, best]
     for owner in owners.T:
         least.offer(owner, found, which, at, width)

@@ -76,8 +76,7 @@ class Steps(Table):
 
     def at(self, which: IntArray, u: FloatArray) -> FloatArray:
         """Return positions (P, S, D) in the steps `which`, shape (P,), at moments u, (P, S)."""
-        p, v, a = (array[which, None] for array in (self.p, self.v, self.a))
-        u = u[..., None]
+        p, v, a, u = self.p[which, None], self.v[which, None], self.a[which, None], u[..., None]
         positions: FloatArray = p + u * (v + u / 2 * a)
         for m in range(self.higher.shape[1]):
             positions += u ** (3 + m) * self.higher[which, m, None]

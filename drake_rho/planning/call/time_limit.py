@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import functools
 import math
-import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -22,11 +21,22 @@ from drake_rho.planning.errors import OutOfTimeError
 _ENDS: ContextVar[float] = ContextVar("_ENDS", default=math.inf)
 """Deadline on the clock of `time.perf_counter` [s]."""
 
-_STOPPED = threading.Event()
-"""Set when the caller asks for the best result so far."""
+
+class _Stop:
+    """Request for the best result so far, in a variable that is read fast and by all threads."""
+
+    requested = False
+
+    def request(self) -> None:
+        """Let all deadlines pass at once."""
+        self.requested = True
+
+
+_STOP = _Stop()
+"""Request of a caller, which Ctrl-C makes."""
 
 _STOPPABLE: ContextVar[bool] = ContextVar("_STOPPABLE", default=False)
-"""True while a caller may set `_STOPPED`."""
+"""True while a caller may request `_STOP`."""
 
 _Arguments = ParamSpec("_Arguments")
 _Result = TypeVar("_Result")
@@ -34,7 +44,7 @@ _Result = TypeVar("_Result")
 
 def seconds_left() -> float:
     """Return the time left [s]: zero or less after the deadline, infinite without one."""
-    return -math.inf if _STOPPED.is_set() else _ENDS.get() - time.perf_counter()
+    return -math.inf if _STOP.requested else _ENDS.get() - time.perf_counter()
 
 
 def check_time() -> None:
@@ -73,9 +83,9 @@ def stoppable() -> Iterator[Callable[[], None]]:
     """Provide the block with a function that lets all deadlines pass at once, for use by Ctrl-C."""
     before = _STOPPABLE.set(True)
     try:
-        yield _STOPPED.set
+        yield _STOP.request
     finally:
-        _STOPPED.clear()
+        _STOP.requested = False
         _STOPPABLE.reset(before)
 
 

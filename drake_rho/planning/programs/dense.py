@@ -36,7 +36,7 @@ class DenseProgram:
     @property
     def soft(self) -> bool:
         """Whether any row may be violated."""
-        return bool(np.isfinite(self.penalties).any())
+        return bool(self.penalties.min(initial=np.inf) < np.inf)
 
     @cached_property
     def written(self) -> MathematicalProgram:
@@ -84,7 +84,7 @@ def add_rows(
     x: np.ndarray,
 ) -> Binding[LinearConstraint]:
     """Add linearised constraints as rows matrix @ x >= needed; soft rows have slacks."""
-    if np.any(np.isfinite(penalties)):
+    if penalties.min(initial=np.inf) < np.inf:
         matrix, x = _with_slack(to, matrix, penalties, slacks, x)
     if not isinstance(matrix, np.ndarray):
         matrix = csc_matrix(matrix)  # the type that Drake accepts
@@ -120,5 +120,7 @@ def _with_slack(
     return hstack([csc_array(matrix), ones], format="csc"), x
 
 
+@lru_cache(maxsize=64)
 def _infinite(size: int) -> FloatArray:
+    """Return infinities, which Drake copies."""
     return np.full(size, np.inf)

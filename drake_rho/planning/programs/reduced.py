@@ -146,14 +146,13 @@ def _reduced(changes: Changes, rows: Sequence[Rows], dense: bool) -> Iterator[Ba
     responses, lengths = changes.inside(responses / lengths[:, None]), lengths[which]
     normals = np.concatenate([part.normals for part in rows])[order]
     needed = np.concatenate([part.bounds for part in rows])[order]
-    costs = [part.form.penalty for part in rows]
-    penalties = np.repeat(costs, [len(part) for part in rows])[order]
+    penalties = np.concatenate([np.zeros(len(part)) + part.form.penalty for part in rows])[order]
     slacks = slacks_of(rows)[order]
     vehicles, sizes = vehicles[order], sizes[order]
     units, lengths = changes.units[vehicles], lengths * changes.factors[vehicles]
     needed, penalties = needed / (lengths * units), penalties * lengths / units
     for size in np.bincount(sizes).nonzero()[0][::-1].tolist():
-        own = slice(*np.searchsorted(sizes, [size, size + 1]))
+        own = slice(*sizes.searchsorted([size, size + 1]))
         inside = responses[which[own]]
         matrix = inside[:, :, None] * normals[own, None, :]
         yield _in_span(
@@ -269,8 +268,8 @@ def _in_span(
     """
     basis: FloatArray | None = None
     if not dense:
-        basis, triangles = np.linalg.qr(np.swapaxes(matrices, 1, 2))
-        matrices = np.swapaxes(triangles, 1, 2)
+        basis, triangles = np.linalg.qr(matrices.swapaxes(1, 2))
+        matrices = triangles.swapaxes(1, 2)
     rows = zip(matrices, needed, penalties, slacks, strict=True)
     programs = [DenseProgram(*each, free) for each in rows]
     return Batch(groups, programs, basis, np.ones(needed.shape))

@@ -23,9 +23,8 @@ from pydrake.solvers import (
 
 from drake_rho.planning.call.time_limit import check_time, seconds_left
 from drake_rho.planning.errors import SolverError
-from drake_rho.planning.programs import dense_duals
+from drake_rho.planning.programs import daqp, dense_duals
 from drake_rho.planning.programs.backend import Backend, Solver, name_of
-from drake_rho.planning.programs.daqp import Daqp
 from drake_rho.planning.programs.dense import DenseProgram, Program
 from drake_rho.planning.programs.solution import Solution
 from drake_rho.scenario.fields import FloatArray
@@ -94,17 +93,18 @@ def solve(programs: Sequence[Program], backend: Backend | None = None) -> list[S
         own = name_of(backend.first)
         attempts = sorted(attempts, key=lambda attempt: name_of(attempt[0]) == own)
     for attempt, options in attempts:
+        name = name_of(attempt)
         if len(solutions) == len(programs):
             break
         check_time()
         left = [
             index
             for index, program in enumerate(programs)
-            if index not in solutions and _accepts(attempt, program)
+            if index not in solutions and _accepts(name, program)
         ]
         if not left:
             continue
-        answers = _solve_with(attempt, options, [programs[index] for index in left])
+        answers = _solve_with(attempt, name, options, [programs[index] for index in left])
         for index, answer in zip(left, answers, strict=True):
             if answer is not None:
                 found = solutions if answer.exact else inexact
@@ -162,19 +162,17 @@ def _attempts(backend: Backend) -> Iterator[tuple[Solver, _Options]]:
         yield ClpSolver(), {}
 
 
-def _accepts(solver: Solver, program: Program) -> bool:
-    """Return whether a solver accepts a program.
+def _accepts(name: str, program: Program) -> bool:
+    """Return whether the solver of a name accepts a program.
 
     OSQP accepts no linear programs, CLP no others. DAQP accepts dense quadratic programs only, and
     only Clarabel accepts cones.
     """
     dense = isinstance(program, DenseProgram)
     if not dense and program.lorentz_cone_constraints():
-        return name_of(solver) == "Clarabel"
+        return name == "Clarabel"
     linear = program.linear if dense else not program.quadratic_costs()
-    if isinstance(solver, Daqp):
-        return dense and not linear
-    return {"OSQP": not linear, "Clp": linear}.get(name_of(solver), True)
+    return {daqp.NAME: dense and not linear, "OSQP": not linear, "Clp": linear}.get(name, True)
 
 
 def _work(program: Program, dense: bool) -> int:
@@ -187,14 +185,14 @@ def _work(program: Program, dense: bool) -> int:
 
 
 def _solve_with(
-    solver: Solver, values: _Options, programs: Sequence[Program]
+    solver: Solver, name: str, values: _Options, programs: Sequence[Program]
 ) -> list[Solution | None]:
-    if isinstance(solver, Daqp):
+    if name == daqp.NAME:
         return [dense_duals.solved(each) for each in programs if isinstance(each, DenseProgram)]
     options = SolverOptions()
     for key, value in values.items():
         options.SetOption(solver.solver_id(), key, value)
-    if name_of(solver) == "Clarabel" and (left := seconds_left()) < np.inf:
+    if name == "Clarabel" and (left := seconds_left()) < np.inf:
         options.SetOption(solver.solver_id(), "time_limit", max(left, _LEAST_TIME))
     in_drake = [each.written if isinstance(each, DenseProgram) else each for each in programs]
     results = SolveInParallel(
@@ -203,7 +201,6 @@ def _solve_with(
         solver_id=solver.solver_id(),
         parallelism=Parallelism(1),
     )
-    name = name_of(solver)
     return [_solution(name, *each) for each in zip(in_drake, results, strict=True)]
 
 

@@ -64,13 +64,13 @@ class CuttingPlanes:
         accelerations: FloatArray | None = None,
         cones: ConicPrograms | None = None,
     ) -> None:
-        self.problem, count = problem, len(problem)
+        self.problem, self._count = problem, len(problem)
         self._curved = CurvedSets(cones or ConicPrograms(problem.effort))
         self._programs = GroupPrograms(problem, backend or Backend(), self._curved)
-        self._planned = np.arange(count) if vehicles is None else vehicles
+        self._planned = np.arange(self._count) if vehicles is None else vehicles
         self._constraints = list[Constraint]()
-        if accelerations is not None and len(self._planned) < count:
-            others = np.setdiff1d(np.arange(count), self._planned)
+        if accelerations is not None and len(self._planned) < self._count:
+            others = (~self._mask(self._planned)).nonzero()[0]
             self._programs.fly(others, accelerations[others])
 
     @property
@@ -150,7 +150,7 @@ class CuttingPlanes:
                 pending = np.setdiff1d(pending, failed)
                 self._planned = np.setdiff1d(self._planned, failed)
             constraints, number = self._constraints, number + 1
-            to_check = np.union1d(unchecked, pending)
+            to_check = np.union1d(unchecked, pending) if len(unchecked) > 0 else pending
             violating, unchecked = self._add_violated(constraints, to_check, number), unchecked[:0]
             programs.check_inexact(pending, violating)
 
@@ -160,7 +160,7 @@ class CuttingPlanes:
 
     def _mask(self, vehicles: IntArray) -> BoolArray:
         """Return flags that are set for the given vehicles, shape (N,)."""
-        mask = np.zeros(len(self.problem), dtype=bool)
+        mask = np.zeros(self._count, dtype=bool)
         mask[vehicles] = True
         return mask
 
@@ -172,26 +172,26 @@ class CuttingPlanes:
         patience = 0 if self._programs.are_coupled else _PATIENCE
         reach = 2 ** max(0, number - patience) // 2
         gap = np.inf if between else 1.5 * self.problem.scenario.grid.step
+        motion = self.motion
         found, cut = list[HalfSpaces](), list[IntArray]()
         for constraint in among if len(vehicles) > 0 else ():
             if number < (constraint.searches if between else constraint.rounds):
-                rows = constraint.violated_rows(
-                    self.motion, vehicles, between=between, neighbours=reach
-                )
-                if constraint.as_cone and len(rows) > 0:
-                    rows = self._curved.planes_to_add(rows, self.motion)
+                rows = constraint.violated_rows(motion, vehicles, between=between, neighbours=reach)
+                if len(rows) == 0:
+                    continue
+                if constraint.as_cone:
+                    rows = self._curved.planes_to_add(rows, motion)
                     cut.append(rows.vehicles)
-                if len(rows) > 0:
-                    if reach == 0:
-                        rows = rows.worst(self.motion, _PIECES * 2**number, gap=gap)
-                    found.append(self._rows_of_planned(rows))
+                if reach == 0:
+                    rows = rows.worst(motion, _PIECES * 2**number, gap=gap)
+                found.append(self._rows_of_planned(rows))
         if cut:
             self._curved.count_round(np.unique(np.concatenate(cut)))
         return self._add(found)
 
     def _add(self, rows: Sequence[HalfSpaces]) -> BoolArray:
         """Add rows; return flags of vehicles with new or still unsatisfied rows, shape (N,)."""
-        affected = np.zeros(len(self.problem), dtype=bool)
+        affected = np.zeros(self._count, dtype=bool)
         self._programs.forget_unsatisfied()
         for part in rows:
             affected |= self._programs.add(part)
@@ -199,7 +199,7 @@ class CuttingPlanes:
 
     def _rows_of_planned(self, rows: HalfSpaces) -> HalfSpaces:
         """Return the rows of planned vehicles; omit those of fixed or infeasible ones."""
-        if len(self._planned) == len(self.problem) or len(rows) == 0:
+        if len(self._planned) == self._count or len(rows) == 0:
             return rows
         return rows.select(self._mask(self._planned)[rows.vehicles])
 

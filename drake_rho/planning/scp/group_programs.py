@@ -64,7 +64,7 @@ class GroupPrograms:
     @property
     def are_coupled(self) -> bool:
         """Whether any row in the working set couples vehicles."""
-        return any(part.constraint.coupled for part in self.working.rows.values())
+        return self.working.coupled
 
     def with_groups(self, vehicles: IntArray) -> IntArray:
         """Return the vehicles of all groups to which the given vehicles belong."""
@@ -115,7 +115,7 @@ class GroupPrograms:
         found = self._problem.effort.goals.met_by(
             np.concatenate([own for _, own in solved]), vehicles
         )
-        order = np.argsort(vehicles)
+        order = vehicles.argsort()
         self.fly(vehicles[order], found[order])
         every = np.concatenate([each.groups.reshape(-1) for each in answers])
         if len(every) == len(vehicles):
@@ -178,7 +178,7 @@ class GroupPrograms:
         u, groups = answers.accelerations[answers.feasible], answers.groups[answers.feasible]
         units = self._problem.effort.units[groups].max(axis=1)
         vehicles = groups.reshape(-1)
-        scales = np.repeat(units, groups.shape[1]) * self._problem.effort.factors[vehicles]
+        scales = units.repeat(groups.shape[1]) * self._problem.effort.factors[vehicles]
         a = scales[:, None, None] * u.reshape(-1, *u.shape[2:])
         return vehicles, a + self._problem.effort.motion.accelerations[vehicles]
 

@@ -87,8 +87,9 @@ def sequential_convex(
         spent += after.statistics
         if progress is not None:
             progress(progress_line(spent.linearisations, after.cost))
-        fall = max(0.0, 1.0 - after.cost / plan.cost) if plan.cost > 0.0 else 0.0
-        plan, falling = _better(plan, after, labels, falling, tolerance)
+        cost = plan.cost
+        fall = max(0.0, 1.0 - after.cost / cost) if cost > 0.0 else 0.0
+        plan, falling = _better(plan, after, labels, falling, tolerance * cost)
         if converged := len(falling) == 0 or converged:
             break
     return plan.with_statistics(
@@ -105,15 +106,23 @@ def progress_line(linearisations: int, cost: float) -> str:
 
 
 def _better(
-    plan: Plan, after: Plan, labels: IntArray, falling: IntArray, tolerance: float
+    plan: Plan, after: Plan, labels: IntArray, falling: IntArray, least: float
 ) -> tuple[Plan, IntArray]:
-    """Return the better plan of each set that converges together, and the vehicles to continue."""
-    differences = np.sum(plan.accelerations**2 - after.accelerations**2, axis=(1, 2))
+    """Return the better plan of each set that converges together, and the vehicles to continue.
+
+    Args:
+        plan: plan before an iteration.
+        after: plan after it.
+        labels: equal numbers for vehicles that converge together, shape (N,).
+        falling: indices of the vehicles planned again.
+        least: decrease of the cost above which vehicles continue [m²/s⁴].
+    """
+    differences = (plan.accelerations**2 - after.accelerations**2).sum(axis=(1, 2))
     fallen = np.bincount(labels, plan.scenario.fleet.weights * differences)[labels]
-    falling = falling[fallen[falling] > tolerance * plan.cost]
-    if np.all(fallen >= 0.0):
+    falling = falling[fallen[falling] > least]
+    if (fallen >= 0.0).all():
         return after, falling
-    if not np.any(fallen > 0.0):
+    if not (fallen > 0.0).any():
         return plan, falling
     accelerations = np.where((fallen > 0.0)[:, None, None], after.accelerations, plan.accelerations)
     better = Plan.from_accelerations(plan.scenario, accelerations)

@@ -52,10 +52,12 @@ class WorkingSet:
 
     Attributes:
         rows: the rows by the key of their constraint, in the order in which they were added.
+        coupled: whether any row couples vehicles.
     """
 
     def __init__(self, keys: RowKeys) -> None:
         self.rows: dict[Hashable, HalfSpaces] = {}
+        self.coupled = False
         self._keys, self._cuts = keys, 0
         self._known: dict[Hashable, IntArray] = {}
         self._not_indexed: dict[Hashable, list[HalfSpaces]] = {}
@@ -130,6 +132,7 @@ class WorkingSet:
             self._cuts += 1
             rows = dataclasses.replace(rows, sides=np.full(len(rows), self._cuts))
         key = rows.constraint.key
+        self.coupled |= rows.constraint.coupled
         self.rows[key] = self.rows[key].union(rows) if key in self.rows else rows
         if not rows.constraint.curved:  # cuts of curved sets are compared by their margins
             self._not_indexed.setdefault(key, []).append(rows)

@@ -64,7 +64,7 @@ class Sphere(Quadric):
 
     def local_support(self, n: FloatArray) -> FloatArray:
         """Return the radius for every direction."""
-        return np.full(n.shape[:-1], self.radius)
+        return self.radius + np.zeros(n.shape[:-1])
 
     def local_distance(self, x: FloatArray) -> FloatArray:
         """Return distances from the centre less the radius."""
@@ -74,7 +74,7 @@ class Sphere(Quadric):
     def local_outward(self, x: FloatArray) -> FloatArray:
         """Return the directions of x from the centre; at the centre, that of the x axis."""
         lengths = _lengths(x)[..., None]
-        if np.all(lengths > 0.0):
+        if (lengths > 0.0).all():
             normals: FloatArray = x / lengths
             return normals
         return np.where(lengths > 0.0, x / np.where(lengths > 0.0, lengths, 1.0), np.eye(3)[0])
