@@ -155,9 +155,12 @@ def test_a_tour_there_and_back_takes_as_long_from_any_first_guess() -> None:
 
 @pytest.mark.slow
 def test_a_waypoint_is_not_passed_where_an_obstacle_is_for_a_moment() -> None:
-    """The motion found passes close to a box that is there for 0.09 s; the error named a field."""
+    """The motion found passes close to a box that is there for 0.09 s; the error named a field.
+
+    With other times of the waypoints it takes 0.591 of the known time, and 0.621 with those nearby.
+    """
     scene = mixed(30_182, leave_out=("smoothing", "disturbance"))
-    assert least(scene.scenario) < scene.scenario.grid.duration
+    assert least(scene.scenario) <= 0.61 * scene.scenario.grid.duration
 
 
 def test_a_vehicle_whose_velocity_limits_exclude_rest_has_a_least_time() -> None:

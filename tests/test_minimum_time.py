@@ -470,11 +470,11 @@ def test_where_programs_are_too_inexact_the_plan_is_that_of_bisection(
     exact = rho.plan_minimum_time(scenario)
     finished, calls = TimeSearch._finished, list[Timed]()
 
-    def first_one_violates(self: TimeSearch, best: Timed) -> rho.Plan:
+    def first_one_violates(self: TimeSearch, best: Timed, alone: np.ndarray) -> rho.Plan:
         calls.append(best)
         if len(calls) == 1:
             raise rho.SolverError("the motion that the solvers found violates constraints")
-        return finished(self, best)
+        return finished(self, best, alone)
 
     monkeypatch.setattr(TimeSearch, "_finished", first_one_violates)
     plan = rho.plan_minimum_time(scenario)

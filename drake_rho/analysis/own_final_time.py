@@ -1,4 +1,4 @@
-"""Plan for a scenario's own final time, as a known motion for comparison."""
+"""Plans for a given final time, as known motions for comparison."""
 
 from __future__ import annotations
 
@@ -14,18 +14,20 @@ from drake_rho.scenario.records import Scenario
 from drake_rho.scenario.waypoints import AllWaypoints
 
 
-def planned_in_own_final_time(
+def planned_in(
+    duration: float,
     given: Scenario,
     without: Scenario,
     backend: Backend,
     options: Options,
     progress: Progress | None,
 ) -> Timed:
-    """Return the motion that `rho.plan` finds for a scenario's own final time.
+    """Return the motion that `rho.plan` finds for a final time.
 
     Args:
+        duration: final time [s].
         given: the scenario; its waypoints may have no time.
-        without: the same without waypoints, on the grid to plan on.
+        without: the same without waypoints, on a grid with the knots to plan on.
         backend: its solver is used.
         options: bounds of the search.
         progress: called with a short description of the current step.
@@ -35,7 +37,7 @@ def planned_in_own_final_time(
         OutOfTimeError: time was up before a plan was found.
         SolverError: the solvers fail numerically.
     """
-    grid = without.grid
+    grid = dataclasses.replace(without.grid, step=duration / (without.grid.knots - 1))
     planned = best_plan(
         given.ending_with(grid),
         solver=backend.solver,
@@ -43,7 +45,7 @@ def planned_in_own_final_time(
         progress=within(progress, f"trying a duration of {grid.duration:.5g} s"),
     )
     waypoints = AllWaypoints.of(planned.scenario.vehicles)
-    passing = passing_of(AllWaypoints.of(given.vehicles), without, grid)
+    passing = passing_of(AllWaypoints.of(given.vehicles), without.ending_with(grid), grid)
     passing = dataclasses.replace(passing, times=waypoints.times - grid.start)
     return Timed(without, grid.step, planned.accelerations, passing)
 

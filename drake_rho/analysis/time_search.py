@@ -9,15 +9,16 @@ from functools import partial
 from itertools import islice
 
 from drake_rho.analysis.early_arrivals import as_soon_as_each_can
-from drake_rho.analysis.own_final_time import is_too_short, planned_in_own_final_time
+from drake_rho.analysis.own_final_time import is_too_short, planned_in
 from drake_rho.analysis.time_alone import TimesAlone, in_no_time
 from drake_rho.analysis.timed_plans import TimedPlans
 from drake_rho.analysis.trials import Trials, durations
 from drake_rho.motion.plan import Plan
 from drake_rho.planning.call.options import Options
 from drake_rho.planning.call.progress import Progress, tell
+from drake_rho.planning.call.work_limit import within_work
 from drake_rho.planning.constraints.tightening import enlarged_by_margins
-from drake_rho.planning.errors import InfeasibleError, SolverError
+from drake_rho.planning.errors import InfeasibleError, OutOfTimeError, SolverError
 from drake_rho.planning.path_search.initial_guesses import paths_on_grids
 from drake_rho.planning.planners.first_plan import FirstPlan, plan_near
 from drake_rho.planning.planners.related import changes_with_time, is_steady, of_each_alone
@@ -39,6 +40,10 @@ _LITTLE_LONGER = 1.05, 1.15
 
 _LESS = 0.02, 0.005
 """Relative reductions of the time of a local optimum, for another plan near it."""
+
+_LESS_WITH_OTHER_TIMES, _WORK = (0.02, 0.02, 0.002, 0.002), 200.0
+"""Relative reductions of the time of a plan, for another one with other times of waypoints, and the
+largest work of each search [rounds]; a few seconds."""
 
 _SEARCHES = 2
 """Number of searches for plans faster than a local optimum."""
@@ -95,6 +100,13 @@ class TimeSearch:
         Where solvers are too inexact for the limits, or a place is taken at the time found, this is
         the plan found by bisection, or that for the scenario's own final time.
         """
+        best, durations = self._first_plan()
+        if self._waypoints.given.all() or not changes_with_time(self._scenario):
+            return best
+        return self._with_other_times(best, durations)
+
+    def _first_plan(self) -> tuple[Plan, FloatArray]:
+        """Return a plan of least time, and the least times of vehicles alone [s], shape (N,)."""
         scenario = self._scenario
         alone = TimesAlone(scenario, self._waypoints, self._backend, self._progress)
         free = self._steady and not self._binds_more
@@ -110,7 +122,7 @@ class TimeSearch:
         self._bound = alone.bound
         best = self._no_later_than_known(best, each, failure)
         try:
-            return self._finished(self._arriving(best, alone.durations))
+            return self._finished(best, alone.durations), alone.durations
         except SolverError:
             known: list[Callable[[], Timed | None]] = [self._planned_in_own_final_time]
             if each is not None:
@@ -118,7 +130,48 @@ class TimeSearch:
             if (slower := self._shortest(known)) is None:
                 raise
             slower = dataclasses.replace(slower, converged=False)
-            return self._finished(self._arriving(slower, alone.durations))
+            return self._finished(slower, alone.durations), alone.durations
+
+    def _with_other_times(self, best: Plan, alone: FloatArray) -> Plan:
+        """Return a faster plan with other times of free waypoints, if `rho.plan` finds any.
+
+        A search around a motion moves these times a little. Where places are allowed for a while
+        only, `rho.plan` for a slightly shorter final time finds others.
+
+        Args:
+            best: plan of least time so far.
+            alone: least time of each vehicle alone [s], shape (N,).
+        """
+        failed = 0.0
+        for part in _LESS_WITH_OTHER_TIMES:
+            if part == failed:
+                continue
+            faster = None
+            with suppress(OutOfTimeError):  # the plan so far is one without further searches
+                known = self._shortest([partial(self._planned_in, best, part)])
+                faster = known and self._finished_around(known, alone)
+            best, failed = faster or best, 0.0 if faster else part
+        return best
+
+    def _finished_around(self, known: Timed, alone: FloatArray) -> Plan | None:
+        """Return the plan of least time around a motion, or the motion's own; None if none holds.
+
+        Args:
+            known: motion that `rho.plan` found.
+            alone: least time of each vehicle alone [s], shape (N,).
+        """
+        for search in (partial(self._least.around, known), partial(_same, known)):
+            if (found := self._shortest([search])) is not None:
+                with suppress(InfeasibleError, SolverError):
+                    return self._finished(found, alone)
+        return None
+
+    def _planned_in(self, best: Plan, less: float) -> Timed:
+        """Return the motion that `rho.plan` finds in less time than a plan takes, by a part."""
+        duration = (1.0 - less) * best.scenario.grid.duration
+        parts = self._given, self._scenario, self._backend, self._options, self._progress
+        with within_work(_WORK):
+            return planned_in(duration, *parts)
 
     @property
     def _apart(self) -> bool:
@@ -162,9 +215,8 @@ class TimeSearch:
 
     def _planned_in_own_final_time(self) -> Timed:
         """Return the plan for the scenario's own final time."""
-        return planned_in_own_final_time(
-            self._given, self._scenario, self._backend, self._options, self._progress
-        )
+        parts = self._given, self._scenario, self._backend, self._options, self._progress
+        return planned_in(self._scenario.grid.duration, *parts)
 
     def _arriving(self, best: Timed, alone: FloatArray) -> Timed:
         """Return a motion with the earliest arrival of each vehicle, if the search is for one.
@@ -358,14 +410,18 @@ class TimeSearch:
         first = search.of(problem) if quick else search.of_any_duration(problem)
         return self._least.around(dataclasses.replace(timed, accelerations=first.accelerations))
 
-    def _finished(self, best: Timed) -> Plan:
+    def _finished(self, best: Timed, alone: FloatArray) -> Plan:
         """Return a motion as a plan with the statistics of the whole search.
+
+        Args:
+            best: motion in which all arrive at the last knot.
+            alone: least time of each vehicle alone [s], shape (N,).
 
         Raises:
             InfeasibleError: vehicles cannot hold at their goals from this time on, as required.
             SolverError: the motion violates a constraint.
         """
-        plan = self._plans.of(best)
+        plan = self._plans.of(self._arriving(best, alone))
         spent = self._least.statistics + self._plans.statistics
         found = dataclasses.replace(spent, converged=best.converged, time_bound=self._bound)
         return plan.with_statistics(found)
