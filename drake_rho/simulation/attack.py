@@ -204,9 +204,8 @@ def _tightest_of_all(scenario: Scenario, plan: Plan) -> _Tightest | None:
     for column, clearance_of in _checks(trajectory):
         if column.always != scenario.between_knots:
             continue
-        bounds = -np.asarray(column.excess) - PRECISION * column.tolerances
-        if column.due is not None:
-            bounds = np.where(column.due, bounds, np.inf)
+        bounds = -column.excess - PRECISION * column.tolerances
+        bounds = np.where(column.concerned, bounds, np.inf)
         i = int(np.argmin(bounds))
         if np.isfinite(bounds[i]) and (found is None or bounds[i] < found.bound):
             found = _Tightest(float(bounds[i]), float(column.times[i]), clearance_of(i))

@@ -128,7 +128,7 @@ def _check_box(
         unit=UNITS[quantity],
         asked=when == AT_KNOTS or scenario.between_knots,
         always=when == AT_ALL_TIMES,
-        due=np.isfinite(bounds.lower[:, 0]) & ~no_value,
+        concerned=np.isfinite(bounds.lower[:, 0]) & ~no_value,
     )
 
 

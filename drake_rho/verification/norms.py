@@ -96,7 +96,7 @@ def _check_inside_cone(trajectory: PiecewiseTrajectory, limit: NormLimit) -> Col
         tolerances=limit.sets.tolerances,
         errors=found.errors,
         unit=UNITS["acceleration"],
-        due=np.isfinite(limit.limits),
+        concerned=np.isfinite(limit.limits),
     )
 
 
@@ -114,7 +114,7 @@ def _column(
         tolerances=tolerances,
         errors=found.errors,
         unit=unit,
-        due=np.isfinite(limit.limits),
+        concerned=np.isfinite(limit.limits),
     )
 
 

@@ -55,7 +55,7 @@ def check_obstacle(trajectory: PiecewiseTrajectory, number: int) -> Iterator[Col
                 unit="m",
                 asked=known and (part == AT_KNOTS or scenario.between_knots),
                 always=part == AT_ALL_TIMES,
-                due=~np.isposinf(found.clearances),  # otherwise it is never avoided in this flight
+                concerned=~np.isposinf(found.clearances),  # else it is never avoided in this flight
             )
 
 

@@ -94,7 +94,7 @@ def _column(kept: Kept, number: int, worst: Highest, when: str) -> Column:
         always=when == AT_ALL_TIMES,
         partners=None if kept.partner is None else np.full(count, kept.partner),
         errors=errors,
-        due=np.isin(np.arange(count), kept.members),
+        concerned=np.isin(np.arange(count), kept.members),
     )
 
 
@@ -118,6 +118,7 @@ def _nothing_left(trajectory: PiecewiseTrajectory, number: int, asked: KeepIn) -
         limits=zero,
         excess=zero,
         tolerances=zero,
+        errors=zero,
         unit=asked.unit,
-        due=np.zeros(count, dtype=bool),
+        concerned=np.zeros(count, dtype=bool),
     )
