@@ -209,9 +209,9 @@ class _Search:
         with within_work(work_left() / (1 + len(enough) + is_windy)):
             shortest, longest = self._durations(scenario, error)
         changes = list[Change]()
-        for left in range(len(enough), 0, -1):  # each gets an equal part of what is left
-            with within_work(work_left() / (left + is_windy)):
-                changes.append(least_change(enough[-left]))
+        for remaining in range(len(enough), 0, -1):  # each gets an equal part of what is left
+            with within_work(work_left() / (remaining + is_windy)):
+                changes.append(least_change(enough[-remaining]))
         tolerable = _largest_tolerable_wind(scenario, trials) if is_windy else None
         if (other := longest or shortest) is not None:
             changes = [new_duration(scenario, other), *changes]

@@ -60,8 +60,10 @@ def _merge(motion: Polynomials, first: int, last: int) -> tuple[FloatArray, Floa
     values = np.concatenate([_values(motion, k, fractions) for k in parts], axis=2)
     u = (times - begin) / lasting
     ends = _between_ends(motion, first, last, lasting)
-    left = values - ends @ _powers(u)
-    weights, *_ = np.linalg.lstsq((_FREE @ _powers(u)).T, left.reshape(-1, len(u)).T, rcond=None)
+    residuals = values - ends @ _powers(u)
+    weights, *_ = np.linalg.lstsq(
+        (_FREE @ _powers(u)).T, residuals.reshape(-1, len(u)).T, rcond=None
+    )
     c = ends + weights.T.reshape(*ends.shape[:2], -1) @ _FREE
     deviations = np.zeros(len(c))
     nodes, to_control = to_control_points()

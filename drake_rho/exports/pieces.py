@@ -79,8 +79,10 @@ def _merged(motion: Motion, first: int, last: int) -> tuple[FloatArray, FloatArr
 
     u = (np.arange(_SAMPLES * steps) + 0.5) / (_SAMPLES * steps)
     ends = _between_ends(motion, first, last)
-    left = moved(u) - ends @ _powers(u)
-    weights, *_ = np.linalg.lstsq((_free() @ _powers(u)).T, left.reshape(-1, len(u)).T, rcond=None)
+    residuals = moved(u) - ends @ _powers(u)
+    weights, *_ = np.linalg.lstsq(
+        (_free() @ _powers(u)).T, residuals.reshape(-1, len(u)).T, rcond=None
+    )
     c = ends + weights.T.reshape(*ends.shape[:2], -1) @ _free()
     nodes, to_control = to_control_points()
     u = ((np.arange(_PARTS * steps)[:, None] + nodes) / (_PARTS * steps)).ravel()

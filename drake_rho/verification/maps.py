@@ -57,15 +57,15 @@ def encounters(solid: Map, steps: Steps, within: FloatArray) -> Encounters:
     ends = p + v + a / 2.0 + higher.sum(axis=1)
     bulge = steps.acceleration_norms / 8.0  # greatest distance of a curve from its chord
     finite = np.isfinite(p).all(axis=1) & np.isfinite(ends).all(axis=1)
-    reach = np.maximum(within, 0.0) + bulge
-    endless = np.flatnonzero(np.isinf(reach) & finite)
+    radii = np.maximum(within, 0.0) + bulge
+    endless = np.flatnonzero(np.isinf(radii) & finite)
     if len(endless) > 0:
         nearest = np.abs(solid.parts.local_distance(steps.p[endless]))
-        reach[endless] = nearest * (1.0 + _ROUNDING) + bulge[endless]
-    finite &= np.isfinite(reach)
+        radii[endless] = nearest * (1.0 + _ROUNDING) + bulge[endless]
+    finite &= np.isfinite(radii)
     some = np.flatnonzero(finite)
     lower, upper = np.minimum(p, ends)[some], np.maximum(p, ends)[some]
-    which, numbers = parts.tree.pairs(lower, upper, reach[some])
+    which, numbers = parts.tree.pairs(lower, upper, radii[some])
     which = some[which]
     if not finite.all():  # NaN is compared with one part, so that the result is NaN too
         lost = np.flatnonzero(~finite)

@@ -136,12 +136,12 @@ class QuickBounds:
         low = ~(seen.lowest_at_least(shape, least) >= least)
         owners, pieces = np.nonzero(low & seen.active_pieces)
         some, precision = seen.pieces.select(owners * len(radii) + pieces), PRECISION * tolerances
-        asked, distance = (least + seen.grown)[owners, pieces], shape.local_distance
+        needed, distance = (least + seen.grown)[owners, pieces], shape.local_distance
         if isinstance(shape, Map):
-            met = encounters(shape, some, asked)
+            met = encounters(shape, some, needed)
             some, distance = met.steps, met.distance
-            owners, asked = owners[met.pieces], asked[met.pieces]
-        return not _is_below(some, distance, asked, precision[owners]).any()
+            owners, needed = owners[met.pieces], needed[met.pieces]
+        return not _is_below(some, distance, needed, precision[owners]).any()
 
     def all_keep_apart(self) -> bool:
         """Return whether all pairs keep their separation plus both vehicles' error radii.
