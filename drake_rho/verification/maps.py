@@ -34,13 +34,26 @@ class Encounters:
     def distance(self, x: FloatArray) -> FloatArray:
         """Return distances of the steps' positions (..., D) from their cells or triangles."""
         if isinstance(self.parts, Boxes):
-            beyond = np.abs(x[..., :3]) - x[..., 3:]
-            outside = np.sqrt(np.sum(np.maximum(beyond, 0.0) ** 2, axis=-1))
-            distances: FloatArray = outside + np.minimum(beyond.max(axis=-1), 0.0)
-            return distances
+            return distance_from_box(x[..., :3], x[..., 3:])
         flat = x.reshape(-1, 12)
         nearest = nearest_on_triangles(flat[:, 3:].reshape(-1, 3, 3), flat[:, :3])
         return np.asarray(np.linalg.norm(flat[:, :3] - nearest, axis=1).reshape(x.shape[:-1]))
+
+
+def distance_from_box(x: FloatArray, extent: FloatArray) -> FloatArray:
+    """Return signed distances from a box around the origin [m].
+
+    They are lower bounds of the signed distances from any set inside the box.
+
+    Args:
+        x: positions [m], shape (..., 3).
+        extent: half the sides of the box [m], shape (3,), or of a box for each position, of the
+            shape of x; may be infinite.
+    """
+    beyond = np.abs(x) - extent
+    outside = np.sqrt(np.sum(np.maximum(beyond, 0.0) ** 2, axis=-1))
+    distance: FloatArray = outside + np.minimum(beyond.max(axis=-1), 0.0)
+    return distance
 
 
 def encounters(solid: Map, steps: Steps, within: FloatArray) -> Encounters:
