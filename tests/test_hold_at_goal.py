@@ -16,9 +16,10 @@ from drake_rho.planning.horizon.receding_horizon import RecedingHorizon
 from drake_rho.planning.problem import Problem
 from drake_rho.scenario.disturbance import Tracking
 from drake_rho.simulation.closed_loop import fly_plan
+from drake_rho.verification.holding import check_rest, notes_on_rest
 from drake_rho.verification.holds import first_violation
 from drake_rho.verification.notes import largest_error_ratios
-from drake_rho.verification.rest import Rest, check_rest, notes_on_rest
+from drake_rho.verification.rest import Rest
 from tests.disturbed import Array, disturbed
 from tests.scenarios import box, fleet, single, slow
 from tests.test_tube import DEADBEAT, SECONDS, random_tube

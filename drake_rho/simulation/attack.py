@@ -202,7 +202,7 @@ def _tightest_of_all(scenario: Scenario, plan: Plan) -> _Tightest | None:
     trajectory = PiecewiseTrajectory.of(scenario, plan.motion(), Tubes.of(plan))
     found: _Tightest | None = None
     for column, clearance_of in _checks(trajectory):
-        if column.always != scenario.between_knots:
+        if column.is_at_all_times != scenario.between_knots:
             continue
         bounds = -column.excess - PRECISION * column.tolerances
         bounds = np.where(column.concerned, bounds, np.inf)

@@ -127,7 +127,6 @@ def _check_box(
         tolerances=bounds.tolerances[i, axis],
         unit=UNITS[quantity],
         asked=when == AT_KNOTS or scenario.between_knots,
-        always=when == AT_ALL_TIMES,
         concerned=np.isfinite(bounds.lower[:, 0]) & ~no_value,
     )
 

@@ -54,7 +54,6 @@ def check_obstacle(trajectory: PiecewiseTrajectory, number: int) -> Iterator[Col
                 errors=found.errors,
                 unit="m",
                 asked=known and (part == AT_KNOTS or scenario.between_knots),
-                always=part == AT_ALL_TIMES,
                 concerned=~np.isposinf(found.clearances),  # else it is never avoided in this flight
             )
 

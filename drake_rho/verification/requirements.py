@@ -91,7 +91,6 @@ def _column(quantity: Constrained, number: int, worst: Highest, when: str) -> Co
         tolerances=tolerances,
         unit=required.unit,
         asked=when != AT_ALL_TIMES or scenario.between_knots or quantity.is_instant,
-        always=when == AT_ALL_TIMES,
         partners=None if quantity.partner is None else np.full(count, quantity.partner),
         errors=errors,
         concerned=np.isin(np.arange(count), quantity.members),

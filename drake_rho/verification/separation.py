@@ -45,6 +45,5 @@ def check_separation(trajectory: PiecewiseTrajectory, far: float = FAR) -> Itera
             unit="m",
             concerned=np.ones(len(names), dtype=bool),
             asked=part == AT_KNOTS or scenario.between_knots,
-            always=part == AT_ALL_TIMES,
             partners=found.partners,
         )
