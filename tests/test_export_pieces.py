@@ -18,7 +18,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import drake_rho as rho
-from drake_rho.exports.clearance import spare
+from drake_rho.exports.clearance import spare_of
 from drake_rho.exports.pieces import as_pieces
 from tests.scenarios import box, fleet, sampled_separation, single, slow
 from tests.tolerances import ROUNDING
@@ -239,7 +239,7 @@ def test_every_vehicle_and_constraint_has_its_own_clearance(tmp_path: Path) -> N
     report = rho.verify(plan)
     left = {(c.vehicle, c.constraint): -c.excess for c in report.checks if c.asked}
     off = np.array([0.003, 0.001])
-    found = spare(plan, off)
+    found = spare_of(plan, off)
     expected = [
         left["v0", "obstacle 1"] - 0.003,
         left["v1", "obstacle 1"] - 0.001,
@@ -250,12 +250,12 @@ def test_every_vehicle_and_constraint_has_its_own_clearance(tmp_path: Path) -> N
     ]
     assert found.left == pytest.approx(min(expected), abs=1e-3 * off.min())
     assert min(expected) == expected[4]
-    assert spare(plan, np.zeros(2)).left == spare(plan, off).before
+    assert spare_of(plan, np.zeros(2)).left == spare_of(plan, off).before
 
 
 def test_only_required_instants_count_for_clearances(paper: rho.Scenario) -> None:
     plan = rho.plan_convex(paper)  # inside the sphere between its knots, which is allowed
-    found = spare(plan, np.full(4, 0.5))
+    found = spare_of(plan, np.full(4, 0.5))
     assert found.before == pytest.approx(0.0, abs=1e-6)
     assert found.left == pytest.approx(-0.5, abs=1e-6)
 

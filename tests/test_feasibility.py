@@ -11,8 +11,7 @@ import pytest
 from hypothesis import assume, given, settings
 
 import drake_rho as rho
-from drake_rho.analysis.diagnose import is_monotone
-from drake_rho.analysis.trials import PRECISION, PRECISION_WITH_SEPARATION
+from drake_rho.analysis.trials import PRECISION, PRECISION_WITH_SEPARATION, is_monotone
 from drake_rho.planning.planners.related import rescaled
 from tests.scenarios import box, scenarios, single, slow, through_the_middle
 

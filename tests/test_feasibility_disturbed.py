@@ -7,8 +7,7 @@ import dataclasses
 import pytest
 
 import drake_rho as rho
-from drake_rho.analysis.diagnose import is_monotone
-from drake_rho.analysis.trials import PRECISION, PRECISION_WITH_OBSTACLES
+from drake_rho.analysis.trials import PRECISION, PRECISION_WITH_OBSTACLES, is_monotone
 from drake_rho.planning.planners.related import can_be_slower
 from tests.scenarios import box, single, slow
 

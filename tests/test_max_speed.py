@@ -13,8 +13,7 @@ from pydrake.solvers import ClarabelSolver, MathematicalProgram
 from scipy.spatial.transform import Rotation
 
 import drake_rho as rho
-from drake_rho.analysis.diagnose import is_monotone
-from drake_rho.analysis.trials import PRECISION
+from drake_rho.analysis.trials import PRECISION, is_monotone
 from drake_rho.planning.minimum_effort import MinimumEffort
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.scp.minimum_violation import minimum_violation

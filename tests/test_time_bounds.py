@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import drake_rho as rho
-from drake_rho.analysis.outside import halves_of, kept_out_of
+from drake_rho.analysis.outside import forbidden_by, halves_of
 from drake_rho.analysis.time_bounds import TimeBound
 from drake_rho.motion.dynamics import Motion
 from drake_rho.planning.problem import Problem
@@ -30,7 +30,7 @@ def test_no_point_outside_of_a_set_is_cut_off(kind: str) -> None:
     """Each is in one of the eight cones, and in one half of a cone, with its half-spaces."""
     rng = np.random.default_rng(0)
     drawn = SURFACE if kind == "triangles" else random_shape(rng, kind, np.zeros(3), 1.0)
-    kept = kept_out_of(drawn, 0, 0.25)
+    kept = forbidden_by(drawn, 0, 0.25)
     assert kept.has_middle
     x = rng.normal(size=(8000, 3)) * 1.5 * np.minimum(kept.scales, 3.0)
     x = x[kept.distance(x) >= 0.25]
@@ -50,7 +50,7 @@ def _is_in(half_spaces: tuple[np.ndarray, np.ndarray], x: np.ndarray) -> np.ndar
 
 
 def test_small_cones_come_close_to_the_surface() -> None:
-    kept = kept_out_of(rho.Sphere([1, 0, 0], 0.7), 0, 0.3)
+    kept = forbidden_by(rho.Sphere([1, 0, 0], 0.7), 0, 0.3)
     cone = kept.cones[3]
     for _ in range(12):
         cone = halves_of(cone)[0]
@@ -99,7 +99,7 @@ def _place(motion: Motion, T: float, longest: float, rng: np.random.Generator) -
     if rng.uniform() < 0.3:
         radius = float(np.linalg.norm(away))
         return Place(part, at + away, np.zeros(3), np.zeros((0, 3)), np.zeros(0), radius)
-    kept = kept_out_of(rho.Sphere([0, 0, 0], 0.9 * float(np.linalg.norm(away))), 0, 0.0)
+    kept = forbidden_by(rho.Sphere([0, 0, 0], 0.9 * float(np.linalg.norm(away))), 0, 0.0)
     center = at - away + part * (longest - T) * velocity
     cone = next(each for each in kept.cones if _is_in(kept.half_spaces(each), away[None])[0])
     return Place(part, center, velocity, *kept.half_spaces(cone))

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import drake_rho as rho
-from drake_rho.analysis.diagnose import is_monotone
+from drake_rho.analysis.trials import is_monotone
 from drake_rho.planning.path_search.initial_guesses import find_paths
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.scp.minimum_violation import minimum_violation

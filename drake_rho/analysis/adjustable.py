@@ -17,7 +17,7 @@ from drake_rho.motion.plan import Plan
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.kinds import BOXES, LIMITS
 from drake_rho.scenario.norms import NORMS
-from drake_rho.scenario.parts import UNITS, Quantity
+from drake_rho.scenario.parts import UNITS, Quantity, Vehicle, Waypoint
 from drake_rho.scenario.records import Box, HalfSpace, KeepIn, Limits, Scenario, Sphere
 from drake_rho.verification.verify import verify
 
@@ -66,11 +66,16 @@ def adjustable_numbers(scenario: Scenario, vehicles: Sequence[str]) -> list[Adju
     """Return the numbers of a scenario that bound the motions of some vehicles."""
     found = [each for field in LIMITS for each in _of_field(scenario, field, vehicles)]
     found += [
-        _of_requirement(scenario, number, each)
+        _of_requirement(scenario, number, each, each.set)
         for number, each in enumerate(scenario.requirements, start=1)
         if isinstance(each.set, Box | Sphere | HalfSpace)
     ]
-    found += _of_waypoints(scenario, vehicles)
+    found += [
+        _of_waypoint(scenario, vehicle.name, number, waypoint)
+        for vehicle in scenario.vehicles
+        for number, waypoint in enumerate(vehicle.waypoints, start=1)
+        if vehicle.name in vehicles and waypoint.time is not None
+    ]
     if scenario.separation is not None and len(scenario.vehicles) > 1:
         found.append(_of_separation(scenario))
     return found + _of_radii(scenario, vehicles)
@@ -121,31 +126,35 @@ def _numbers(limit: float | Box) -> FloatArray:
     return np.array([limit])
 
 
+def _of_numbers(numbers: FloatArray) -> float | Box:
+    """Return the limit with these numbers, as `_numbers` lists them."""
+    return Box(numbers[:3], numbers[3:]) if len(numbers) == 6 else float(numbers[0])
+
+
+def _with_vehicles(
+    scenario: Scenario, names: Sequence[str], changed: Callable[[Vehicle], Vehicle]
+) -> Scenario:
+    """Return a scenario with some of its vehicles changed."""
+    vehicles = (changed(each) if each.name in names else each for each in scenario.vehicles)
+    return dataclasses.replace(scenario, vehicles=tuple(vehicles))
+
+
 def _with_limit(
     field: str, owner: str | None, scenario: Scenario, numbers: FloatArray | None
 ) -> Scenario:
     """Return a scenario with a new limit, shared or of one vehicle; None for no limit."""
-    limit: Box | float | None = None
-    if numbers is not None:
-        limit = Box(numbers[:3], numbers[3:]) if len(numbers) == 6 else float(numbers[0])
-    changed: dict[str, Any] = {field: limit}
+    changed: dict[str, Any] = {field: None if numbers is None else _of_numbers(numbers)}
     limits = dataclasses.replace(_limits_of(scenario, owner), **changed)
     if owner is None:
         return dataclasses.replace(scenario, limits=limits)
-    vehicles = [
-        dataclasses.replace(each, limits=limits) if each.name == owner else each
-        for each in scenario.vehicles
-    ]
-    if limit is None and getattr(scenario.limits, field) is not None:  # it would hold instead
+    if numbers is None and getattr(scenario.limits, field) is not None:  # it would hold instead
         shared = dataclasses.replace(scenario.limits, **{field: None})
-        vehicles = [
-            dataclasses.replace(each, limits=shared.overridden_by(each.limits))
-            if each.name == owner
-            else dataclasses.replace(each, limits=scenario.limits_of(each))
-            for each in vehicles
-        ]
-        scenario = dataclasses.replace(scenario, limits=shared, vehicles=tuple(vehicles))
-    return dataclasses.replace(scenario, vehicles=tuple(vehicles))
+        limits = shared.overridden_by(limits)
+        own = tuple(
+            dataclasses.replace(each, limits=scenario.limits_of(each)) for each in scenario.vehicles
+        )
+        scenario = dataclasses.replace(scenario, limits=shared, vehicles=own)
+    return _with_vehicles(scenario, (owner,), lambda each: dataclasses.replace(each, limits=limits))
 
 
 def _outside_box(
@@ -189,32 +198,41 @@ def _violated(
     return np.array([max([0.0, *excess])])
 
 
-def _of_requirement(scenario: Scenario, number: int, required: KeepIn) -> Adjustable:
-    """Return the size of a requirement's set: radius, sides or offset."""
-    kept, name = required.set, required.called(number)
-    assert isinstance(kept, Box | Sphere | HalfSpace)  # noqa: S101  # callers leave out others
+def _of_requirement(
+    scenario: Scenario, number: int, required: KeepIn, whole: Box | Sphere | HalfSpace
+) -> Adjustable:
+    """Return the size of a requirement's set: sides, radius or offset.
+
+    Args:
+        scenario: the scenario.
+        number: number of the requirement, from 1.
+        required: the requirement.
+        whole: its set.
+    """
+    name, outward = required.called(number), np.ones(1)
+    if isinstance(whole, Box):
+        field, now, outward = "sides", _numbers(whole), np.repeat([-1.0, 1.0], 3)
+    elif isinstance(whole, Sphere):
+        field, now = "radius", _numbers(whole.radius)
+    else:
+        field, now = "offset", _numbers(whole.offset)
+        outward = outward * float(np.linalg.norm(whole.normal))
 
     def changed(other: Scenario, numbers: FloatArray) -> Scenario:
-        sets = list(other.requirements)
-        sets[number - 1] = dataclasses.replace(required, set=_resized(kept, numbers))
+        size, sets = _of_numbers(numbers), list(other.requirements)
+        changes: dict[str, Any] = {field: size}
+        new = size if isinstance(size, Box) else dataclasses.replace(whole, **changes)
+        sets[number - 1] = dataclasses.replace(required, set=new)
         return dataclasses.replace(other, requirements=tuple(sets))
 
     def without(other: Scenario) -> Scenario:
         far = 1e3 * (1.0 + float(np.abs(now).max()) + float(scenario.fleet.lengths.max()))
         return changed(other, now + far * outward)
 
-    members = tuple(scenario.names[index] for index in required.members(scenario.names))
-    if isinstance(kept, Box):
-        field, now, outward = "sides", _numbers(kept), np.repeat([-1.0, 1.0], 3)
-    elif isinstance(kept, Sphere):
-        field, now, outward = "radius", np.array([kept.radius]), np.ones(1)
-    else:
-        field, now, outward = "offset", np.array([kept.offset]), np.ones(1)
-        outward = outward * float(np.linalg.norm(kept.normal))
     return Adjustable(
         limit=f"{field} of {name}",
         name=name,
-        vehicles=members,
+        vehicles=tuple(scenario.names[index] for index in required.members(scenario.names)),
         unit=required.unit,
         now=now,
         changed=changed,
@@ -225,54 +243,29 @@ def _of_requirement(scenario: Scenario, number: int, required: KeepIn) -> Adjust
     )
 
 
-def _resized(kept: Box | Sphere | HalfSpace, numbers: FloatArray) -> Box | Sphere | HalfSpace:
-    if isinstance(kept, Box):
-        return Box(numbers[:3], numbers[3:])
-    if isinstance(kept, Sphere):
-        return dataclasses.replace(kept, radius=float(numbers[0]))
-    return dataclasses.replace(kept, offset=float(numbers[0]))
+def _of_waypoint(scenario: Scenario, owner: str, number: int, waypoint: Waypoint) -> Adjustable:
+    """Return the tolerance of a waypoint, by its vehicle and its number from 1."""
+    name, far = f"waypoint {number}", np.array([10.0 * float(scenario.fleet.lengths.max())])
 
+    def changed(other: Scenario, numbers: FloatArray) -> Scenario:
+        def replaced(each: Vehicle) -> Vehicle:
+            waypoints = list(each.waypoints)
+            within = float(numbers[0])
+            waypoints[number - 1] = dataclasses.replace(waypoints[number - 1], within=within)
+            return dataclasses.replace(each, waypoints=tuple(waypoints))
 
-def _of_waypoints(scenario: Scenario, vehicles: Sequence[str]) -> list[Adjustable]:
-    """Return the tolerances of the waypoints of some vehicles."""
-    found = list[Adjustable]()
-    for vehicle in scenario.vehicles:
-        for number, waypoint in enumerate(vehicle.waypoints, start=1):
-            if vehicle.name not in vehicles or waypoint.time is None:
-                continue
-            changed = partial(_with_tolerance, vehicle.name, number)
-            far = 10.0 * float(scenario.fleet.lengths.max())
-            name = f"waypoint {number}"
-            found.append(
-                Adjustable(
-                    limit=f"within of {name} of {vehicle.name}",
-                    name=name,
-                    vehicles=(vehicle.name,),
-                    unit="m",
-                    now=np.array([waypoint.within]),
-                    changed=changed,
-                    without=partial(_apply, changed, np.array([far])),
-                    excess=partial(_violated, scenario, "waypoints", (vehicle.name,), name),
-                )
-            )
-    return found
+        return _with_vehicles(other, (owner,), replaced)
 
-
-def _apply(
-    changed: Callable[[Scenario, FloatArray], Scenario], numbers: FloatArray, scenario: Scenario
-) -> Scenario:
-    return changed(scenario, numbers)
-
-
-def _with_tolerance(owner: str, number: int, scenario: Scenario, numbers: FloatArray) -> Scenario:
-    """Return a scenario with another tolerance of a waypoint."""
-    vehicles = list(scenario.vehicles)
-    index = scenario.index_of(owner)
-    waypoints = list(vehicles[index].waypoints)
-    within = float(numbers[0])
-    waypoints[number - 1] = dataclasses.replace(waypoints[number - 1], within=within)
-    vehicles[index] = dataclasses.replace(vehicles[index], waypoints=tuple(waypoints))
-    return dataclasses.replace(scenario, vehicles=tuple(vehicles))
+    return Adjustable(
+        limit=f"within of {name} of {owner}",
+        name=name,
+        vehicles=(owner,),
+        unit="m",
+        now=np.array([waypoint.within]),
+        changed=changed,
+        without=lambda other: changed(other, far),
+        excess=partial(_violated, scenario, "waypoints", (owner,), name),
+    )
 
 
 def _of_separation(scenario: Scenario) -> Adjustable:
@@ -305,11 +298,10 @@ def _of_radii(scenario: Scenario, vehicles: Sequence[str]) -> list[Adjustable]:
     (radius,), names = radii, ", ".join(vehicles)
 
     def changed(other: Scenario, numbers: FloatArray) -> Scenario:
-        smaller = [
-            dataclasses.replace(each, radius=float(numbers[0])) if each.name in vehicles else each
-            for each in other.vehicles
-        ]
-        return dataclasses.replace(other, vehicles=tuple(smaller))
+        smaller = float(numbers[0])
+        return _with_vehicles(
+            other, vehicles, lambda each: dataclasses.replace(each, radius=smaller)
+        )
 
     return [
         Adjustable(
@@ -319,7 +311,7 @@ def _of_radii(scenario: Scenario, vehicles: Sequence[str]) -> list[Adjustable]:
             unit="m",
             now=np.array([radius]),
             changed=changed,
-            without=partial(_apply, changed, np.array([_LITTLE * radius])),
+            without=lambda other: changed(other, np.array([_LITTLE * radius])),
             excess=lambda plan: -_violated(scenario, "obstacles", vehicles, "obstacle", plan),
             bounds=(_LITTLE * radius, np.inf),
         )

@@ -26,12 +26,12 @@ class Ascent:
 
     def __init__(self, progress: Progress | None, task: str, cost: float, climbs: int) -> None:
         self._progress, self._task, self._cost = progress, task, cost
-        self._climbs_left, self._best, self._iterations = climbs, 0.0, 0
+        self._remaining, self._best, self._iterations = climbs, 0.0, 0
         self._begun = monotonic()
 
     def begin(self) -> None:
         """Note that the next maximisation begins."""
-        self._climbs_left -= 1
+        self._remaining -= 1
         self._iterations, self._begun = 0, monotonic()
 
     def report(self, bound: float) -> None:
@@ -39,9 +39,9 @@ class Ascent:
         self._iterations += 1
         self._best = max(self._best, bound)
         each = (monotonic() - self._begun) / self._iterations
-        left = each * (_MAX_ITERATIONS * (1 + self._climbs_left) - self._iterations)
+        seconds = each * (_MAX_ITERATIONS * (1 + self._remaining) - self._iterations)
         gap = 1.0 - self._best / self._cost if self._cost > 0.0 else 0.0
-        tell(self._progress, f"{self._task}: gap {percent(gap)}, at most {left:.0f} s left")
+        tell(self._progress, f"{self._task}: gap {percent(gap)}, at most {seconds:.0f} s left")
 
 
 def best_bound(lagrangian: Lagrangian, ascent: Ascent) -> float:

@@ -128,39 +128,27 @@ def certify(
         cut = True
     efforts = costs_of(scenario.fleet, Problem.of(scenario).effort.motion.accelerations)
     costs = costs_of(scenario.fleet, plan.accelerations)
-    certificates, left_out = [], set[str]()
-    disturbed = scenario.disturbance is not None
+    certificates, left_out = list[VehicleCertificate](), set[str]()
     groups = _groups(vehicles, proposals)
     for number, group in enumerate(groups, start=1):
         name = scenario.vehicles[group[0]].name
         name = name if len(group) == 1 else f"{name} and {len(group) - 1} more"
         task = f"bounding the cost of {name} ({number} of {len(groups)})"
         tell(progress, task)
+        cost, disturbed = float(np.sum(costs[group])), scenario.disturbance is not None
         if not proposals:
-            cost, bound = float(np.sum(costs[group])), float(np.sum(efforts[group]))
-            certificates.append(_by_effort(name, cost, bound, disturbed=disturbed))
+            effort = float(np.sum(efforts[group]))
+            certificates.append(_by_effort(name, cost, effort, disturbed=disturbed))
             continue
-        cost = float(np.sum(costs[group]))
+        ascent = Ascent(progress, task, cost, len(proposals) * (2 if disturbed else 1))
         lagrangians = [Lagrangian(solved, group) for solved in proposals]
-        climbs = len(proposals) * (2 if disturbed else 1)
-        ascent = Ascent(progress, task, cost, climbs)
-        bounds = planned = [each.unit**2 * best_bound(each, ascent) for each in lagrangians]
+        left_out |= set[str]().union(*(each.left_out for each in lagrangians))
+        bound = planned = _bound(lagrangians, ascent)
         if disturbed:
             looser = [Lagrangian(solved, group, as_planned=False) for solved in proposals]
-            bounds = [each.unit**2 * best_bound(each, ascent) for each in looser]
-        here = lagrangians[0]
-        left_out |= set[str]().union(*(each.left_out for each in lagrangians))
-        stationarity, complementarity = here.kkt_residuals()
+            bound = _bound(looser, ascent)
         certificates.append(
-            VehicleCertificate(
-                vehicle=name,
-                cost=cost,
-                lower_bound=max(0.0, *bounds),
-                least_eigenvalue=2.0 * here.curvature(here.weights),
-                stationarity=stationarity,
-                complementarity=complementarity,
-                planned_bound=max(0.0, *planned) if disturbed else None,
-            )
+            _by_multipliers(name, cost, lagrangians[0], bound, planned if disturbed else None)
         )
     names = [scenario.obstacle_name(number) for number, _ in scenario.known]
     not_counted = tuple(name for name in names if name in left_out)
@@ -203,6 +191,27 @@ def _by_effort(name: str, cost: float, effort: float, *, disturbed: bool) -> Veh
         stationarity=1.0,
         complementarity=0.0,
         planned_bound=bound if disturbed else None,
+    )
+
+
+def _bound(lagrangians: Sequence[Lagrangian], ascent: Ascent) -> float:
+    """Return the best lower bound on a group's cost [m²/s⁴]."""
+    return max(0.0, *(each.unit**2 * best_bound(each, ascent) for each in lagrangians))
+
+
+def _by_multipliers(
+    name: str, cost: float, here: Lagrangian, bound: float, planned: float | None
+) -> VehicleCertificate:
+    """Return the certificate of a group from its bounds and its Lagrangian at the plan."""
+    stationarity, complementarity = here.kkt_residuals()
+    return VehicleCertificate(
+        vehicle=name,
+        cost=cost,
+        lower_bound=bound,
+        least_eigenvalue=2.0 * here.curvature(here.weights),
+        stationarity=stationarity,
+        complementarity=complementarity,
+        planned_bound=planned,
     )
 
 

@@ -134,15 +134,15 @@ class Diagnosis(metaclass=Described):
         """Return a line for each vehicle with its conflict; a pair is named once."""
         lines, told = list[str](), set[tuple[str, str]]()
         for vehicle, names in self.conflicts.items():
-            kept = list[str]()
+            shown = list[str]()
             for name in names:
                 pair = _APART.fullmatch(name)
                 if pair is None or (pair[1], vehicle) not in told:
-                    kept.append(name)
+                    shown.append(name)
                 if pair is not None:
                     told.add((vehicle, pair[1]))
-            if kept:
-                lines.append(f"{vehicle}: {', '.join(kept)}")
+            if shown:
+                lines.append(f"{vehicle}: {', '.join(shown)}")
         return lines
 
     def _duration(self, shortest: float) -> str:

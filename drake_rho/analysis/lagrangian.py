@@ -230,11 +230,11 @@ def _multipliers(
     solved: CuttingPlanes, group: IntArray, unit: float
 ) -> Iterator[tuple[HalfSpaces, FloatArray]]:
     """Yield the rows of a group's programs and their multipliers for accelerations in `unit`."""
-    left = set(group.tolist())
-    while left:
-        vehicle = min(left)
+    remaining = set(group.tolist())
+    while remaining:
+        vehicle = min(remaining)
         own = solved.working.group(vehicle)
-        left -= set(own.tolist())
+        remaining -= set(own.tolist())
         scale = solved.problem.effort.units[own].max() / unit
         for rows, y in solved.working.multipliers(vehicle):
             yield rows, scale * y

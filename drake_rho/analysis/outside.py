@@ -26,7 +26,7 @@ _HALVINGS = 60
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Kept:
+class Forbidden:
     """Convex set to keep out of, with the required distance."""
 
     distance: Callable[[FloatArray], FloatArray]
@@ -63,11 +63,11 @@ class Kept:
         across = np.cross(edges[[1, 2, 0]], edges[[2, 0, 1]])
         across *= np.sign(np.linalg.det(edges))
         across /= np.linalg.norm(across, axis=1, keepdims=True)
-        beyond = np.linalg.solve(edges, 1.0 / self._reach(edges))
+        beyond = np.linalg.solve(edges, 1.0 / self._depths(edges))
         length = float(np.linalg.norm(beyond))
         return np.concatenate([across, beyond[None] / length]), np.array([0, 0, 0, 1.0 / length])
 
-    def _reach(self, directions: FloatArray) -> FloatArray:
+    def _depths(self, directions: FloatArray) -> FloatArray:
         """Return distances from the middle up to which rays are inside [m], shape (R,)."""
         low = np.zeros(len(directions))
         high = np.full(len(directions), _FARTHEST * float(self.scales.max()))
@@ -89,7 +89,7 @@ def halves_of(cone: FloatArray) -> list[FloatArray]:
     return halves
 
 
-def kept_out_of(solid: Solid, part: int, required: float) -> Kept:
+def forbidden_by(solid: Solid, part: int, required: float) -> Forbidden:
     """Return the convex set to keep out of: a shape, or a part of a map.
 
     Args:
@@ -99,7 +99,7 @@ def kept_out_of(solid: Solid, part: int, required: float) -> Kept:
     """
     if not isinstance(solid, Parts):
         extent = np.where(np.isfinite(solid.extent), solid.extent, solid.size)
-        return Kept(solid.local_distance, required, np.zeros(3), extent + required)
+        return Forbidden(solid.local_distance, required, np.zeros(3), extent + required)
     low, high = solid.tree.lower[part], solid.tree.upper[part]
     middle = solid.corners[part].mean(axis=0) if isinstance(solid, Triangles) else (low + high) / 2
 
@@ -107,4 +107,4 @@ def kept_out_of(solid: Solid, part: int, required: float) -> Kept:
         at = solid.in_frame(x).reshape(-1, 3) + middle
         return solid.distances_of(np.full(len(at), part), at).reshape(x.shape[:-1])
 
-    return Kept(distance, required, solid.in_world(middle), (high - low) / 2.0 + required)
+    return Forbidden(distance, required, solid.in_world(middle), (high - low) / 2.0 + required)

@@ -80,14 +80,14 @@ class TimesAlone:
             return None
         return float(self.durations[without].max()) or None
 
-    def motion(self, *, spare: bool = False) -> Timed:
+    def motion(self, *, reduce_effort: bool = False) -> Timed:
         """Return the least-time motion of each vehicle alone (`of_each_alone`).
 
         All are scaled to the final time of the slowest one. If waypoints have given times, the
         motion is a feasible one, not one of least time.
 
         Args:
-            spare: whether the faster vehicles reduce their effort in this time.
+            reduce_effort: whether the faster vehicles reduce their effort in this time.
         """
         tell(self._progress, "looking for the least time of each vehicle alone")
         free = of_each_alone(self._scenario)
@@ -101,7 +101,7 @@ class TimesAlone:
             raise ScenarioError("vehicles", given, "a motion, without which the least time is zero")
         slowest = max(each, key=lambda one: one.duration)
         scaled = [one.lasting(slowest.duration) for one in each]
-        if spare:
+        if reduce_effort:
             scaled = [
                 one if one.duration == before.duration else self._of_less_effort(one)
                 for one, before in zip(scaled, each, strict=True)

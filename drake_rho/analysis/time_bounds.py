@@ -17,7 +17,7 @@ from itertools import count
 
 import numpy as np
 
-from drake_rho.analysis.outside import Kept, halves_of, kept_out_of
+from drake_rho.analysis.outside import Forbidden, forbidden_by, halves_of
 from drake_rho.planning.call.time_limit import check_time
 from drake_rho.planning.errors import SolverError
 from drake_rho.planning.problem import Problem
@@ -90,7 +90,7 @@ class TimeBound:
         self._obstacles = self._scenario.avoided
         steps = (grid.knots - 1) * (2 if scenario.between_knots else 1)
         self._parts = np.arange(1, steps) / steps
-        self._kept = dict[tuple[int, int], Kept]()
+        self._forbidden = dict[tuple[int, int], Forbidden]()
         self._half_spaces = dict[tuple[int, int, bytes], tuple[FloatArray, FloatArray]]()
         self._programs = dict[float, TimeRelaxations]()
         self._open = list[tuple[float, int, _Set]]()
@@ -168,8 +168,8 @@ class TimeBound:
         elif missed > depth:
             yield from _with_halved_window(one, waypoint)
         elif key is not None and key[2] >= 0:
-            cone, kept = one.cones.get(key), self._kept[key[:2]]
-            for each in kept.cones if cone is None else halves_of(cone):
+            cone, forbidden = one.cones.get(key), self._forbidden[key[:2]]
+            for each in forbidden.cones if cone is None else halves_of(cone):
                 yield dataclasses.replace(one, cones={**one.cones, key: each})
 
     def _deepest(self, one: _Set, relaxed: Relaxed) -> tuple[float, _Key | None]:
@@ -190,9 +190,9 @@ class TimeBound:
             if depths[k] <= max(deepest, _DEEP * min(required or np.inf, shape.size)):
                 continue
             part = int(shape.nearest(x[k])) if isinstance(shape, Parts) else 0
-            if (index, part) not in self._kept:
-                self._kept[index, part] = kept_out_of(shape, part, required)
-            if not self._kept[index, part].has_middle:
+            if (index, part) not in self._forbidden:
+                self._forbidden[index, part] = forbidden_by(shape, part, required)
+            if not self._forbidden[index, part].has_middle:
                 self.left_out.add(self._scenario.obstacle_name(number))
                 continue
             deepest, key = float(depths[k]), (index, part, k if always[k] else -1)
@@ -219,13 +219,15 @@ class TimeBound:
     def _beyond(self, one: _Set, key: _Key, cone: FloatArray) -> Place:
         """Return the polyhedron that contains the outside of an obstacle in a cone."""
         index, part, k = key
-        kept, known = self._kept[index, part], (index, part, cone.tobytes())
+        forbidden, known = self._forbidden[index, part], (index, part, cone.tobytes())
         if known not in self._half_spaces:
-            self._half_spaces[known] = kept.half_spaces(cone)
+            self._half_spaces[known] = forbidden.half_spaces(cone)
         times = self._parts[k] * np.array([one.shortest, one.longest])
         first, last = self._obstacles[index][1].centers(times)
         velocity = (last - first) / (times[1] - times[0]) if np.any(last != first) else np.zeros(3)
-        return Place(float(self._parts[k]), last + kept.middle, velocity, *self._half_spaces[known])
+        return Place(
+            float(self._parts[k]), last + forbidden.middle, velocity, *self._half_spaces[known]
+        )
 
     def _near(self, one: _Set, number: int) -> Place:
         """Return the ball around a waypoint that contains the vehicle in mid-window."""

@@ -51,7 +51,7 @@ _SEARCHES = 2
 _ROUGHLY = 3e-3
 """Convergence tolerance on the final time when motions along different paths are compared."""
 
-_SPARE = 1e-3
+_EXCESS = 1e-3
 """Relative excess of the first duration tried over the least time of a vehicle alone: at the least
 time there is at most one motion, around which programs take very long."""
 
@@ -114,7 +114,7 @@ class TimeSearch:
         best: Timed | None = None
         failure: Exception | None = None
         try:
-            each = alone.motion(spare=free and not self._each)
+            each = alone.motion(reduce_effort=free and not self._each)
             best = each if free else self._together(each)
         except (InfeasibleError, SolverError) as error:
             failure = error
@@ -197,13 +197,12 @@ class TimeSearch:
             failure: error to raise if there is no motion at all.
         """
         scenario, given = self._scenario, bool(self._waypoints.given.any())
-        known = [] if best is None else [partial(_same, best)]
         if best is not None and (
             best.duration <= scenario.grid.duration * (1.0 + _SAME)
             or is_too_short(scenario, alone, given=given)
         ):
             return best
-        found = self._shortest([*known, self._from_own_final_time])
+        found = self._shortest([self._from_own_final_time], best)
         if found is None:
             raise failure or SolverError("no motion was found around the first plans")
         return found
@@ -211,7 +210,7 @@ class TimeSearch:
     def _from_own_final_time(self) -> Timed | None:
         """Return a motion in the least time around the plan for the scenario's own final time."""
         known = self._planned_in_own_final_time()
-        return self._shortest([partial(_same, known), partial(self._least.around, known)])
+        return self._shortest([partial(self._least.around, known)], known)
 
     def _planned_in_own_final_time(self) -> Timed:
         """Return the plan for the scenario's own final time."""
@@ -247,8 +246,7 @@ class TimeSearch:
         elif changes_with_time(scenario):
             best = self._around_alone(alone)
             if best is None or best.duration > (1.0 + _WORTHWHILE) * self._least_of(alone):
-                known = [] if best is None else [partial(_same, best)]
-                best = self._shortest([*known, partial(self._by_bisection, alone)])
+                best = self._shortest([partial(self._by_bisection, alone)], best)
             if best is not None:
                 best = self._shorter(self._least_of(alone), best)
         if best is None:
@@ -270,7 +268,7 @@ class TimeSearch:
         for grid in islice(paths_on_grids(larger, options.max_ways, options.max_memory), 1):
             found += [dataclasses.replace(timed, reference=each) for each in grid.references]
         best = self._shortest(partial(self._least.around, each, _ROUGHLY) for each in found)
-        return best and self._shortest([partial(_same, best), partial(self._least.around, best)])
+        return best and self._shortest([partial(self._least.around, best)], best)
 
     def _by_bisection(self, alone: Timed, *, coupled: bool = True) -> Timed | None:
         """Return the least-time motion near the plan found by bisection of the final time.
@@ -280,7 +278,7 @@ class TimeSearch:
             coupled: whether one program of all vehicles is solved afterwards.
         """
         trials = Trials(self._backend, self._progress)
-        once = self._lasting(alone, (1.0 + _SPARE) * alone.duration)
+        once = self._lasting(alone, (1.0 + _EXCESS) * alone.duration)
 
         def variant(factor: float) -> Scenario:
             return self._problem(self._lasting(alone, factor * once.duration)).scenario
@@ -294,12 +292,12 @@ class TimeSearch:
         start = dataclasses.replace(timed, accelerations=plan.accelerations)
         if not coupled:
             return start
-        return self._shortest([partial(self._least.around, start), partial(_same, start)])
+        return self._shortest([partial(self._least.around, start), lambda: start])
 
     def _around_alone(self, alone: Timed) -> Timed | None:
         """Return a least-time motion around the vehicles' own least times, if one is found."""
         least = self._least_of(alone)
-        for longer in (1.0, 1.0 + _SPARE, *_LITTLE_LONGER, *_LONGER):
+        for longer in (1.0, 1.0 + _EXCESS, *_LITTLE_LONGER, *_LONGER):
             near = partial(self._least.around, self._lasting(alone, longer * least))
             if (found := self._shortest([near])) is not None:
                 return found
@@ -338,20 +336,26 @@ class TimeSearch:
             if (1.0 - part) * best.duration < low:
                 continue
             near = partial(self._from_near, best, (1.0 - part) * best.duration)
-            best = self._shortest([partial(_same, best), near]) or best
+            best = self._shortest([near], best) or best
         for _ in range(_SEARCHES):
             if best.duration - low <= _WORTHWHILE * best.duration:
                 break
             middle = (low + best.duration) / 2.0
             search = partial(self._from_first_plan, best, middle, quick=True)
-            found = self._shortest([partial(_same, best), search]) or best
+            found = self._shortest([search], best) or best
             low = low if found.duration < best.duration else middle
             best = found
         return best
 
-    def _shortest(self, searches: Iterable[Callable[[], Timed | None]]) -> Timed | None:
-        """Return the fastest motion that several searches find; None if none finds any."""
-        best: Timed | None = None
+    def _shortest(
+        self, searches: Iterable[Callable[[], Timed | None]], best: Timed | None = None
+    ) -> Timed | None:
+        """Return the fastest motion that several searches find; None if none finds any.
+
+        Args:
+            searches: the searches.
+            best: motion known before, if any.
+        """
         for search in searches:
             found = None
             with suppress(InfeasibleError, SolverError, ScenarioError):
@@ -425,8 +429,3 @@ class TimeSearch:
         spent = self._least.statistics + self._plans.statistics
         found = dataclasses.replace(spent, converged=best.converged, time_bound=self._bound)
         return plan.with_statistics(found)
-
-
-def _same(timed: Timed) -> Timed:
-    """Return a known motion, in place of a search."""
-    return timed

@@ -20,7 +20,7 @@ from drake_rho.scenario.fields import IntArray
 from drake_rho.scenario.records import Scenario
 from drake_rho.scenario.waypoints import AllWaypoints
 
-_REACH = 0.02
+_STEP_BOUND = 0.02
 """Step bound on times in a program with a relaxed limit, as a part of the final time."""
 
 _LONGER = 0.01
@@ -103,7 +103,7 @@ class SensitivityAnalysis:
 
     def _duration(self, timed: Timed) -> float | None:
         """Return the final time of the program around a motion [s]; None if there is none."""
-        found = self._least.linearised(timed, _REACH)
+        found = self._least.linearised(timed, _STEP_BOUND)
         return None if found is None else found.duration
 
 

@@ -252,3 +252,13 @@ def precision_of(scenario: Scenario) -> float:
     """Return the relative precision to which a scenario's factors are bisected."""
     precision = PRECISION_WITH_OBSTACLES if scenario.obstacles else PRECISION
     return PRECISION_WITH_SEPARATION if scenario.separation is not None else precision
+
+
+def is_monotone(scenario: Scenario) -> bool:
+    """Return whether planning succeeds for all durations longer than a feasible one.
+
+    With obstacles or a separation this is False even where it is true of the problem
+    (`can_be_slower`), because the planner may find a plan for one duration and miss it for
+    another.
+    """
+    return can_be_slower(scenario) and not scenario.obstacles and scenario.separation is None

@@ -73,5 +73,5 @@ def _without_contingency(flown: Flown) -> int | None:
     """Return the number of windows without a contingency; None if contingencies are off."""
     windows = () if flown.flight is None else flown.flight.windows
     missing = [window.contingency is None for window in windows]
-    asked = not all(missing) or any(window.no_contingency for window in windows)
-    return sum(missing) if asked else None
+    are_used = not all(missing) or any(window.no_contingency for window in windows)
+    return sum(missing) if are_used else None

@@ -110,8 +110,8 @@ def _to_obstacles(simulation: Simulation) -> FloatArray:
     first = {number for number, _ in scenario.known}  # at the start, clock rounded or not
     for number, obstacle in enumerate(scenario.bodies, start=1):
         if np.any(known := (times >= obstacle.known_from) | (number in first)):
-            left = clearances(scenario, obstacle, positions[:, known], times[known])
-            least = np.minimum(least, left.min(axis=1))
+            margins = clearances(scenario, obstacle, positions[:, known], times[known])
+            least = np.minimum(least, margins.min(axis=1))
     return least
 
 

@@ -47,7 +47,7 @@ class Spare:
         return f"{spare}: they may now be violated by up to {-self.left:.3g} m"
 
 
-def spare(flown: Flown, deviations: FloatArray) -> Spare:
+def spare_of(flown: Flown, deviations: FloatArray) -> Spare:
     """Return the clearance for all positions of vehicles within their deviations.
 
     Args:

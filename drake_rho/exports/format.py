@@ -10,7 +10,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from drake_rho.exports.clearance import spare
+from drake_rho.exports.clearance import spare_of
 from drake_rho.exports.folders import check_folder
 from drake_rho.exports.record import Exported
 from drake_rho.motion.flown import Flown
@@ -98,4 +98,4 @@ def exported(
     names = tuple(vehicle.name for vehicle in flown.scenario.vehicles)
     if deviations is None or not np.any(deviations):
         return Exported(path, tuple(files), words, names, np.zeros(len(names)))
-    return Exported(path, tuple(files), words, names, deviations, spare(flown, deviations))
+    return Exported(path, tuple(files), words, names, deviations, spare_of(flown, deviations))

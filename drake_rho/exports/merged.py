@@ -12,7 +12,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.polynomial import Polynomial
 
-from drake_rho.exports.pieces import DEGREE, Pieces, to_control_points
+from drake_rho.exports.pieces import DEGREE, Pieces, fitted, powers, to_control_points
 from drake_rho.motion.smooth import Polynomials
 from drake_rho.scenario.fields import FloatArray, IntArray
 
@@ -60,14 +60,12 @@ def _merge(motion: Polynomials, first: int, last: int) -> tuple[FloatArray, Floa
     values = np.concatenate([_values(motion, k, fractions) for k in parts], axis=2)
     u = (times - begin) / lasting
     ends = _between_ends(motion, first, last, lasting)
-    left = values - ends @ _powers(u)
-    weights, *_ = np.linalg.lstsq((_FREE @ _powers(u)).T, left.reshape(-1, len(u)).T, rcond=None)
-    c = ends + weights.T.reshape(*ends.shape[:2], -1) @ _FREE
+    c = fitted(ends, _FREE, u, values)
     deviations = np.zeros(len(c))
     nodes, to_control = to_control_points()
     for k in parts:
         u = (_within(motion, k, nodes) - begin) / lasting
-        off = (c @ _powers(u) - _values(motion, k, nodes)) @ to_control.T
+        off = (c @ powers(u) - _values(motion, k, nodes)) @ to_control.T
         deviations = np.maximum(deviations, np.linalg.norm(off, axis=1).max(axis=1))
     return c / lasting ** np.arange(DEGREE + 1.0), deviations
 
@@ -102,11 +100,6 @@ def _rates(order: int, u: float) -> FloatArray:
     k = np.arange(DEGREE + 1.0)
     factors = np.prod(np.array([k - m for m in range(order)]), axis=0)
     return np.asarray(factors * u ** np.maximum(k - order, 0.0))
-
-
-def _powers(u: FloatArray) -> FloatArray:
-    """Return the powers of u from 0 to 7, shape (8, M)."""
-    return np.asarray(u ** np.arange(DEGREE + 1)[:, None])
 
 
 _FLAT = Polynomial([0.0, 1.0]) ** 3 * Polynomial([1.0, -1.0]) ** 3

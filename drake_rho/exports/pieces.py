@@ -79,12 +79,10 @@ def _merged(motion: Motion, first: int, last: int) -> tuple[FloatArray, FloatArr
 
     u = (np.arange(_SAMPLES * steps) + 0.5) / (_SAMPLES * steps)
     ends = _between_ends(motion, first, last)
-    left = moved(u) - ends @ _powers(u)
-    weights, *_ = np.linalg.lstsq((_free() @ _powers(u)).T, left.reshape(-1, len(u)).T, rcond=None)
-    c = ends + weights.T.reshape(*ends.shape[:2], -1) @ _free()
+    c = fitted(ends, _free(), u, moved(u))
     nodes, to_control = to_control_points()
     u = ((np.arange(_PARTS * steps)[:, None] + nodes) / (_PARTS * steps)).ravel()
-    off = (c @ _powers(u) - moved(u)).reshape(*c.shape[:2], -1, len(nodes)) @ to_control.T
+    off = (c @ powers(u) - moved(u)).reshape(*c.shape[:2], -1, len(nodes)) @ to_control.T
     lengths = np.linalg.norm(off, axis=1)  # of control points, shape (N, parts, 8)
     deviations: FloatArray = np.max(lengths, axis=(1, 2))
     return c / lasting ** np.arange(DEGREE + 1.0), deviations
@@ -99,9 +97,23 @@ def _between_ends(motion: Motion, first: int, last: int) -> FloatArray:
     return np.pad(c, ((0, 0), (0, 0), (0, DEGREE - 3)))
 
 
-def _powers(u: FloatArray) -> FloatArray:
+def powers(u: FloatArray) -> FloatArray:
     """Return the powers of u from 0 to 7, shape (8, M)."""
     return np.asarray(u ** np.arange(DEGREE + 1)[:, None])
+
+
+def fitted(ends: FloatArray, free: FloatArray, u: FloatArray, values: FloatArray) -> FloatArray:
+    """Return the polynomials closest to values by least squares, in powers of u, (N, 3, 8).
+
+    Args:
+        ends: polynomials that match the motion at 0 and 1, shape (N, 3, 8).
+        free: polynomials that may be added, which vanish there, shape (F, 8).
+        u: samples from 0 to 1, shape (M,).
+        values: positions at the samples [m], shape (N, 3, M).
+    """
+    residuals = (values - ends @ powers(u)).reshape(-1, len(u))
+    weights, *_ = np.linalg.lstsq((free @ powers(u)).T, residuals.T, rcond=None)
+    return np.asarray(ends + weights.T.reshape(*ends.shape[:2], -1) @ free)
 
 
 @cache

@@ -114,9 +114,9 @@ class Attack(metaclass=Described):
     def __repr__(self) -> str:
         """Return a text like '<Attack: v1 keeps 0.01 m of 0.2 m, obstacle 1 at 6.4 s>'."""
         who, verb = " and ".join(self.vehicles), "keep" if len(self.vehicles) > 1 else "keeps"
-        left = f"{self.clearance:.3g} m of {self.planned:.3g} m"
+        clearance = f"{self.clearance:.3g} m of {self.planned:.3g} m"
         where = f"{self.constraint} at {clock_time(self.time, 4)}"
-        return f"<Attack: {who} {verb} {left} beyond the required distance, {where}>"
+        return f"<Attack: {who} {verb} {clearance} beyond the required distance, {where}>"
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -176,10 +176,10 @@ def attack(scenario: Scenario, plan: Plan) -> Attack:
     wind = AimedWind(worst_case(scenario, [1, 0, 0], time), read_only(directions))
     simulation = fly_plan(scenario, plan, wind=wind)
     m = int(np.argmin(np.abs(simulation.times - time)))
-    left = own.clearance(simulation.positions[m, who][:, None], now)
+    flown = own.clearance(simulation.positions[m, who][:, None], now)
     names = tuple(scenario.vehicles[i].name for i in who)
     planned = float(own.clearance(at, now)[0])
-    return Attack(own.name, names, time, planned, tightest.bound, float(left[0]), wind, simulation)
+    return Attack(own.name, names, time, planned, tightest.bound, float(flown[0]), wind, simulation)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -202,11 +202,10 @@ def _tightest_of_all(scenario: Scenario, plan: Plan) -> _Tightest | None:
     trajectory = PiecewiseTrajectory.of(scenario, plan.motion(), Tubes.of(plan))
     found: _Tightest | None = None
     for column, clearance_of in _checks(trajectory):
-        if column.always != scenario.between_knots:
+        if column.is_at_all_times != scenario.between_knots:
             continue
-        bounds = -np.asarray(column.excess) - PRECISION * column.tolerances
-        if column.due is not None:
-            bounds = np.where(column.due, bounds, np.inf)
+        bounds = -column.excess - PRECISION * column.tolerances
+        bounds = np.where(column.concerned, bounds, np.inf)
         i = int(np.argmin(bounds))
         if np.isfinite(bounds[i]) and (found is None or bounds[i] < found.bound):
             found = _Tightest(float(bounds[i]), float(column.times[i]), clearance_of(i))
@@ -256,22 +255,22 @@ def _from_each_other(scenario: Scenario, partners: IntArray, i: int) -> _Clearan
 
 
 def _in_set(scenario: Scenario, number: int, i: int) -> _Clearance:
-    asked = scenario.requirements[number - 1]
-    partner = asked.partner(scenario.names)
+    required = scenario.requirements[number - 1]
+    partner = required.partner(scenario.names)
     vehicles = (i,) if partner is None else (i, partner)
 
     def relative(p: FloatArray, times: FloatArray) -> FloatArray:
         own = p[0] if partner is None else p[0] - p[1]
-        return np.asarray(own - asked.offset(times))
+        return np.asarray(own - required.offset(times))
 
     def inward(p: FloatArray, times: FloatArray) -> FloatArray:
-        n = np.asarray(asked.set.outward(relative(p, times)))
+        n = np.asarray(required.set.outward(relative(p, times)))
         return n if partner is None else np.concatenate([n, -n])
 
     return _Clearance(
-        asked.called(number),
+        required.called(number),
         vehicles,
-        lambda p, times: -asked.set.signed_distance(relative(p, times)) - asked.deviation,
+        lambda p, times: -required.set.signed_distance(relative(p, times)) - required.deviation,
         inward,
     )
 

@@ -65,13 +65,13 @@ def planned_ahead(scenario: Scenario, windows: Windows) -> Windows:
         ValueError: there is a disturbance, and windows follow each other faster than a quadrotor
             turns, so that accelerations of a window would be commanded late.
     """
-    asked, step = DEFAULTS | windows, scenario.grid.step
-    every, fewest = asked["replan_every"], steps_lasting(LAG, step)
+    settings, step = DEFAULTS | windows, scenario.grid.step
+    every, fewest = settings["replan_every"], steps_lasting(LAG, step)
     if scenario.disturbance is not None and every < fewest:
         expected = f"at least {fewest} for a quadrotor: its lag is {LAG:g} s, the step {step:g} s"
         raise ValueError(f"replan_every: got {every!r}, expected {expected}")
     least = min(LAG, every * step)
-    latency = asked["latency"]
+    latency = settings["latency"]
     return {**windows, "latency": least if 0.0 <= latency < least else latency}
 
 

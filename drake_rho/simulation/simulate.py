@@ -89,10 +89,10 @@ def simulate(
     horizon: Horizon
     flyable = (lambda given: given) if plant is None else declared
     if isinstance(scenario, Scenario):
-        asked = flyable(_disturbed(scenario, disturbance))
+        flown = flyable(_disturbed(scenario, disturbance))
         if plant is not None:
-            windows = planned_ahead(asked, windows)
-        horizon = RecedingHorizon(asked, **windows)
+            windows = planned_ahead(flown, windows)
+        horizon = RecedingHorizon(flown, **windows)
     elif isinstance(scenario, RecedingHorizon):
         refuse_settings(windows, "receding horizon")
         if disturbance is not None:

@@ -18,7 +18,7 @@ from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.times import Clock
 from drake_rho.verification.trajectory import PiecewiseTrajectory
 
-_REACH = np.arange(-2, 3)
+_OFFSETS = np.arange(-2, 3)
 """Offsets of the steps whose accelerations enter an average, which is at most three steps wide."""
 
 
@@ -69,7 +69,7 @@ def _accelerations(trajectory: PiecewiseTrajectory, times: FloatArray) -> FloatA
     assert smoothing is not None  # noqa: S101  # callers check this
     knots, planned = _with_flown(trajectory)
     steps = planned.shape[1]
-    k = np.searchsorted(knots, times, side="right")[:, None] - 1 + _REACH
+    k = np.searchsorted(knots, times, side="right")[:, None] - 1 + _OFFSETS
     during = (k >= 0) & (k < steps)  # accelerations are zero elsewhere
     k = np.clip(k, 0, steps - 1)
     passed = (times[:, None] - knots[k], times[:, None] - knots[k + 1])

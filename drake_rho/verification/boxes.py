@@ -17,7 +17,7 @@ from drake_rho.scenario.records import Quantity, Scenario
 from drake_rho.verification.check import AT_ALL_TIMES, AT_KNOTS, PRECISION, Column
 from drake_rho.verification.continuous_time import Least, least_over_time
 from drake_rho.verification.highest_over_time import Curves, Highest, Measure
-from drake_rho.verification.keep_in import Kept
+from drake_rho.verification.keep_in import Constrained
 from drake_rho.verification.steps import Steps
 from drake_rho.verification.trajectory import PiecewiseTrajectory
 
@@ -26,9 +26,9 @@ def check_position_box(trajectory: PiecewiseTrajectory) -> Iterator[Column]:
     """Verify the position box, if there is one, at the knots and at every instant."""
     box = trajectory.scenario.fleet.bounds("position")
     if box is not None:
-        kept = _kept(trajectory, "position", box)
-        yield _check_box(trajectory.scenario, "position", AT_KNOTS, box, kept.at_knots())
-        yield _check_box(trajectory.scenario, "position", AT_ALL_TIMES, box, kept.greatest())
+        constrained = _constrained(trajectory, "position", box)
+        yield _check_box(trajectory.scenario, "position", AT_KNOTS, box, constrained.at_knots())
+        yield _check_box(trajectory.scenario, "position", AT_ALL_TIMES, box, constrained.greatest())
 
 
 def check_boxes(trajectory: PiecewiseTrajectory) -> Iterator[Column]:
@@ -38,15 +38,15 @@ def check_boxes(trajectory: PiecewiseTrajectory) -> Iterator[Column]:
     quantities: tuple[Quantity, ...] = ("velocity", "acceleration", "jerk")
     for quantity in quantities:
         if (box := scenario.fleet.bounds(quantity)) is not None:
-            greatest = _kept(trajectory, quantity, box).greatest()
+            greatest = _constrained(trajectory, quantity, box).greatest()
             yield _check_box(scenario, quantity, AT_KNOTS, box, greatest)
     yield from position[1:]
 
 
-def _kept(trajectory: PiecewiseTrajectory, quantity: Quantity, box: Bounds) -> Kept:
+def _constrained(trajectory: PiecewiseTrajectory, quantity: Quantity, box: Bounds) -> Constrained:
     """Return a quantity of all vehicles that has to stay in a box."""
     precision = PRECISION * box.tolerances
-    return Kept.by_all(trajectory, quantity, _sides, precision, _greatest_sides)
+    return Constrained.by_all(trajectory, quantity, _sides, precision, _greatest_sides)
 
 
 _SIDES = np.array([-1.0, 1.0])[:, None]
@@ -127,8 +127,7 @@ def _check_box(
         tolerances=bounds.tolerances[i, axis],
         unit=UNITS[quantity],
         asked=when == AT_KNOTS or scenario.between_knots,
-        always=when == AT_ALL_TIMES,
-        due=np.isfinite(bounds.lower[:, 0]) & ~no_value,
+        concerned=np.isfinite(bounds.lower[:, 0]) & ~no_value,
     )
 
 

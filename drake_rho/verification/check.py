@@ -85,29 +85,39 @@ class Column:
     limits: FloatArray
     excess: FloatArray
     tolerances: FloatArray
+    errors: FloatArray
     unit: str
+    concerned: BoolArray  # which vehicles have this constraint
     asked: bool = True
-    always: bool = False  # whether it covers every instant, if another column covers the knots
     partners: IntArray | None = None  # index of the other vehicle of each pair
-    errors: FloatArray | None = None  # None without errors
-    due: BoolArray | None = None  # which vehicles have this constraint; None for all
+
+    @property
+    def is_at_knots(self) -> bool:
+        """Whether it covers the knots only, and another column covers every instant."""
+        return self.parts[0].endswith(AT_KNOTS)
+
+    @property
+    def is_at_all_times(self) -> bool:
+        """Whether it covers every instant, and another column covers the knots."""
+        return self.parts[0].endswith(AT_ALL_TIMES)
 
     @property
     def holds(self) -> bool:
         """True if no vehicle violates the constraint, or if the scenario does not require it."""
-        met = self.excess <= self.tolerances
-        if self.due is not None:
-            met = met | ~self.due
+        met = (self.excess <= self.tolerances) | ~self.concerned
         return not self.asked or bool(met.all())
+
+    def is_beyond(self, vehicle: int, part: float = 1.0) -> bool:
+        """Return whether a vehicle is beyond a limit by more than a part of the tolerance."""
+        beyond = not self.excess[vehicle] <= part * self.tolerances[vehicle]  # true for NaN as well
+        return beyond and bool(self.concerned[vehicle])
 
     def checks(self, names: Sequence[str]) -> Iterator[Check | None]:
         """Yield the check of each vehicle; None for a vehicle without this constraint."""
-        errors = np.zeros(len(names)) if self.errors is None else self.errors
-        numbers = (self.times, self.values, self.limits, self.excess, self.tolerances, errors)
+        numbers = (self.times, self.values, self.limits, self.excess, self.tolerances, self.errors)
         rows = zip(*(each.tolist() for each in numbers), strict=True)
-        due = [True] * len(names) if self.due is None else self.due.tolist()
         for has_it, name, part, (time, value, limit, excess, tolerance, error) in zip(
-            due, names, self.parts, rows, strict=True
+            self.concerned.tolist(), names, self.parts, rows, strict=True
         ):
             if not has_it:
                 yield None

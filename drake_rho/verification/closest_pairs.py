@@ -187,7 +187,7 @@ def _candidates(
     vehicles, count = len(knots.distances), len(trajectory.durations)
     every = np.arange(len(steps.p))
     middles = steps.at(every, np.full((len(every), 1), 0.5)).reshape(vehicles, count, 3)
-    reach = steps.speeds.reshape(vehicles, count) / 2
+    travel = steps.speeds.reshape(vehicles, count) / 2
     errors = 2.0 * trajectory.errors_over
     undercut, scale = knots.less_errors, float(separation.shape.scales.max())
     found = [np.empty((0, 2), dtype=int)]
@@ -196,12 +196,12 @@ def _candidates(
         if trajectory.has_errors:  # an upper bound of the distance in the scaled space
             beyond = np.minimum(undercut, far) + errors[k] - separation.distance
             within = separation.distance + scale * np.maximum(beyond, 0.0)
-        points, radius = middles[:, k], within.max() + 2.0 * reach[:, k].max()
+        points, radius = middles[:, k], within.max() + 2.0 * travel[:, k].max()
         pairs = cKDTree(points).query_pairs(radius, output_type="ndarray")
         one, other = pairs.T
         apart = np.linalg.norm(points[one] - points[other], axis=1)
         known = np.maximum(within[one], within[other])
-        found.append(pairs[apart - reach[one, k] - reach[other, k] < known])
+        found.append(pairs[apart - travel[one, k] - travel[other, k] < known])
     during = np.repeat(np.arange(-1, count), [len(pairs) for pairs in found])
     distant = np.flatnonzero(undercut > far)
     couples = np.column_stack([distant, knots.partners[distant]]).repeat(count, axis=0)

@@ -123,8 +123,8 @@ def least_over_time(
             break
         width /= parts
         blocks = [slice(first, first + _BLOCK) for first in range(0, len(which), _BLOCK)]
-        left = [search.split(which[block], start[block], width, parts) for block in blocks]
-        which, start = (np.concatenate(each) for each in zip(*left, strict=True))
+        parted = [search.split(which[block], start[block], width, parts) for block in blocks]
+        which, start = (np.concatenate(each) for each in zip(*parted, strict=True))
     search.interpolate()
     return least
 
@@ -157,9 +157,9 @@ class _Search:
         steps, owners, values = self.steps, self.owners[which], self.least.values
         u = start[:, None] + width * np.arange(parts + 1)
         d = self.distance(steps.at(which, u))
-        reach, bend = width * steps.speeds[which], width**2 * steps.acceleration_norms[which]
+        travel, bend = width * steps.speeds[which], width**2 * steps.acceleration_norms[which]
         radii = self.error_radii.radii(which, u)
-        bounds = _lower_bounds(d, reach, bend, radii)
+        bounds = _lower_bounds(d, travel, bend, radii)
         bounds -= width**2 * self.error_radii.curvatures[which, None] / 8.0
         d = d - radii
         _offer_samples(self.least, owners, d, which, u, width)
@@ -204,13 +204,13 @@ def _offer_samples(
 
 
 def _lower_bounds(
-    d: FloatArray, reach: FloatArray, bend: FloatArray, radii: FloatArray
+    d: FloatArray, travel: FloatArray, bend: FloatArray, radii: FloatArray
 ) -> FloatArray:
     """Return lower bounds of a distance between neighbouring samples; see the module's docstring.
 
     Args:
         d: samples of the distance at equal time intervals w [m], shape (P, S + 1).
-        reach: greatest distance covered in w [m], shape (P,).
+        travel: greatest distance covered in w [m], shape (P,).
         bend: norm of the acceleration times w² [m], shape (P,).
         radii: radii subtracted from the samples and, linearly interpolated, between them [m], of
             the shape of d.
@@ -218,10 +218,10 @@ def _lower_bounds(
     Returns:
         Bounds [m], shape (P, S).
     """
-    reach, bend = reach[:, None], bend[:, None]
+    travel, bend = travel[:, None], bend[:, None]
     rises, grows = d[:, 1:] - d[:, :-1], radii[:, 1:] - radii[:, :-1]
-    falls = np.concatenate([-reach, np.maximum(rises[:, :-1] - bend, -reach)], axis=1)
-    climbs = np.concatenate([np.minimum(rises[:, 1:] + bend, reach), reach], axis=1)
+    falls = np.concatenate([-travel, np.maximum(rises[:, :-1] - bend, -travel)], axis=1)
+    climbs = np.concatenate([np.minimum(rises[:, 1:] + bend, travel), travel], axis=1)
     falls, climbs = np.minimum(falls - grows, 0.0), np.maximum(climbs - grows, 0.0)
     d, rises = d - radii, rises - grows
     meet = (climbs - rises) / np.maximum(climbs - falls, np.finfo(float).tiny)

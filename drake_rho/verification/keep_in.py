@@ -46,7 +46,7 @@ Search = Callable[[Curves, Measure, FloatArray], Highest]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Kept:
+class Constrained:
     """Quantity of some vehicles, at the times at which it has to stay in a set."""
 
     trajectory: PiecewiseTrajectory
@@ -77,7 +77,7 @@ class Kept:
         measure: Measure,
         precision: FloatArray,
         search: Search = highest_over_time,
-    ) -> Kept:
+    ) -> Constrained:
         """Return a quantity of all vehicles, at all times."""
         everyone = np.arange(len(trajectory.positions))
         return cls(trajectory, quantity, measure, precision, everyone, search=search)
@@ -178,8 +178,8 @@ class Kept:
             return found
         if len(k := self._before_jumps()) > 0:
             errors = tubes.before("velocity", trajectory.times[k + 1])
-            left = self._greatest_of(trajectory.elapsed[k + 1], trajectory.ends[1][:, k], errors)
-            found = found.or_greater(left)
+            before = self._greatest_of(trajectory.elapsed[k + 1], trajectory.ends[1][:, k], errors)
+            found = found.or_greater(before)
         return self._between_samples(found) if trajectory.has_errors else found
 
     def _before_jumps(self) -> IntArray:

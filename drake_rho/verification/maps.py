@@ -34,13 +34,26 @@ class Encounters:
     def distance(self, x: FloatArray) -> FloatArray:
         """Return distances of the steps' positions (..., D) from their cells or triangles."""
         if isinstance(self.parts, Boxes):
-            beyond = np.abs(x[..., :3]) - x[..., 3:]
-            outside = np.sqrt(np.sum(np.maximum(beyond, 0.0) ** 2, axis=-1))
-            distances: FloatArray = outside + np.minimum(beyond.max(axis=-1), 0.0)
-            return distances
+            return distance_from_box(x[..., :3], x[..., 3:])
         flat = x.reshape(-1, 12)
         nearest = nearest_on_triangles(flat[:, 3:].reshape(-1, 3, 3), flat[:, :3])
         return np.asarray(np.linalg.norm(flat[:, :3] - nearest, axis=1).reshape(x.shape[:-1]))
+
+
+def distance_from_box(x: FloatArray, extent: FloatArray) -> FloatArray:
+    """Return signed distances from a box around the origin [m].
+
+    They are lower bounds of the signed distances from any set inside the box.
+
+    Args:
+        x: positions [m], shape (..., 3).
+        extent: half the sides of the box [m], shape (3,), or of a box for each position, of the
+            shape of x; may be infinite.
+    """
+    beyond = np.abs(x) - extent
+    outside = np.sqrt(np.sum(np.maximum(beyond, 0.0) ** 2, axis=-1))
+    distance: FloatArray = outside + np.minimum(beyond.max(axis=-1), 0.0)
+    return distance
 
 
 def encounters(solid: Map, steps: Steps, within: FloatArray) -> Encounters:
@@ -57,15 +70,15 @@ def encounters(solid: Map, steps: Steps, within: FloatArray) -> Encounters:
     ends = p + v + a / 2.0 + higher.sum(axis=1)
     bulge = steps.acceleration_norms / 8.0  # greatest distance of a curve from its chord
     finite = np.isfinite(p).all(axis=1) & np.isfinite(ends).all(axis=1)
-    reach = np.maximum(within, 0.0) + bulge
-    endless = np.flatnonzero(np.isinf(reach) & finite)
+    radii = np.maximum(within, 0.0) + bulge
+    endless = np.flatnonzero(np.isinf(radii) & finite)
     if len(endless) > 0:
         nearest = np.abs(solid.parts.local_distance(steps.p[endless]))
-        reach[endless] = nearest * (1.0 + _ROUNDING) + bulge[endless]
-    finite &= np.isfinite(reach)
+        radii[endless] = nearest * (1.0 + _ROUNDING) + bulge[endless]
+    finite &= np.isfinite(radii)
     some = np.flatnonzero(finite)
     lower, upper = np.minimum(p, ends)[some], np.maximum(p, ends)[some]
-    which, numbers = parts.tree.pairs(lower, upper, reach[some])
+    which, numbers = parts.tree.pairs(lower, upper, radii[some])
     which = some[which]
     if not finite.all():  # NaN is compared with one part, so that the result is NaN too
         lost = np.flatnonzero(~finite)

@@ -16,7 +16,7 @@ from drake_rho.scenario.norms import NORMS, Norm, NormLimit
 from drake_rho.scenario.parts import UNITS
 from drake_rho.verification.check import PRECISION, Column
 from drake_rho.verification.highest_over_time import Highest
-from drake_rho.verification.keep_in import Kept
+from drake_rho.verification.keep_in import Constrained
 from drake_rho.verification.trajectory import PiecewiseTrajectory
 
 FIELDS: tuple[Norm, ...] = ("max_speed", "max_acceleration", "max_jerk", "max_thrust", "max_tilt")
@@ -44,7 +44,7 @@ def _check_length(trajectory: PiecewiseTrajectory, limit: NormLimit) -> Column:
         return limit.kind.measured(x)
 
     precision, quantity = PRECISION * limit.sets.tolerances, limit.kind.quantity
-    found = Kept.by_all(trajectory, quantity, length, precision).greatest()
+    found = Constrained.by_all(trajectory, quantity, length, precision).greatest()
     times, values = trajectory.scenario.grid.start + found.times, found.values
     values = np.where(np.isneginf(values), 0.0, values)  # every jerk is unknown
     most = np.where(found.errors > 0.0, limit.limits - found.errors, limit.limits)
@@ -84,7 +84,7 @@ def _check_inside_cone(trajectory: PiecewiseTrajectory, limit: NormLimit) -> Col
         return limit.sets.signed_distance(who, x)
 
     precision = PRECISION * limit.sets.tolerances
-    found = Kept.by_all(trajectory, "acceleration", outside, precision).greatest()
+    found = Constrained.by_all(trajectory, "acceleration", outside, precision).greatest()
     return Column(
         kind=limit.field,
         constraint=limit.kind.name,
@@ -96,7 +96,7 @@ def _check_inside_cone(trajectory: PiecewiseTrajectory, limit: NormLimit) -> Col
         tolerances=limit.sets.tolerances,
         errors=found.errors,
         unit=UNITS["acceleration"],
-        due=np.isfinite(limit.limits),
+        concerned=np.isfinite(limit.limits),
     )
 
 
@@ -114,7 +114,7 @@ def _column(
         tolerances=tolerances,
         errors=found.errors,
         unit=unit,
-        due=np.isfinite(limit.limits),
+        concerned=np.isfinite(limit.limits),
     )
 
 

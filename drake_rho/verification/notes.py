@@ -148,8 +148,8 @@ def _largest_errors(simulation: Simulation) -> str:
         return ""
     ratios = largest_error_ratios(simulation)
     texts = ", ".join(f"{ratios[quantity]:.3f} ({name})" for quantity, name in _NAMES.items())
-    left = "" if max(ratios.values()) <= _FULL else "; vehicles left the tube"
-    return f"largest errors, as fractions of the tube's radii: {texts}{left}"
+    outside = "" if max(ratios.values()) <= _FULL else "; vehicles left the tube"
+    return f"largest errors, as fractions of the tube's radii: {texts}{outside}"
 
 
 def largest_error_ratios(simulation: Simulation) -> dict[Quantity, float]:

@@ -20,7 +20,7 @@ from drake_rho.scenario.shapes.base import Solid
 from drake_rho.scenario.times import Clock
 from drake_rho.verification.check import AT_ALL_TIMES, AT_KNOTS, PRECISION, Column
 from drake_rho.verification.continuous_time import Least, least_over_time
-from drake_rho.verification.maps import encounters
+from drake_rho.verification.maps import distance_from_box, encounters
 from drake_rho.verification.steps import Steps
 from drake_rho.verification.trajectory import PiecewiseTrajectory
 
@@ -54,8 +54,7 @@ def check_obstacle(trajectory: PiecewiseTrajectory, number: int) -> Iterator[Col
                 errors=found.errors,
                 unit="m",
                 asked=known and (part == AT_KNOTS or scenario.between_knots),
-                always=part == AT_ALL_TIMES,
-                due=~np.isposinf(found.clearances),  # otherwise it is never avoided in this flight
+                concerned=~np.isposinf(found.clearances),  # else it is never avoided in this flight
             )
 
 
@@ -96,7 +95,7 @@ class RelativeMotion:
             enough: sufficient distances [m], of the answer's shape. Where the distance from the
                 bounding box attains them, no closer bound is computed.
         """
-        outside = _outside_of_box(self.positions, shape.extent)
+        outside = distance_from_box(self.positions, shape.extent)
         lowest = self._between(outside, outside[:, 1:])
         near = np.flatnonzero(~(lowest >= enough).all(axis=1))
         if len(near) > 0 and not isinstance(shape, Map):  # encounters are compared with its parts
@@ -122,7 +121,7 @@ class RelativeMotion:
             return outside[:, 1:]
         ends = np.array(outside[:, 1:])
         jumped = self.trajectory.positions[:, k + 1] - self.trajectory.ends[0][:, k]
-        ends[:, k] = _outside_of_box(self.positions[:, k + 1] - jumped, extent)
+        ends[:, k] = distance_from_box(self.positions[:, k + 1] - jumped, extent)
         return ends
 
     def _between(self, distances: FloatArray, ends: FloatArray) -> FloatArray:
@@ -151,7 +150,7 @@ class RelativeMotion:
             known: whether to consider the time from `since` on, or the time before.
         """
         trajectory, instants = self.trajectory, self.trajectory.elapsed
-        outside = _outside_of_box(self.positions, shape.extent)
+        outside = distance_from_box(self.positions, shape.extent)
         later = ~self.clock.before(instants, since)
         active = self.obstacle.is_active(instants, self.clock)
         knots = trajectory.knots & (later if known else ~later) & active
@@ -245,18 +244,3 @@ def _least_at(
     distances[perhaps] = shape.local_distance(x[perhaps]) - errors[np.nonzero(perhaps)[1]]
     k = np.argmin(distances, axis=1)
     return k, distances[vehicles, k]
-
-
-def _outside_of_box(x: FloatArray, extent: FloatArray) -> FloatArray:
-    """Return signed distances from a box around the origin [m].
-
-    They are lower bounds of the signed distances from any set inside the box.
-
-    Args:
-        x: positions [m], shape (..., 3).
-        extent: half the sides of the box [m], shape (3,); may be infinite.
-    """
-    beyond = np.abs(x) - extent
-    outside = np.sqrt(np.sum(np.maximum(beyond, 0.0) ** 2, axis=-1))
-    distance: FloatArray = outside + np.minimum(beyond.max(axis=-1), 0.0)
-    return distance

@@ -62,8 +62,8 @@ def facts(summary: Summary, checks: Sequence[Check], *, gap: bool) -> Iterator[t
         if (nearest := closest(checks, kind)) is None:
             continue
         yield name, _distance(nearest)
-        unasked = [each for each in checks if each.kind == kind and not each.asked]
-        violated = [each for each in unasked if not each.holds and _is_always(each)]
+        optional = [each for each in checks if each.kind == kind and not each.asked]
+        violated = [each for each in optional if not each.holds and _is_always(each)]
         if violated and nearest.holds:
             worst = max(violated, key=lambda check: check.badness)
             yield "  between knots", f"{_place(worst)}; not required"
@@ -89,7 +89,7 @@ def _is_always(check: Check) -> bool:
 
 def _distance(check: Check) -> str:
     """Return a vehicle's distance from an obstacle or another vehicle, and its margin."""
-    return f"{_place(check)}; {left_in_words(check) + ' left' if check.holds else 'VIOLATED'}"
+    return f"{_place(check)}; {margin_in_words(check) + ' left' if check.holds else 'VIOLATED'}"
 
 
 def _place(check: Check) -> str:
@@ -113,7 +113,7 @@ def _gap(summary: Summary) -> str:
     return f"; gap to the optimum at most {percent(max(0.0, 1.0 - least / summary.cost))}"
 
 
-def left_in_words(check: Check) -> str:
+def margin_in_words(check: Check) -> str:
     """Return the margin of a check with its unit; 0 to within rounding."""
     return f"{0.0 if abs(check.left) <= check.tolerance else check.left:.3g} {check.unit}"
 
@@ -130,7 +130,13 @@ Table = tuple[tuple[str, ...], tuple[tuple[str, ...], ...]]
 def short_table(checks: Sequence[Check]) -> Table:
     """Return the table with one column of margins."""
     cells = (
-        (check.what, check.vehicle, clock_number(check.time), left_in_words(check), _verdict(check))
+        (
+            check.what,
+            check.vehicle,
+            clock_number(check.time),
+            margin_in_words(check),
+            _verdict(check),
+        )
         for check in checks
     )
     return _without_empty(("constraint", "vehicle", "time [s]", "left", ""), *cells)
@@ -165,6 +171,6 @@ def _verdict(check: Check) -> str:
 
 def _without_empty(heads: tuple[str, ...], *rows: tuple[str, ...]) -> Table:
     """Return the heads and the rows of a table without its empty columns."""
-    kept = [number for number in range(len(heads)) if any(row[number] for row in rows)]
-    first, *rest = (tuple(row[number] for number in kept) for row in (heads, *rows))
+    shown = [number for number in range(len(heads)) if any(row[number] for row in rows)]
+    first, *rest = (tuple(row[number] for number in shown) for row in (heads, *rows))
     return first, tuple(rest)

@@ -55,44 +55,39 @@ class QuickBounds:
 
     def boxes_hold(self) -> bool:
         """Return whether all quantities are certainly inside their boxes."""
-        bounds, trajectory = self.trajectory.scenario.fleet.bounds, self.trajectory
-        p, v, a, h = (
-            trajectory.positions,
-            trajectory.velocities,
-            trajectory.accelerations,
-            trajectory.scenario.grid.step,
+        trajectory, radii, limited = self.trajectory, self.radii, self.trajectory.jerks.limited
+        v, a = trajectory.velocities, trajectory.accelerations
+        ends = v[:, :-1], v[:, 1:]
+        return (
+            self._positions_inside()
+            and self._inside("velocity", np.minimum(*ends), np.maximum(*ends), radii.velocity)
+            and self._inside("acceleration", a, a, radii.acceleration)
+            and self._inside("jerk", limited, limited, np.zeros(limited.shape[1]))
         )
-        if bounds("position") is not None:
-            low = high = p
-            radii = self.radii.ends
-            if trajectory.scenario.between_knots:
-                with np.errstate(divide="ignore"):
-                    s = np.clip(np.nan_to_num(-v[:, :-1] / a, nan=0.0), 0.0, h)
-                turns = p[:, :-1] + s * (v[:, :-1] + s / 2.0 * a)
-                low = np.minimum(np.minimum(p[:, :-1], p[:, 1:]), turns)
-                high = np.maximum(np.maximum(p[:, :-1], p[:, 1:]), turns)
-                radii = self.radii.position
-            if not self._inside("position", low, high, radii):
-                return False
-        if bounds("velocity") is not None:
-            low, high = np.minimum(v[:, :-1], v[:, 1:]), np.maximum(v[:, :-1], v[:, 1:])
-            if not self._inside("velocity", low, high, self.radii.velocity):
-                return False
-        if bounds("acceleration") is not None and not self._inside(
-            "acceleration", a, a, self.radii.acceleration
-        ):
-            return False
-        if bounds("jerk") is None:
+
+    def _positions_inside(self) -> bool:
+        """Return whether positions are certainly inside their box, also where velocities turn."""
+        trajectory = self.trajectory
+        p, v, a = trajectory.positions, trajectory.velocities, trajectory.accelerations
+        if trajectory.scenario.fleet.bounds("position") is None:
             return True
-        limited = trajectory.jerks.limited
-        return self._inside("jerk", limited, limited, np.zeros(limited.shape[1]))
+        if not trajectory.scenario.between_knots:
+            return self._inside("position", p, p, self.radii.ends)
+        with np.errstate(divide="ignore"):
+            s = np.nan_to_num(-v[:, :-1] / a, nan=0.0)
+        s = np.clip(s, 0.0, trajectory.scenario.grid.step)
+        turns = p[:, :-1] + s * (v[:, :-1] + s / 2.0 * a)
+        low = np.minimum(np.minimum(p[:, :-1], p[:, 1:]), turns)
+        high = np.maximum(np.maximum(p[:, :-1], p[:, 1:]), turns)
+        return self._inside("position", low, high, self.radii.position)
 
     def _inside(
         self, quantity: Quantity, low: FloatArray, high: FloatArray, radii: FloatArray
     ) -> bool:
-        """Return whether extremes (N, M, 3) are inside a box tightened by error radii (M,)."""
+        """Return whether extremes (N, M, 3) are inside any box, tightened by error radii (M,)."""
         box = self.trajectory.scenario.fleet.bounds(quantity)
-        assert box is not None  # noqa: S101  # callers check this
+        if box is None:
+            return True
         tightening = radii[:, None] - box.tolerances[:, None]
         lower, upper = box.lower[:, None] + tightening, box.upper[:, None] - tightening
         return bool(((low >= lower) & (high <= upper)).all())
@@ -136,12 +131,12 @@ class QuickBounds:
         low = ~(seen.lowest_at_least(shape, least) >= least)
         owners, pieces = np.nonzero(low & seen.active_pieces)
         some, precision = seen.pieces.select(owners * len(radii) + pieces), PRECISION * tolerances
-        asked, distance = (least + seen.grown)[owners, pieces], shape.local_distance
+        needed, distance = (least + seen.grown)[owners, pieces], shape.local_distance
         if isinstance(shape, Map):
-            met = encounters(shape, some, asked)
+            met = encounters(shape, some, needed)
             some, distance = met.steps, met.distance
-            owners, asked = owners[met.pieces], asked[met.pieces]
-        return not _is_below(some, distance, asked, precision[owners]).any()
+            owners, needed = owners[met.pieces], needed[met.pieces]
+        return not _is_below(some, distance, needed, precision[owners]).any()
 
     def all_keep_apart(self) -> bool:
         """Return whether all pairs keep their separation plus both vehicles' error radii.

@@ -13,21 +13,21 @@ from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.requirements import KeepIn
 from drake_rho.verification.check import AT_ALL_TIMES, AT_KNOTS, PRECISION, Column
 from drake_rho.verification.highest_over_time import Highest
-from drake_rho.verification.keep_in import EVER, Kept
+from drake_rho.verification.keep_in import EVER, Constrained
 from drake_rho.verification.trajectory import PiecewiseTrajectory
 
 
 def check_requirements(trajectory: PiecewiseTrajectory) -> Iterator[Column]:
     """Yield the checks of every requirement that is active in the flight."""
     scenario = trajectory.scenario
-    for number, asked in enumerate(scenario.requirements, start=1):
-        if asked.interval(scenario.grid) is None:
-            yield _nothing_left(trajectory, number, asked)
-        elif asked.quantity == "position":
+    for number, required in enumerate(scenario.requirements, start=1):
+        if required.interval(scenario.grid) is None:
+            yield _expired(trajectory, number, required)
+        elif required.quantity == "position":
             yield from check_positions(trajectory, number)
         else:
-            kept = _kept(trajectory, asked)
-            yield _column(kept, number, kept.greatest(), "")
+            quantity = _constrained(trajectory, required)
+            yield _column(quantity, number, quantity.greatest(), "")
 
 
 def check_positions(trajectory: PiecewiseTrajectory, number: int) -> Iterator[Column]:
@@ -37,15 +37,15 @@ def check_positions(trajectory: PiecewiseTrajectory, number: int) -> Iterator[Co
         trajectory: trajectory of all vehicles.
         number: number of the requirement, from 1; it is active in the flight.
     """
-    kept = _kept(trajectory, trajectory.scenario.requirements[number - 1])
-    yield _column(kept, number, kept.at_knots(), AT_KNOTS)
-    yield _column(kept, number, kept.greatest(), AT_ALL_TIMES)
+    quantity = _constrained(trajectory, trajectory.scenario.requirements[number - 1])
+    yield _column(quantity, number, quantity.at_knots(), AT_KNOTS)
+    yield _column(quantity, number, quantity.greatest(), AT_ALL_TIMES)
 
 
-def _kept(trajectory: PiecewiseTrajectory, asked: KeepIn) -> Kept:
+def _constrained(trajectory: PiecewiseTrajectory, required: KeepIn) -> Constrained:
     """Return the quantity that a requirement keeps in its set."""
     scenario, grid = trajectory.scenario, trajectory.scenario.grid
-    own, names, fleet = asked.since(grid), scenario.names, scenario.fleet
+    own, names, fleet = required.since(grid), scenario.names, scenario.fleet
     interval = (own.active and own.interval(grid.beginning_at(0.0))) or EVER
     sets, members = own.sets(fleet, names), own.members(names)
 
@@ -60,7 +60,7 @@ def _kept(trajectory: PiecewiseTrajectory, asked: KeepIn) -> Kept:
         return np.maximum(distances, np.where(late, before, -np.inf))
 
     turns = np.append(own.corners, interval)
-    return Kept(
+    return Constrained(
         trajectory.cut(grid.clock.apart(turns, trajectory.elapsed)),
         own.quantity,
         outside,
@@ -73,51 +73,51 @@ def _kept(trajectory: PiecewiseTrajectory, asked: KeepIn) -> Kept:
     )
 
 
-def _column(kept: Kept, number: int, worst: Highest, when: str) -> Column:
+def _column(quantity: Constrained, number: int, worst: Highest, when: str) -> Column:
     """Return the checks of the vehicles concerned at their worst instants."""
-    scenario = kept.trajectory.scenario
-    asked, count = scenario.requirements[number - 1], len(scenario.vehicles)
+    scenario = quantity.trajectory.scenario
+    required, count = scenario.requirements[number - 1], len(scenario.vehicles)
     times, values, errors, tolerances = whole = np.zeros((4, count))
-    own = asked.tolerances(scenario.fleet, scenario.names)
-    whole[:, kept.members] = worst.times, worst.values, worst.errors, own
+    own = required.tolerances(scenario.fleet, scenario.names)
+    whole[:, quantity.members] = worst.times, worst.values, worst.errors, own
     return Column(
         kind="requirements",
-        constraint=asked.called(number),
-        parts=[" ".join(filter(None, (_about(asked), when)))] * count,
+        constraint=required.called(number),
+        parts=[" ".join(filter(None, (_about(required), when)))] * count,
         times=scenario.grid.start + times,
         values=values,
         limits=0.0 - errors,
         excess=values + errors,
         tolerances=tolerances,
-        unit=asked.unit,
-        asked=when != AT_ALL_TIMES or scenario.between_knots or kept.is_instant,
-        always=when == AT_ALL_TIMES,
-        partners=None if kept.partner is None else np.full(count, kept.partner),
+        unit=required.unit,
+        asked=when != AT_ALL_TIMES or scenario.between_knots or quantity.is_instant,
+        partners=None if quantity.partner is None else np.full(count, quantity.partner),
         errors=errors,
-        due=np.isin(np.arange(count), kept.members),
+        concerned=np.isin(np.arange(count), quantity.members),
     )
 
 
-def _about(asked: KeepIn) -> str:
+def _about(required: KeepIn) -> str:
     """Return the name of the constrained quantity, unless it is the position itself."""
-    of = "" if asked.of == "position" else f"of {asked.of}"
-    other = asked.leader or ("a moving point" if asked.track is not None else "")
+    of = "" if required.of == "position" else f"of {required.of}"
+    other = required.leader or ("a moving point" if required.track is not None else "")
     return " ".join(filter(None, (of, other and f"relative to {other}")))
 
 
-def _nothing_left(trajectory: PiecewiseTrajectory, number: int, asked: KeepIn) -> Column:
+def _expired(trajectory: PiecewiseTrajectory, number: int, required: KeepIn) -> Column:
     """Return an empty check of an expired requirement, so that it counts as checked."""
     count = len(trajectory.scenario.vehicles)
     zero = np.zeros(count)
     return Column(
         kind="requirements",
-        constraint=asked.called(number),
+        constraint=required.called(number),
         parts=[""] * count,
         times=zero,
         values=zero,
         limits=zero,
         excess=zero,
         tolerances=zero,
-        unit=asked.unit,
-        due=np.zeros(count, dtype=bool),
+        errors=zero,
+        unit=required.unit,
+        concerned=np.zeros(count, dtype=bool),
     )

@@ -12,24 +12,24 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import cached_property
+from typing import get_args
 
 import numpy as np
 
 from drake_rho.motion.rest_tube import RestTube, rest_tube
 from drake_rho.motion.scenario_tube import tube_of
-from drake_rho.scenario.clock import clock_time
+from drake_rho.motion.tube import ErrorTube
 from drake_rho.scenario.fields import FloatArray, unchecked
+from drake_rho.scenario.parts import Quantity
 from drake_rho.scenario.records import Scenario
+from drake_rho.scenario.requirements import KeepIn
 from drake_rho.scenario.times import Clock
 from drake_rho.scenario.tracks import Track
-from drake_rho.verification.check import AT_ALL_TIMES, AT_KNOTS, Column
+from drake_rho.verification.check import Column
 from drake_rho.verification.checkers import checkers
 from drake_rho.verification.jerks import Jerks
 from drake_rho.verification.trajectory import PiecewiseTrajectory
-from drake_rho.verification.tubes import NO_ERRORS, ConstantTubes, Tubes
-
-_NAMED = 3
-"""Largest number of vehicles that are named in notes."""
+from drake_rho.verification.tubes import NO_ERRORS, ConstantTubes
 
 _AWAY = 1e3
 """Distance moved after which an obstacle is far away, as a multiple of its distance."""
@@ -37,9 +37,10 @@ _AWAY = 1e3
 _SHORT = 1e-12
 """Relative precision of times found by bisection."""
 
-_REACHED = 1e-6
+REACHED = 1e-6
 """Excess at which a limit counts as reached, for finding the time, as a part of the tolerance."""
 
+_QUANTITIES: tuple[Quantity, ...] = get_args(Quantity)
 
 Check = Callable[[PiecewiseTrajectory], Iterable[Column]]
 """Function that verifies constraints of one kind, or one obstacle, on a trajectory."""
@@ -57,49 +58,82 @@ class Rest:
     """their error tube from then on; None without a disturbance"""
 
     @classmethod
-    def of(cls, scenario: Scenario) -> Rest | None:
-        """Return the rest after a flight; None if nothing can be violated after it."""
+    def of(cls, scenario: Scenario, tube: ErrorTube | None = None) -> Rest | None:
+        """Return the rest after a flight; None if nothing can be violated after it.
+
+        Args:
+            scenario: scenario of the flight.
+            tube: error tube at its end, if it is not that of the scenario.
+        """
         changes = any(not each.is_steady for each in scenario.bodies) or scenario.requirements
         if not scenario.held or (scenario.disturbance is None and not changes):
             return None
-        end = scenario.grid.end + scenario.lead
-        tube = None if scenario.disturbance is None else rest_tube(tube_of(scenario), end)
+        end, errors = scenario.grid.end + scenario.lead, None
+        if scenario.disturbance is not None:
+            errors = rest_tube(tube or tube_of(scenario), end)
         if len(scenario.held) < len(scenario.vehicles):
             scenario = scenario.of_vehicles(scenario.held)
-        return cls(_without_what_is_over(scenario), end, tube)
+        return cls(_without_what_is_over(scenario), end, errors)
+
+    @property
+    def is_bounded(self) -> bool:
+        """Whether the errors stay bounded."""
+        return self.tube is None or self.tube.is_bounded
+
+    @property
+    def settled(self) -> float:
+        """Time since `begin` from which the radii are constant, or to which they are computed."""
+        return 0.0 if self.tube is None else self.tube.end - self.begin
+
+    def radii(self, lasting: float = np.inf) -> dict[Quantity, float]:
+        """Return the largest error radii in a time since `begin` [s]; for ever if not given."""
+        radii = dict.fromkeys(_QUANTITIES, 0.0)
+        if self.tube is not None:
+            errors: tuple[Quantity, ...] = ("position", "velocity", "acceleration")
+            until = self.begin + lasting
+            radii |= {quantity: self.tube.largest(quantity, until) for quantity in errors}
+        return radii
 
     @cached_property
     def horizon(self) -> float:
         """Time after which nothing changes any more, since `begin` [s]."""
-        horizon = self.scenario.grid.step
-        if self.tube is not None:
-            horizon = max(horizon, self.tube.end - self.begin)
-        goals, moving = self.scenario.fleet.goal_positions, list[tuple[Track, float]]()
-        for each in self.scenario.bodies_in_flight:
-            horizon = max([horizon, *(self._since_begin(each.corners))])
-            if each.track is not None and each.active is None:
-                extent = each.shape.extent
-                size = float(np.linalg.norm(np.where(np.isfinite(extent), extent, 0.0)))
-                moving.append((each.track, size + float(self.scenario.fleet.radii.max())))
-        for asked in self.scenario.requirements:
-            own = asked.since(self.scenario.grid)
-            horizon = max([horizon, *(self._since_begin(own.corners))])
-            if own.track is not None and own.active is None:
-                size = float(getattr(own.set, "size", 0.0))
-                moving.append((own.track, size if np.isfinite(size) else 0.0))
-        far = horizon
-        for each in self.scenario.bodies_in_flight:  # a growing uncertainty reaches every goal
-            if each.velocity_error > 0.0 and each.active is None:
-                at = each.centers(np.array([self._elapsed + horizon]))
-                away = float(np.linalg.norm(goals - at, axis=1).max())
-                far = max(far, horizon + _AWAY * away / each.velocity_error)
-        for track, size in moving:
+        corners = [each.corners for each in self.scenario.bodies_in_flight]
+        corners += [each.corners for each in self._required]
+        times = np.concatenate([np.zeros(1), *corners]) - self._elapsed
+        horizon = max(self.scenario.grid.step, self.settled, float(times.max()))
+        endless = self._endless(np.array([self._elapsed + horizon]))
+        return max([horizon, *(horizon + _AWAY * away / speed for away, speed in endless)])
+
+    @property
+    def _required(self) -> list[KeepIn]:
+        """Requirements on a clock that is 0 at the first knot."""
+        return [each.since(self.scenario.grid) for each in self.scenario.requirements]
+
+    def _endless(self, now: FloatArray) -> Iterator[tuple[float, float]]:
+        """Yield the distance [m] and the speed [m/s] of every change that never ends.
+
+        Args:
+            now: time from which it goes on, since the first knot [s], shape (1,).
+        """
+        tracks, radius = list[tuple[Track, float]](), float(self.scenario.fleet.radii.max())
+        for body in self.scenario.bodies_in_flight:
+            if body.active is None and body.velocity_error > 0.0:  # it reaches every goal
+                yield self._farthest(body.centers(now)), body.velocity_error
+            if body.active is None and body.track is not None:
+                extent = np.where(np.isfinite(body.shape.extent), body.shape.extent, 0.0)
+                tracks.append((body.track, float(np.linalg.norm(extent)) + radius))
+        for each in self._required:
+            if each.active is None and each.track is not None:
+                size = float(getattr(each.set, "size", 0.0))
+                tracks.append((each.track, size if np.isfinite(size) else 0.0))
+        for track, size in tracks:
             speed = float(np.linalg.norm(track.last_velocity))
             if track.after == "goes_on" and speed > 0.0:
-                at = track.at(np.array([self._elapsed + horizon]))
-                away = np.linalg.norm(goals - at, axis=1).max() + size + track.deviation
-                far = max(far, horizon + _AWAY * float(away) / speed)
-        return far
+                yield self._farthest(track.at(now)) + size + track.deviation, speed
+
+    def _farthest(self, place: FloatArray) -> float:
+        """Return the largest distance of a goal from a place (1, 3) [m]."""
+        return float(np.linalg.norm(self.scenario.fleet.goal_positions - place, axis=1).max())
 
     @property
     def _clock(self) -> Clock:
@@ -117,10 +151,6 @@ class Rest:
         """Time from the first knot to `begin` [s]."""
         return self.begin - self.scenario.grid.start
 
-    def _since_begin(self, times: FloatArray) -> list[float]:
-        """Return times since the first knot as times since `begin` [s]."""
-        return [float(each) for each in times - self._elapsed]
-
     @property
     def checks(self) -> list[Check]:
         """Functions that together verify all constraints of vehicles at rest."""
@@ -133,22 +163,21 @@ class Rest:
         Args:
             lasting: time since `begin` until which vehicles hold [s]; for ever if not given.
         """
-        rest = self._trajectory(lasting)
-        return [column for check in self.checks for column in _at_all_times(check(rest))]
+        return self._checked(self._trajectory(lasting))
+
+    def columns_without_errors(self) -> list[Column]:
+        """Return the checks with radii of zero, whose margins do not depend on the disturbance."""
+        tubes = ConstantTubes.with_radii(dict.fromkeys(_QUANTITIES, 0.0))
+        return self._checked(dataclasses.replace(self._trajectory(np.inf), tubes=tubes))
+
+    def _checked(self, rest: PiecewiseTrajectory) -> list[Column]:
+        return [each for check in self.checks for each in check(rest) if not each.is_at_knots]
 
     def _trajectory(self, lasting: float) -> PiecewiseTrajectory:
         """Return the rest as one piece of time, with its largest radii."""
-        duration = min(lasting, self.horizon)
-        tubes: Tubes = NO_ERRORS
+        duration, tubes = min(lasting, self.horizon), NO_ERRORS
         if self.tube is not None:
-            until = self.begin + duration
-            tubes = ConstantTubes.with_radii(
-                {
-                    "position": self.tube.largest("position", until),
-                    "velocity": self.tube.largest("velocity", until),
-                    "acceleration": self.tube.largest("acceleration", until),
-                }
-            )
+            tubes = ConstantTubes.with_radii(self.radii(duration))
         goals = self.scenario.fleet.goal_positions[:, None]
         still = np.zeros((len(goals), 2, 3))
         scenario = self.scenario.derived(
@@ -180,11 +209,9 @@ class Rest:
         if self._reached(vehicle, held, self.checks):
             return self.begin
         checks = self._reached(vehicle, lost, self.checks)
-        worst = [each.times[vehicle] for each in self.columns() if _is_beyond(each, vehicle)]
+        worst = [each.times[vehicle] for each in self.columns() if each.is_beyond(vehicle)]
         middle = min(worst, default=self.begin + lost / 2.0) - self.begin
-        if self.tube is not None:  # its radii are constant from here on
-            middle = max(middle, self.tube.end - self.begin)
-        middle = min(float(middle), lost / 2.0)
+        middle = min(max(float(middle), self.settled), lost / 2.0)
         while lost - held > _SHORT * max(lost, self.scenario.grid.step):
             if earlier := self._reached(vehicle, middle, checks):
                 lost, checks = middle, earlier  # other limits are reached later
@@ -199,13 +226,8 @@ class Rest:
         return [
             check
             for check in checks
-            if any(_is_beyond(each, vehicle, _REACHED) for each in _at_all_times(check(rest)))
+            if any(each.is_beyond(vehicle, REACHED) for each in check(rest) if not each.is_at_knots)
         ]
-
-
-def _at_all_times(columns: Iterable[Column]) -> list[Column]:
-    """Return the columns that cover all times, without those of the knots."""
-    return [each for each in columns if not each.parts[0].endswith(AT_KNOTS)]
 
 
 def _without_what_is_over(scenario: Scenario) -> Scenario:
@@ -213,112 +235,15 @@ def _without_what_is_over(scenario: Scenario) -> Scenario:
 
     Intervals include their ends, where the radii of the flight count.
     """
-    end, changed = scenario.grid.end + scenario.lead, dict[str, object]()
+    end = scenario.grid.end + scenario.lead
     over = (end - 2.0, end - 1.0)
 
     def is_over(active: tuple[float, float] | None) -> bool:
         return active is not None and not scenario.grid.clock.after(active[1], end)
 
-    if any(is_over(each.active) for each in scenario.bodies):
-        changed["obstacles"] = tuple(
-            unchecked(each, active=over) if is_over(each.active) else each
-            for each in scenario.bodies
-        )
-    if any(is_over(each.active) for each in scenario.requirements):
-        changed["requirements"] = tuple(
-            unchecked(each, active=over) if is_over(each.active) else each
-            for each in scenario.requirements
-        )
+    changed: dict[str, object] = {
+        name: tuple(unchecked(each, active=over) if is_over(each.active) else each for each in of)
+        for name, of in (("obstacles", scenario.bodies), ("requirements", scenario.requirements))
+        if any(is_over(each.active) for each in of)
+    }
     return scenario.derived(**changed, fleet=scenario.fleet) if changed else scenario
-
-
-def check_rest(scenario: Scenario) -> Iterator[Column]:
-    """Yield the margins of holding at the goals for ever, if required: one check per unit.
-
-    A check is of the most violated constraint or, if all hold, of the closest.
-    """
-    if not scenario.hold_at_goal:
-        return
-    rest, count = Rest.of(scenario), len(scenario.vehicles)
-    columns = [] if rest is None else rest.columns()
-    for unit in dict.fromkeys(["m", *(each.unit for each in columns)]):
-        yield _worst_of(unit, [each for each in columns if each.unit == unit], scenario, count)
-
-
-def _worst_of(unit: str, columns: list[Column], scenario: Scenario, count: int) -> Column:
-    """Return the worst checks of columns with one unit; an inactive column if there are none."""
-    numbers = {name: np.zeros(count) for name in ("times", "values", "limits", "excess", "errors")}
-    numbers["tolerances"] = np.ones(count)
-    parts, due, worst = [""] * count, np.zeros(count, dtype=bool), np.full(count, -np.inf)
-    for each in columns:
-        excess = np.where(np.isnan(each.excess), np.inf, each.excess)
-        violated = excess > each.tolerances
-        badness = np.where(violated, excess / each.tolerances, np.minimum(excess, 0.0))
-        worse = (badness > worst) & (True if each.due is None else each.due)
-        worst[worse], due = badness[worse], due | worse
-        for name, values in numbers.items():
-            own = getattr(each, name)
-            values[worse] = 0.0 if own is None else own[worse]
-        for vehicle in np.flatnonzero(worse).tolist():
-            parts[vehicle] = _named(each, vehicle)
-    return Column(
-        kind="holding",
-        constraint="hold at goal",
-        parts=parts,
-        times=numbers["times"],
-        values=numbers["values"],
-        limits=numbers["limits"],
-        excess=numbers["excess"],
-        tolerances=numbers["tolerances"],
-        errors=numbers["errors"],
-        unit=unit,
-        due=due,
-    )
-
-
-def _named(column: Column, vehicle: int) -> str:
-    """Return the constraint and part of a check, without its times."""
-    return f"{column.constraint} {column.parts[vehicle].removesuffix(AT_ALL_TIMES)}".strip()
-
-
-def notes_on_rest(scenario: Scenario) -> tuple[str, ...]:
-    """Return notes on vehicles that cannot hold at their goals for ever: until when, and why."""
-    rest = Rest.of(scenario)
-    if rest is None:
-        return ()
-    columns = rest.columns()
-    failing = [
-        vehicle
-        for vehicle in range(len(rest.scenario.vehicles))
-        if any(_is_beyond(each, vehicle) for each in columns)
-    ]
-    notes = [_note(rest, columns, vehicle) for vehicle in failing[:_NAMED]]
-    if len(failing) > _NAMED:
-        notes.append(f"{len(failing) - _NAMED} more vehicles cannot hold at their goals for ever")
-    return tuple(notes)
-
-
-def _is_beyond(column: Column, vehicle: int, part: float = 1.0) -> bool:
-    """Return whether a vehicle is beyond a limit by more than a part of the tolerance."""
-    due = column.due is None or bool(column.due[vehicle])
-    return due and not column.excess[vehicle] <= part * column.tolerances[vehicle]
-
-
-def _note(rest: Rest, columns: list[Column], vehicle: int) -> str:
-    """Return a note on the time until which a vehicle can hold, and its first violation."""
-    time = rest.until(vehicle)
-    lasting = max(time - rest.begin, rest.shortest)
-    then = zip(columns, rest.columns(lasting), strict=True)
-    failing = [(now, each) for each, now in then if _is_beyond(each, vehicle)]
-    now, each = next(
-        (both for both in failing if _is_beyond(both[0], vehicle, _REACHED)), failing[0]
-    )
-    name, at_once = rest.scenario.names[vehicle], time == rest.begin
-    until = f"{name} can hold at its goal until {clock_time(time)} only"
-    if at_once:
-        until = f"{name} cannot hold at its goal"
-    if rest.tube is not None and not rest.tube.is_bounded:
-        return f"{until}, for {_named(now, vehicle)}: its errors go on growing"
-    beyond = f"by up to {each.excess[vehicle]:.3g} {each.unit}"
-    violated = "is violated" if at_once else "is violated later,"
-    return f"{until}: {_named(now, vehicle)} {violated} {beyond}"

@@ -43,7 +43,7 @@ def check_separation(trajectory: PiecewiseTrajectory, far: float = FAR) -> Itera
             tolerances=np.full(len(names), separation.tolerance),
             errors=found.errors,
             unit="m",
+            concerned=np.ones(len(names), dtype=bool),
             asked=part == AT_KNOTS or scenario.between_knots,
-            always=part == AT_ALL_TIMES,
             partners=found.partners,
         )

@@ -82,4 +82,5 @@ def _difference(
         tolerances=TOLERANCE * scenario.fleet.scale(quantity),
         errors=limits,
         unit=UNITS[quantity],
+        concerned=np.ones(len(values), dtype=bool),
     )

@@ -12,7 +12,7 @@ from drake_rho.scenario.described import Described
 from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.records import TOLERANCE, Scenario
 from drake_rho.verification.check import PRECISION
-from drake_rho.verification.keep_in import Kept
+from drake_rho.verification.keep_in import Constrained
 from drake_rho.verification.trajectory import PiecewiseTrajectory
 from drake_rho.verification.tubes import NO_ERRORS
 
@@ -50,7 +50,7 @@ class Summary(metaclass=Described):
         scenario = trajectory.scenario
         exact = dataclasses.replace(trajectory, tubes=NO_ERRORS)
         precision = PRECISION * TOLERANCE * scenario.fleet.scale("velocity")
-        found = Kept.by_all(exact, "velocity", _length, precision).greatest()
+        found = Constrained.by_all(exact, "velocity", _length, precision).greatest()
         vehicle = int(np.argmax(found.values))
         return cls(
             top_speed=float(found.values[vehicle]),

@@ -21,11 +21,11 @@ def check_waypoints(trajectory: PiecewiseTrajectory) -> Iterator[Column]:
     vehicles = np.arange(len(scenario.vehicles))
     scale = scenario.fleet.scale("position")
     for number, waypoints in enumerate(scenario.fleet.waypoints, start=1):
-        due = waypoints.present
-        times = np.where(due, waypoints.times, scenario.grid.start)
+        present = waypoints.present
+        times = np.where(present, waypoints.times, scenario.grid.start)
         positions = trajectory.each_at(vehicles, times)
         distances = np.linalg.norm(positions - waypoints.positions, axis=1)
-        errors = np.where(due, trajectory.tubes.at("position", times), 0.0)
+        errors = np.where(present, trajectory.tubes.at("position", times), 0.0)
         if trajectory.has_errors:
             for who, piece in _at_jumps(trajectory, times):
                 before = trajectory.ends[0][who, piece] - waypoints.positions[who]
@@ -44,7 +44,7 @@ def check_waypoints(trajectory: PiecewiseTrajectory) -> Iterator[Column]:
             tolerances=waypoints.tolerances(scale),
             errors=errors,
             unit="m",
-            due=due,
+            concerned=present,
         )
 
 
