@@ -160,9 +160,9 @@ class TimeSearch:
             known: motion that `rho.plan` found.
             alone: least time of each vehicle alone [s], shape (N,).
         """
-        for search in (partial(self._least.around, known), partial(_same, known)):
-            if (found := self._shortest([search])) is not None:
-                with suppress(InfeasibleError, SolverError):
+        for found in (self._shortest([partial(self._least.around, known)]), known):
+            with suppress(InfeasibleError, SolverError):
+                if found is not None:
                     return self._finished(found, alone)
         return None
 
