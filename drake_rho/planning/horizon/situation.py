@@ -228,9 +228,8 @@ def _sample(scenario: Scenario) -> float:
 
 def _states_at(plan: Plan, knot: int) -> FloatArray:
     """Return the states at a knot, or those of a smoothing's averages `lead` before it, (N, 6)."""
-    smooth, scenario = plan.smooth(), plan.scenario
-    if smooth is None:
+    if not plan.scenario.smoothing:
         return plan.states(knot)
-    begin = scenario.grid.elapsed[knot : knot + 1] - scenario.lead
-    positions, velocities, _ = smooth.at(begin)
+    begin = plan.scenario.grid.elapsed[knot : knot + 1] - plan.scenario.lead
+    positions, velocities, _ = plan.averaged().states(begin)
     return np.concatenate([positions[:, 0], velocities[:, 0]], axis=1)
