@@ -246,7 +246,7 @@ class Motion:
     def polynomials(self) -> Polynomials:
         """Return the motions, arrays (N, ..., 3), as polynomials of degree 2 in every step."""
         p, v, a = self.positions[:, :-1], self.velocities[:, :-1], self.accelerations
-        knots = self.step * np.arange(self.positions.shape[1])
+        knots: FloatArray = np.float64(self.step) * np.arange(self.positions.shape[1])
         return Polynomials(knots, np.stack([p, v, a / 2], axis=-1))
 
     @property

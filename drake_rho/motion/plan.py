@@ -15,7 +15,7 @@ from drake_rho.motion.dynamics import Motion
 from drake_rho.motion.polynomials import Polynomials
 from drake_rho.motion.remainders import remainder
 from drake_rho.motion.samples import Samples, times_of
-from drake_rho.motion.scenario_tube import tube_of
+from drake_rho.motion.scenario_tube import tracking_of
 from drake_rho.motion.smooth import SmoothMotion, averaged
 from drake_rho.motion.statistics import Statistics
 from drake_rho.scenario.arguments import checked
@@ -311,12 +311,10 @@ class Plan(ShownInNotebooks, metaclass=Described):
             raise ValueError(f"seconds: got {seconds}, expected a time from 0 to {most:g} s")
         check_goals_at_rest(scenario.vehicles)
         steps = steps_lasting(seconds, grid.step)
-        disturbance = scenario.disturbance
-        if disturbance is not None:
-            tracking = tube_of(scenario).tracking
-            disturbance = unchecked(disturbance, tracking=tracking)
+        around = scenario.disturbance
+        around = around and unchecked(around, tracking=tracking_of(scenario))
         longer = scenario.derived(
-            grid=unchecked(grid, knots=grid.knots + steps), disturbance=disturbance
+            grid=unchecked(grid, knots=grid.knots + steps), disturbance=around
         )
         still = np.zeros((len(scenario.vehicles), steps, 3))
         return Plan(

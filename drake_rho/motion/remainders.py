@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from drake_rho.motion.dynamics import Motion
-from drake_rho.motion.scenario_tube import tube_of
+from drake_rho.motion.scenario_tube import tracking_of
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.fleet import Fleet
 from drake_rho.scenario.parts import Quantity
@@ -38,7 +38,7 @@ def remainder(scenario: Scenario, motion: Motion, knot: int) -> Scenario:
         _without_rounding(scenario.fleet, "position", motion.positions[:, knot]),
         _without_rounding(scenario.fleet, "velocity", motion.velocities[:, knot]),
         _without_rounding(scenario.fleet, "acceleration", motion.accelerations[:, knot - 1]),
-        tube_of(scenario).tracking if scenario.disturbance else None,
+        tracking_of(scenario),
         motion.flown_until(knot) if scenario.smoothing else None,
     )
 

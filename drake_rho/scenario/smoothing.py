@@ -8,7 +8,7 @@ from typing import Annotated, Self
 import numpy as np
 from pydantic import Field
 
-from drake_rho.scenario.disturbance import Disturbance
+from drake_rho.scenario.disturbance import Tracking
 from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.fields import (
     NOT_BOOLEAN,
@@ -102,7 +102,7 @@ def check_smoothing(
     vehicles: Sequence[Vehicle],
     requirements: Sequence[KeepIn],
     between_knots: bool,
-    disturbance: Disturbance | None,
+    tracking: Tracking | None,
     margin: float,
 ) -> None:
     """Check that averages of a scenario's plans satisfy all constraints of the plans.
@@ -114,7 +114,7 @@ def check_smoothing(
         vehicles: the vehicles.
         requirements: of the scenario.
         between_knots: whether constraints hold at every instant.
-        disturbance: of the scenario, if any.
+        tracking: of the scenario's disturbance, if any.
         margin: margin of positions; infinite if it is needed and limits do not bound it [m].
 
     Raises:
@@ -126,8 +126,7 @@ def check_smoothing(
     if not between_knots:
         expected = "True beside smoothing: averages are taken of every instant"
         raise ScenarioError("between_knots", between_knots, expected)
-    tracking = None if disturbance is None else disturbance.tracking
-    if tracking is not None and grid.start - smoothing.lead - tracking.since > grid.step / 2.0:
+    if tracking and grid.start - smoothing.lead - tracking.since > grid.step / 2.0:
         expected = (
             f"{grid.start - smoothing.lead:g} s beside smoothing, whose motions begin at rest"
         )

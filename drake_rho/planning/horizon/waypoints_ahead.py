@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from drake_rho.motion.scenario_tube import tube_of
-from drake_rho.scenario.disturbance import Tracking
+from drake_rho.motion.scenario_tube import tracking_of
 from drake_rho.scenario.fields import unchecked
 from drake_rho.scenario.parts import Grid, Vehicle, Waypoint
 from drake_rho.scenario.records import Scenario
@@ -72,13 +71,10 @@ def until(scenario: Scenario, grid: Grid, vehicles: tuple[Vehicle, ...]) -> Scen
         grid: grid that begins as the scenario's.
         vehicles: the vehicles, with other times of their waypoints.
     """
-    fleet, tracking = scenario.fleet, None
-    if scenario.disturbance is not None:
-        own = Tracking(scenario.grid.start - scenario.lead, tube_of(scenario).gains)
-        tracking = scenario.disturbance.tracking or own
+    fleet = scenario.fleet
     given = scenario.derived(vehicles=vehicles, fleet=fleet)
     starts = fleet.start_positions, fleet.start_velocities, fleet.accelerations_before
-    ended = from_states(given, grid, *starts, tracking, fleet.flown)
+    ended = from_states(given, grid, *starts, tracking_of(scenario), fleet.flown)
     return ended.derived(under_way=scenario.under_way)
 
 
