@@ -335,8 +335,8 @@ def _check_values(
     if interval is None:
         return
     members, partner = requirement.members(names), requirement.partner(names)
-    due = grid.clock.within(times[members], interval)  # false for NaN
-    members, tolerances = members[due], requirement.tolerances(fleet, names)[due]
+    active = grid.clock.within(times[members], interval)  # false for NaN
+    members, tolerances = members[active], requirement.tolerances(fleet, names)[active]
     relative = values[members] - requirement.offset(times[members])
     if partner is not None:
         relative = relative - values[partner]

@@ -229,8 +229,8 @@ class KeepIn:
             return None
         if self.vehicles is None:
             return self
-        left = tuple(each for each in self.vehicles if each in names)
-        return unchecked(self, vehicles=left) if left else None
+        members = tuple(each for each in self.vehicles if each in names)
+        return unchecked(self, vehicles=members) if members else None
 
     def longer(self, time: float) -> Self:
         """Return the requirement with an interval, if any, longer by a time on both sides [s]."""

@@ -210,16 +210,16 @@ def _is_inside(time: float, interval: tuple[float, float], clock: Clock) -> bool
 
 
 def _check_at_rest(
-    asked: KeepIn, where: str, values: FloatArray, fleet: Fleet, names: Sequence[str]
+    requirement: KeepIn, where: str, values: FloatArray, fleet: Fleet, names: Sequence[str]
 ) -> None:
     """Check that values at rest (N, 3) are in a requirement's set."""
-    members: IntArray = asked.members(names)
-    partner = asked.partner(names)
+    members: IntArray = requirement.members(names)
+    partner = requirement.partner(names)
     own = values[members] - (0.0 if partner is None else values[partner])
-    outside = asked.set.signed_distance(own - asked.offset(np.zeros(len(members))))
-    if np.any(outside > asked.tolerances(fleet, names)):
+    outside = requirement.set.signed_distance(own - requirement.offset(np.zeros(len(members))))
+    if np.any(outside > requirement.tolerances(fleet, names)):
         expected = (
             "a set that contains the vehicles at rest, with which smoothing averages near the "
             f"start and the goal; {names[members[int(np.argmax(outside))]]} is outside"
         )
-        raise ScenarioError(f"{where}.set", asked.set, expected)
+        raise ScenarioError(f"{where}.set", requirement.set, expected)
