@@ -17,7 +17,7 @@ import numpy.typing as npt
 from drake_rho.motion.polynomials import Polynomials
 from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.fleet import Fleet
-from drake_rho.scenario.parts import REACHED, Quantity, State
+from drake_rho.scenario.parts import REACHED, Quantity
 from drake_rho.scenario.times import steps_begun
 
 if TYPE_CHECKING:
@@ -68,15 +68,6 @@ class Motion:
     before: FloatArray
     after: FloatArray
     flown: FloatArray | None = None
-
-    @classmethod
-    def from_start(cls, start: State, accelerations: FloatArray, step: float) -> Self:
-        """Return the motion of one vehicle from `start` with `accelerations`, shape (K-1, 3).
-
-        Its acceleration after the last knot is unknown.
-        """
-        p, v = roll_out(start.position, start.velocity, accelerations, step)
-        return cls(step, p, v, accelerations, start.acceleration_outside, np.full(3, np.nan))
 
     @classmethod
     def from_starts(cls, fleet: Fleet, accelerations: FloatArray, step: float) -> Self:

@@ -123,18 +123,19 @@ class Plan(ShownInNotebooks, metaclass=Described):
         with np.errstate(over="ignore", invalid="ignore"):  # the plan checks for finite values
             step = scenario.grid.step
             motion = Motion.in_pieces(scenario.fleet, accelerations, step, begins)
-        p, v = motion.positions, motion.velocities
-        return cls(
-            scenario, p, v, accelerations, statistics or Statistics(), jumps=tuple(sorted(begins))
-        )
+        return cls.from_motion(scenario, motion, statistics, tuple(sorted(begins)))
 
     @classmethod
     def from_motion(
-        cls, scenario: Scenario, motion: Motion, statistics: Statistics | None = None
+        cls,
+        scenario: Scenario,
+        motion: Motion,
+        statistics: Statistics | None = None,
+        jumps: tuple[int, ...] = (),
     ) -> Self:
         """Return the plan with a motion of a scenario's vehicles, arrays of shape (N, ..., 3)."""
         p, v, a = motion.positions, motion.velocities, motion.accelerations
-        return cls(scenario, p, v, a, statistics or Statistics())
+        return cls(scenario, p, v, a, statistics or Statistics(), jumps=jumps)
 
     def with_statistics(self, statistics: Statistics) -> Plan:
         """Return the plan with other statistics."""
@@ -268,11 +269,6 @@ class Plan(ShownInNotebooks, metaclass=Described):
     def polynomials(self) -> Polynomials:
         """Return the motion as piecewise polynomials; with a smoothing, the smooth motion."""
         return self.averaged().polynomials()
-
-    def motions(self) -> list[Motion]:
-        """Return a motion for each vehicle."""
-        whole = self.motion()
-        return [whole.of(vehicle) for vehicle in range(len(whole.positions))]
 
     def trajectory(self, name: str) -> PiecewisePolynomial:
         """Return the trajectory of the vehicle called `name` as Drake's type, exact at all times.

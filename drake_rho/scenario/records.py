@@ -40,7 +40,13 @@ from drake_rho.scenario.shapes.polyhedra import Box, Polytope
 from drake_rho.scenario.shapes.posed import Posed
 from drake_rho.scenario.shapes.quadrics import Ellipsoid, Sphere
 from drake_rho.scenario.shapes.unbounded import Cone, HalfSpace
-from drake_rho.scenario.smoothing import Smoothing, check_smoothing, largest_accelerations
+from drake_rho.scenario.smoothing import (
+    Smoothing,
+    check_limits_of_averages,
+    check_requirements_of_averages,
+    check_smoothing,
+    largest_accelerations,
+)
 from drake_rho.scenario.tracks import Track
 from drake_rho.scenario.worlds import Obstacles
 
@@ -159,15 +165,11 @@ class Scenario(ShownInNotebooks):
         if self.hold_at_goal:
             check_goals_at_rest(self.vehicles)
         if self.smoothing and not under_way:
-            check_smoothing(
-                self.smoothing,
-                self.grid,
-                self.fleet,
-                self.vehicles,
-                self.requirements,
-                self.between_knots,
-                self.disturbance_or_calm.tracking,
-                self.smoothing_margin,
+            tracking = self.disturbance_or_calm.tracking
+            check_smoothing(self.smoothing, self.grid, self.vehicles, self.between_knots, tracking)
+            check_limits_of_averages(self.fleet, self.vehicles, self.smoothing_margin)
+            check_requirements_of_averages(
+                self.requirements, self.fleet, self.names, self.grid, self.lead
             )
         return self
 

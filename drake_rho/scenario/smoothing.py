@@ -98,27 +98,22 @@ def largest_accelerations(fleet: Fleet) -> FloatArray:
 def check_smoothing(
     smoothing: Smoothing,
     grid: Grid,
-    fleet: Fleet,
     vehicles: Sequence[Vehicle],
-    requirements: Sequence[KeepIn],
     between_knots: bool,
     tracking: Tracking | None,
-    margin: float,
 ) -> None:
-    """Check that averages of a scenario's plans satisfy all constraints of the plans.
+    """Check that plans on a grid can be averaged, and extended by rest at both ends.
 
     Args:
         smoothing: the smoothing.
         grid: grid of the plans.
-        fleet: the vehicles as arrays.
         vehicles: the vehicles.
-        requirements: of the scenario.
         between_knots: whether constraints hold at every instant.
         tracking: of the scenario's disturbance, if any.
-        margin: margin of positions; infinite if it is needed and limits do not bound it [m].
 
     Raises:
-        ScenarioError: a constraint need not hold for averages, or has no bound.
+        ScenarioError: the width exceeds the step, constraints hold at knots only, or motions do not
+            begin and end at rest.
     """
     if grid.clock.after(smoothing.width, grid.step):
         expected = f"at most the grid's step, {grid.step:g} s"
@@ -131,13 +126,6 @@ def check_smoothing(
             f"{grid.start - smoothing.lead:g} s beside smoothing, whose motions begin at rest"
         )
         raise ScenarioError("disturbance.tracking.since", tracking.since, expected)
-    _check_rest(vehicles)
-    _check_accelerations(fleet, vehicles, margin)
-    _check_requirements(smoothing, grid, fleet, vehicles, requirements)
-
-
-def _check_rest(vehicles: Sequence[Vehicle]) -> None:
-    """Check that vehicles are at rest at both ends."""
     for index, each in enumerate(vehicles):
         given = {
             f"{end}.{quantity}": getattr(state, quantity)
@@ -150,8 +138,17 @@ def _check_rest(vehicles: Sequence[Vehicle]) -> None:
                 raise ScenarioError(f"vehicles[{index}].{field}", value.tolist(), expected)
 
 
-def _check_accelerations(fleet: Fleet, vehicles: Sequence[Vehicle], margin: float) -> None:
-    """Check limits of accelerations and jerks."""
+def check_limits_of_averages(fleet: Fleet, vehicles: Sequence[Vehicle], margin: float) -> None:
+    """Check that limits of accelerations and jerks contain zero, and bound the averages' margin.
+
+    Args:
+        fleet: the vehicles as arrays.
+        vehicles: the vehicles.
+        margin: margin of positions; infinite if it is needed and limits do not bound it [m].
+
+    Raises:
+        ScenarioError: a limit does not contain zero, or the margin is infinite.
+    """
     limits: tuple[Quantity, ...] = ("acceleration", "jerk")
     for limit in limits:
         if (box := fleet.bounds(limit)) is None:
@@ -178,15 +175,22 @@ def _limit_of(vehicles: Sequence[Vehicle], vehicle: int, limit: str) -> str:
     return f"limits.{limit}"
 
 
-def _check_requirements(
-    smoothing: Smoothing,
-    grid: Grid,
-    fleet: Fleet,
-    vehicles: Sequence[Vehicle],
-    requirements: Sequence[KeepIn],
+def check_requirements_of_averages(
+    requirements: Sequence[KeepIn], fleet: Fleet, names: Sequence[str], grid: Grid, lead: float
 ) -> None:
-    """Check that requirements hold for averages, also before the start and after the goal."""
-    names, (count, lead) = [each.name for each in vehicles], (len(vehicles), smoothing.lead)
+    """Check that requirements hold for averages, also before the start and after the goal.
+
+    Args:
+        requirements: all requirements.
+        fleet: the vehicles.
+        names: names of the vehicles.
+        grid: grid of the plans.
+        lead: time by which averages begin earlier and end later [s].
+
+    Raises:
+        ScenarioError: a requirement is relative to a track, or does not contain a vehicle at rest.
+    """
+    count = len(names)
     for index, each in enumerate(requirements):
         where = f"requirements[{index}]"
         if each.track is not None:
