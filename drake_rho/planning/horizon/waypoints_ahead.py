@@ -9,7 +9,7 @@ from drake_rho.scenario.fields import unchecked
 from drake_rho.scenario.parts import Grid, Vehicle, Waypoint
 from drake_rho.scenario.records import Scenario
 from drake_rho.scenario.rest_of_flight import from_states
-from drake_rho.scenario.waypoints import is_during_flight
+from drake_rho.scenario.waypoints import is_ahead
 
 Free = tuple[tuple[bool, ...], ...]
 """Flag of each waypoint of each vehicle, in order: true if its time is free."""
@@ -34,7 +34,7 @@ def free_ahead(free: Free, whole: Scenario, grid: Grid) -> Free:
         tuple(
             one
             for one, each in zip(own, vehicle.waypoints, strict=True)
-            if _ahead(each, grid, whole.lead)
+            if is_ahead(each, grid, whole.lead)
         )
         for own, vehicle in zip(free, whole.vehicles, strict=True)
     )
@@ -99,14 +99,9 @@ def sooner(vehicle: Vehicle, free: tuple[bool, ...], start: float, factor: float
 def _replaced(vehicle: Vehicle, ahead: Iterator[Waypoint], grid: Grid, lead: float) -> Vehicle:
     """Return a vehicle with other waypoints in place of those ahead."""
     waypoints = tuple(
-        next(ahead) if _ahead(each, grid, lead) else each for each in vehicle.waypoints
+        next(ahead) if is_ahead(each, grid, lead) else each for each in vehicle.waypoints
     )
     return unchecked(vehicle, waypoints=waypoints)
-
-
-def _ahead(waypoint: Waypoint, grid: Grid, lead: float) -> bool:
-    """Return whether a waypoint is in the rest of a flight, which begins `lead` earlier."""
-    return waypoint.time is None or is_during_flight(waypoint.time, grid, lead)
 
 
 def _times(vehicle: Vehicle) -> list[float | None]:
