@@ -112,7 +112,7 @@ class Plan(ShownInNotebooks, metaclass=Described):
         begins: Mapping[int, FloatArray],
         statistics: Statistics | None = None,
     ) -> Self:
-        """Return motions that restart at some knots, as flights from measured states do.
+        """Return the plan whose motions restart at some knots, as flights from measured states.
 
         Args:
             scenario: the flown scenario.

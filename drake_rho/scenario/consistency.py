@@ -354,12 +354,10 @@ def _check_values(
     interval = requirement.interval(grid)
     if interval is None:
         return
-    members, partner = requirement.members(names), requirement.partner(names)
+    members = requirement.members(names)
     active = grid.clock.within(given.times[members], interval)  # false for NaN
     members, tolerances = members[active], requirement.tolerances(fleet, names)[active]
-    relative = given.values[members] - requirement.offset(given.times[members])
-    if partner is not None:
-        relative = relative - given.values[partner]
+    relative = requirement.relative(given.values, given.times, names)[active]
     outside = requirement.set.signed_distance(relative) - given.within[members]
     if np.any(outside > tolerances):
         worst = int(np.argmax(outside - tolerances))

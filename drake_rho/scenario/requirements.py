@@ -173,6 +173,18 @@ class KeepIn:
             offset[:, 2] = -GRAVITY
         return offset
 
+    def relative(self, values: FloatArray, times: FloatArray, names: Sequence[str]) -> FloatArray:
+        """Return the values in the set of the constrained vehicles, shape (M, 3).
+
+        Args:
+            values: of `quantity`, of all vehicles, shape (N, 3).
+            times: on the scenario's clock [s], shape (N,).
+            names: names of the vehicles.
+        """
+        members, partner = self.members(names), self.partner(names)
+        relative: FloatArray = values[members] - self.offset(times[members])
+        return relative if partner is None else relative - values[partner]
+
     @property
     def corners(self) -> FloatArray:
         """Times at which the interval begins or ends, or the moving point turns [s], (M,)."""

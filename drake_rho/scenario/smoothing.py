@@ -13,7 +13,6 @@ from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.fields import (
     NOT_BOOLEAN,
     FloatArray,
-    IntArray,
     Positive,
     record,
     unchecked,
@@ -169,8 +168,7 @@ def check_limits_of_averages(fleet: Fleet, vehicles: Sequence[Vehicle], margin: 
 
 def _limit_of(vehicles: Sequence[Vehicle], vehicle: int, limit: str) -> str:
     """Return the field of a limit: the vehicle's own if it has one, else the scenario's."""
-    own = vehicles[vehicle].limits
-    if own is not None and getattr(own, limit) is not None:
+    if getattr(vehicles[vehicle].limits, limit, None) is not None:
         return f"vehicles[{vehicle}].limits.{limit}"
     return f"limits.{limit}"
 
@@ -217,10 +215,9 @@ def _check_at_rest(
     requirement: KeepIn, where: str, values: FloatArray, fleet: Fleet, names: Sequence[str]
 ) -> None:
     """Check that values at rest (N, 3) are in a requirement's set."""
-    members: IntArray = requirement.members(names)
-    partner = requirement.partner(names)
-    own = values[members] - (0.0 if partner is None else values[partner])
-    outside = requirement.set.signed_distance(own - requirement.offset(np.zeros(len(members))))
+    members = requirement.members(names)
+    relative = requirement.relative(values, np.zeros(len(names)), names)
+    outside = requirement.set.signed_distance(relative)
     if np.any(outside > requirement.tolerances(fleet, names)):
         expected = (
             "a set that contains the vehicles at rest, with which smoothing averages near the "
