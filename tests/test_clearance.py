@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 import drake_rho as rho
 from drake_rho.motion.dynamics import Motion
-from drake_rho.motion.extremes import closest_approach, turning_points
+from drake_rho.motion.extremes import turning_points
+from tests.motions import closest_approach, from_start
 
 seeds = st.integers(0, 2**32 - 1)
 small = st.integers(-6, 6)
@@ -21,7 +22,7 @@ def _random_motion(seed: int) -> tuple[Motion, np.ndarray]:
     rng = np.random.default_rng(seed)
     start = rho.State(rng.normal(size=3), rng.normal(size=3))
     a = rng.normal(size=(int(rng.integers(1, 12)), 3)) * 10 ** rng.uniform(-1, 1)
-    return Motion.from_start(start, a, 10 ** rng.uniform(-1, 0.5)), rng.normal(size=3)
+    return from_start(start, a, 10 ** rng.uniform(-1, 0.5)), rng.normal(size=3)
 
 
 @given(seed=seeds)
@@ -45,7 +46,7 @@ def test_the_time_of_closest_approach_is_a_root_of_the_exact_cubic(
 ) -> None:
     """In rational arithmetic the derivative changes sign within an ulp of the returned time."""
     start = rho.State([*p, 0.0], [*v, 0.0])
-    motion = Motion.from_start(start, np.array([[*a, 0.0]]), 1.0)
+    motion = from_start(start, np.array([[*a, 0.0]]), 1.0)
     time = float(closest_approach(motion, np.zeros(3))[0][0])
 
     def slope(s: Fraction) -> Fraction:
@@ -66,7 +67,7 @@ def test_the_time_of_closest_approach_is_a_root_of_the_exact_cubic(
 
 def test_a_fly_by_in_the_middle_of_a_step_is_found() -> None:
     start = rho.State([-3.0, 4.0, 0.0], [2.0, 0.0, 0.0])
-    motion = Motion.from_start(start, np.zeros((3, 3)), 1.0)
+    motion = from_start(start, np.zeros((3, 3)), 1.0)
     times, distances = closest_approach(motion, np.zeros(3))
     np.testing.assert_allclose(times, [1.0, 1.5, 2.0])
     np.testing.assert_allclose(distances, [np.sqrt(17), 4.0, np.sqrt(17)])
@@ -75,7 +76,7 @@ def test_a_fly_by_in_the_middle_of_a_step_is_found() -> None:
 def test_two_minima_in_one_step_are_both_found() -> None:
     """A parabola comes near a point twice: the closer approach is taken."""
     start = rho.State([0.15, -1.0, 0.0], [-0.3, 4.0, 0.0])
-    motion = Motion.from_start(start, np.array([[0.0, -8.0, 0.0]]), 1.0)
+    motion = from_start(start, np.array([[0.0, -8.0, 0.0]]), 1.0)
     center = np.array([0.01, -0.6, 0.0])
     dense = np.linalg.norm(motion.at("position", np.linspace(0, 1, 100001)) - center, axis=1)
     turns = np.flatnonzero((dense[1:-1] < dense[:-2]) & (dense[1:-1] < dense[2:]))
@@ -105,6 +106,6 @@ def test_several_vehicles_at_once_equal_each_one_separately() -> None:
     _, together = closest_approach(plan.motion(), center)
     for index, vehicle in enumerate(plan.scenario.vehicles):
         _, alone = closest_approach(
-            Motion.from_start(vehicle.start, plan.accelerations[index], 1.0), center
+            from_start(vehicle.start, plan.accelerations[index], 1.0), center
         )
         np.testing.assert_allclose(together[index], alone, atol=1e-9)

@@ -9,8 +9,8 @@ import pytest
 
 import drake_rho as rho
 from drake_rho.motion.dynamics import Motion
-from drake_rho.motion.extremes import closest_approach
 from drake_rho.motion.nearest_vehicles import closest_over_time
+from tests.motions import closest_approach
 from tests.scenarios import slow
 from tests.tolerances import ROUNDING
 

@@ -13,6 +13,7 @@ from scipy.integrate import solve_ivp
 
 import drake_rho as rho
 from drake_rho.motion.dynamics import Motion, response, roll_out, vectors_of
+from tests.motions import from_start
 from tests.scenarios import single
 from tests.tolerances import ROUNDING
 
@@ -25,7 +26,7 @@ def _random_motion(seed: int, before: bool = True) -> tuple[rho.State, Motion]:
     start = rho.State(
         rng.normal(size=3), rng.normal(size=3), rng.normal(size=3) if before else None
     )
-    return start, Motion.from_start(start, rng.normal(size=(steps, 3)), step)
+    return start, from_start(start, rng.normal(size=(steps, 3)), step)
 
 
 def test_constant_acceleration_is_a_parabola() -> None:

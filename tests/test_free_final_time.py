@@ -14,6 +14,7 @@ from drake_rho import cli
 from drake_rho.motion.flown import Flown
 from drake_rho.planning.horizon.free_final_time import arrival_steps
 from drake_rho.planning.horizon.interfaces import Planner
+from drake_rho.planning.horizon.waypoints_ahead import until
 from drake_rho.simulation.closed_loop import fly
 from tests.scenarios import slow
 
@@ -76,6 +77,14 @@ def test_the_least_time_is_the_grid_of_a_plan_of_least_time() -> None:
     flight = rho.plan_rho(fastest.scenario, free_final_time=True, fallback=None)
     assert {*arrivals(flight)} == {12}
     assert rho.verify(flight).ok
+
+
+def test_an_earlier_end_has_the_tube_of_feedback_without_prediction() -> None:
+    around = dataclasses.replace(WIND, delay=2, prediction=False)
+    scenario = dataclasses.replace(crossing(), disturbance=around)
+    short = until(scenario, rho.Grid(0.2, 21), scenario.vehicles)
+    tubes = rho.error_tube(scenario), rho.error_tube(short)
+    assert tubes[0].position(4.0) == tubes[1].position(4.0)
 
 
 def windy(seed: int) -> rho.Scenario:

@@ -19,6 +19,7 @@ from drake_rho.motion.penetration import deepest, pieces_near
 from drake_rho.planning.programs.backend import Solver
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.shapes.base import Shape
+from tests.motions import from_start
 from tests.scenarios import slow
 from tests.shapes import KINDS, random_shape
 
@@ -183,7 +184,7 @@ def test_the_deepest_instants_agree_with_dense_samples(seed: int, kind: str, mov
     track = rho.Track(np.sort(rng.uniform(0, 6, 4)), rng.normal(size=(4, 3)))
     obstacle = rho.Obstacle(shape, track=track if moves else None)
     start, step = float(rng.uniform(-1, 2)), 0.5
-    motion = Motion.from_start(
+    motion = from_start(
         rho.State(2 * rng.normal(size=3), rng.normal(size=3)), rng.normal(size=(8, 3)), step
     )
     parts = (each for each in dataclasses.astuple(motion)[1:] if each is not None)

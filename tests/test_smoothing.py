@@ -125,7 +125,7 @@ def test_no_motion_is_further_from_its_averages_than_the_margin(
 ) -> None:
     motion, smoothing = _at_rest(seed), rho.Smoothing(width, times)
     elapsed = np.linspace(-smoothing.lead, 4.0 + smoothing.lead, 999)
-    smoothed, _, _ = SmoothMotion(motion, smoothing).at(elapsed)
+    smoothed, _, _ = SmoothMotion(motion, smoothing).states(elapsed)
     planned = motion.at("position", np.clip(elapsed, 0.0, 4.0))
     most = np.linalg.norm(motion.accelerations, axis=2).max(axis=1)
     apart = np.linalg.norm(smoothed - planned, axis=2).max(axis=1)
@@ -140,7 +140,7 @@ def test_the_margin_is_attained_where_the_acceleration_is_constant(
 ) -> None:
     a = np.repeat([[[0.0, 3.0, 4.0]], [[0.0, -3.0, -4.0]]], 4, axis=1).reshape(1, 8, 3)
     motion = Motion.from_starts(single().fleet, a, 0.5)
-    smoothed, _, _ = SmoothMotion(motion, smoothing).at(np.array([1.0]))
+    smoothed, _, _ = SmoothMotion(motion, smoothing).states(np.array([1.0]))
     apart = np.linalg.norm(smoothed - motion.at("position", 1.0))
     assert apart == pytest.approx(smoothing.margin(5.0), rel=1e-9)
 

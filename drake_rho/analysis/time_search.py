@@ -375,9 +375,8 @@ class TimeSearch:
             like: motion whose waypoint times are scaled with the final time.
             duration: final time [s].
         """
-        smoothing, steps = self._scenario.smoothing, self._scenario.grid.knots - 1
-        if smoothing is not None:
-            duration = max(duration, smoothing.width * steps * (1.0 + 1e-9))
+        narrowest = self._scenario.averaging_width * (self._scenario.grid.knots - 1)
+        duration = max(duration, narrowest * (1.0 + 1e-9))
         duration = max(duration, latest(self._scenario, like.passing) * (1.0 + 1e-9))
         return dataclasses.replace(like.lasting(duration), scenario=self._scenario)
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.polynomial import Polynomial
 
 from drake_rho.exports.pieces import DEGREE, Pieces, fitted, powers, to_control_points
-from drake_rho.motion.smooth import Polynomials
+from drake_rho.motion.polynomials import Polynomials
 from drake_rho.scenario.fields import FloatArray, IntArray
 
 _SAMPLES = 8

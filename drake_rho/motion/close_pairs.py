@@ -88,11 +88,11 @@ def close_pairs(
     def found(steps: slice) -> CloseApproaches:
         quantities = motion.positions, motion.velocities, motion.accelerations
         p, v, a = (np.ascontiguousarray(separation.scaled(each[:, steps])) for each in quantities)
-        middle, reach = p + h / 2 * (v + h / 4 * a), _reach(h, v, a)
-        one, other, k = _pairs_at(middle, within, reach, of)
+        middle, travel = p + h / 2 * (v + h / 4 * a), _travel(h, v, a)
+        one, other, k = _pairs_at(middle, within, travel, of)
         # bounds by the relative motion leave fewer pairs: computing minima is expensive
         x, w, b = (_relative(each, one, other, k) for each in (middle, v, a))
-        near = lengths_of(x) - _reach(h, w, b) < within
+        near = lengths_of(x) - _travel(h, w, b) < within
         one, other, k = one[near], other[near], k[near]
         relative = _relative(p, one, other, k), w[near], b[near]
         return _closest_below(within, h, one, other, steps.start + k, *relative)
@@ -140,12 +140,12 @@ def _relative(vectors: FloatArray, one: IntArray, other: IntArray, k: IntArray) 
     return vectors_of(vectors, one, k) - vectors_of(vectors, other, k)
 
 
-def _reach(step: float, v: FloatArray, a: FloatArray) -> FloatArray:
+def _travel(step: float, v: FloatArray, a: FloatArray) -> FloatArray:
     """Return bounds on how far motions get from their positions in the middle of a step."""
-    reach = lengths_of(v + step / 2 * a)
-    reach += step / 4 * lengths_of(a)
-    reach *= step / 2
-    return reach
+    travel = lengths_of(v + step / 2 * a)
+    travel += step / 4 * lengths_of(a)
+    travel *= step / 2
+    return travel
 
 
 def _closest_below(
@@ -166,14 +166,14 @@ def _closest_below(
 
 
 def _pairs_at(
-    points: FloatArray, within: float, reach: FloatArray, of: IntArray | None
+    points: FloatArray, within: float, travel: FloatArray, of: IntArray | None
 ) -> tuple[IntArray, IntArray, IntArray]:
     """Return pairs of points that may come within a distance, at T instants.
 
     Args:
         points: positions of all vehicles, shape (N, T, 3).
         within: the distance.
-        reach: distance that each point may move, shape (N, T).
+        travel: distance that each point may move, shape (N, T).
         of: indices of points; only pairs with one or two of them are returned. All pairs if not
             given.
 
@@ -181,13 +181,13 @@ def _pairs_at(
         Indices of both points, the smaller first, and of the instant, each pair in time order.
     """
     if len(points) <= _HANDFUL:
-        return _pairs_by_enumeration(points, within, reach, of)
+        return _pairs_by_enumeration(points, within, travel, of)
     few = of if of is not None and _FEW * len(of) < len(points) else None
 
     every = list[IntArray]()
     for first in range(0, points.shape[1], _INSTANTS):
         chunk = slice(first, first + _INSTANTS)
-        every.append(_pairs_during(points[:, chunk], within, reach[:, chunk], few))
+        every.append(_pairs_during(points[:, chunk], within, travel[:, chunk], few))
         every[-1][2] += first
     one, other, instants = np.concatenate(every, axis=1)
     if of is not None and few is None:
@@ -198,7 +198,7 @@ def _pairs_at(
 
 
 def _pairs_by_enumeration(
-    points: FloatArray, within: float, reach: FloatArray, of: IntArray | None
+    points: FloatArray, within: float, travel: FloatArray, of: IntArray | None
 ) -> tuple[IntArray, IntArray, IntArray]:
     """Return `_pairs_at` by visiting all pairs, without trees."""
     one, other = np.triu_indices(len(points), 1)
@@ -207,13 +207,13 @@ def _pairs_by_enumeration(
         required = selected[one] | selected[other]
         one, other = one[required], other[required]
     x = points.take(one, axis=0) - points.take(other, axis=0)
-    close = np.vecdot(x, x) <= (within + reach[one] + reach[other]) ** 2
+    close = np.vecdot(x, x) <= (within + travel[one] + travel[other]) ** 2
     which, instants = np.nonzero(close)
     return one[which], other[which], instants
 
 
 def _pairs_during(
-    points: FloatArray, within: float, reach: FloatArray, few: IntArray | None
+    points: FloatArray, within: float, travel: FloatArray, few: IntArray | None
 ) -> IntArray:
     """Return `_pairs_at` for a few instants, as pairs and instants, shape (3, M).
 
@@ -224,7 +224,7 @@ def _pairs_during(
     Args:
         points: shape (N, T, 3) with few instants T.
         within: the distance.
-        reach: distance that each point may move, shape (N, T).
+        travel: distance that each point may move, shape (N, T).
         few: indices of few points; only pairs with one or two of them are returned. All pairs if
             None.
     """
@@ -236,13 +236,13 @@ def _pairs_during(
     away = np.sqrt(np.vecdot(moved, moved).max(axis=1))
     if count > 1 and float(away.max()) > within:
         each = [
-            _pairs_during(points[:, k : k + 1], within, reach[:, k : k + 1], few)
+            _pairs_during(points[:, k : k + 1], within, travel[:, k : k + 1], few)
             for k in range(count)
         ]
         for k, found in enumerate(each):
             found[2] = k
         return np.concatenate(each, axis=1)
-    away += reach.max(axis=1)
+    away += travel.max(axis=1)
     tree = cKDTree(middle, balanced_tree=False, compact_nodes=False)
     radius = within + 2.0 * float(away.max())
     if few is None:
@@ -254,7 +254,7 @@ def _pairs_during(
     near = np.vecdot(x, x) <= (within + away[one] + away[other]) ** 2
     one, other = one[near], other[near]
     x = points.take(one, axis=0) - points.take(other, axis=0)
-    close = np.vecdot(x, x) <= (within + reach[one] + reach[other]) ** 2
+    close = np.vecdot(x, x) <= (within + travel[one] + travel[other]) ** 2
     which, instants = np.nonzero(close)
     return np.stack([one[which], other[which], instants])
 

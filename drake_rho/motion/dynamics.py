@@ -14,9 +14,10 @@ from typing import TYPE_CHECKING, Self, get_args
 import numpy as np
 import numpy.typing as npt
 
+from drake_rho.motion.polynomials import Polynomials
 from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.fleet import Fleet
-from drake_rho.scenario.parts import Quantity, State
+from drake_rho.scenario.parts import REACHED, Quantity
 from drake_rho.scenario.times import steps_begun
 
 if TYPE_CHECKING:
@@ -69,15 +70,6 @@ class Motion:
     before: FloatArray
     after: FloatArray
     flown: FloatArray | None = None
-
-    @classmethod
-    def from_start(cls, start: State, accelerations: FloatArray, step: float) -> Self:
-        """Return the motion of one vehicle from `start` with `accelerations`, shape (K-1, 3).
-
-        Its acceleration after the last knot is unknown.
-        """
-        p, v = roll_out(start.position, start.velocity, accelerations, step)
-        return cls(step, p, v, accelerations, start.acceleration_outside, np.full(3, np.nan))
 
     @classmethod
     def from_starts(cls, fleet: Fleet, accelerations: FloatArray, step: float) -> Self:
@@ -167,8 +159,8 @@ class Motion:
         ends = self.before, self.after
         return Motion(self.step / pieces, positions, velocities, repeated, *ends, self.flown)
 
-    def of(self, vehicles: IntArray | slice) -> Motion:
-        """Return the motions of some of the vehicles."""
+    def of(self, vehicles: IntArray | slice | int) -> Motion:
+        """Return the motions of some of the vehicles, or the motion of one."""
         return Motion(
             self.step,
             self.positions[vehicles],
@@ -229,6 +221,38 @@ class Motion:
             return velocities
         positions: FloatArray = pick(self.positions, k) + s / 2 * (v + velocities)
         return positions
+
+    def states(self, elapsed: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return positions [m], velocities [m/s] and accelerations [m/s²], (..., M, 3) each.
+
+        Args:
+            elapsed: times since the first knot [s], shape (M,). At knots, positions and velocities
+                are those of the arrays.
+        """
+        p, v, a = (self.at(each, elapsed) for each in ("position", "velocity", "acceleration"))
+        knots = self.step * np.arange(self.positions.shape[-2])
+        k = np.minimum(np.searchsorted(knots, elapsed), len(knots) - 1)
+        there = knots[k] == elapsed
+        p[..., there, :] = self.positions[..., k[there], :]
+        v[..., there, :] = self.velocities[..., k[there], :]
+        return p, v, a
+
+    def polynomials(self) -> Polynomials:
+        """Return the motions, arrays (N, ..., 3), as polynomials of degree 2 in every step."""
+        p, v, a = self.positions[:, :-1], self.velocities[:, :-1], self.accelerations
+        knots: FloatArray = np.float64(self.step) * np.arange(self.positions.shape[1])
+        return Polynomials(knots, np.stack([p, v, a / 2], axis=-1))
+
+    @property
+    def earlier(self) -> FloatArray:
+        """Accelerations of steps before the first knot [m/s²], (N, REACHED, 3); zero at rest."""
+        at_rest = np.zeros((len(self.positions), REACHED, 3))
+        return at_rest if self.flown is None else self.flown
+
+    def flown_until(self, knot: int) -> FloatArray:
+        """Return accelerations before a knot that enter the averages [m/s²], (N, REACHED, 3)."""
+        accelerations = np.concatenate([self.earlier, self.accelerations], axis=1)
+        return accelerations[:, knot : knot + REACHED]
 
     def values(self, quantity: Quantity) -> FloatArray:
         """Return a quantity at the knots, (..., K, 3), or accelerations in steps, (..., K-1, 3)."""

@@ -23,23 +23,6 @@ _LAST_DIGIT = 1e-15
 """Relative change of a root at which the iteration has converged."""
 
 
-def closest_approach(motion: Motion, center: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the exact least distance of a motion from a point, in every step.
-
-    Args:
-        motion: of one vehicle or several.
-        center: the point [m], shape (3,), or any shape that broadcasts against (..., K-1, 3).
-
-    Returns:
-        Times since the first knot [s] and distances [m], shape (..., K-1).
-    """
-    h, a = motion.step, motion.accelerations
-    p, v = motion.positions[..., :-1, :] - center, motion.velocities[..., :-1, :]
-    s = nearest_moments(p, v, a, h)
-    at = p + s[..., None] * (v + s[..., None] / 2 * a)
-    return h * np.arange(a.shape[-2]) + s, lengths_of(at)
-
-
 def lengths_of(vectors: FloatArray) -> FloatArray:
     """Return the norms of vectors (..., 3), three times as fast as `np.linalg.norm`."""
     lengths: FloatArray = np.sqrt(np.einsum("...i,...i->...", vectors, vectors))

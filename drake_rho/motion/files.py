@@ -232,8 +232,9 @@ def _unpack_flight(content: Archive, first_knots: list[int], maps: Sequence[Map]
     windows = tuple(Window(**each) for each in every)
     plan = _unpack("plan", content, maps)
     _check_windows(plan, windows)
-    if (smooth := plan.smooth()) is not None:
-        windows = tuple(each.going_on(smooth.flown_until(each.first_knot)) for each in windows)
+    if plan.scenario.smoothing:
+        motion = plan.motion()
+        windows = tuple(each.going_on(motion.flown_until(each.first_knot)) for each in windows)
     return _with_jumps(Flight(plan, windows))
 
 

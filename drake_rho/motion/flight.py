@@ -91,11 +91,11 @@ class Window(metaclass=Described):
     def going_on(self, flown: FloatArray) -> Window:
         """Return the window with the accelerations flown before it, for a smoothing's averages."""
 
-        def after(plan: Plan) -> Plan:
+        def continued(plan: Plan) -> Plan:
             return unchecked(plan, scenario=going_on(plan.scenario, flown))
 
-        stop = self.contingency and after(self.contingency)
-        own, reference = after(self.plan), after(self.reference)
+        stop = self.contingency and continued(self.contingency)
+        own, reference = continued(self.plan), continued(self.reference)
         return unchecked(self, plan=own, reference=reference, contingency=stop)
 
     def lasting(self, seconds: float) -> Window:

@@ -166,11 +166,11 @@ def _tolerable_quotients(loop: Loop, responses: Responses, radius: float) -> tup
     by_wind = _bounded(loop, responses, (1.0, 0.0, 0.0, 0.0, 0.0))
     by_errors = _bounded(loop, responses, (0.0, *loop.sizes[1:]))
     for wind, errors, most in zip(by_wind, by_errors, (radius, loop.limit), strict=False):
-        left = most - errors
-        if left.min() < 0.0:
+        slack = most - errors
+        if slack.min() < 0.0:
             return 0.0, 0.0
         affected = wind > 0.0
-        low = min(low, float(np.min(left[affected] / wind[affected], initial=np.inf)))
+        low = min(low, float(np.min(slack[affected] / wind[affected], initial=np.inf)))
         high = min(high, float(np.min(most / wind[affected], initial=np.inf)))
     return low, low if loop.measurements.dropouts == 0 else high
 

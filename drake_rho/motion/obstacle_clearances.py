@@ -146,7 +146,7 @@ def nearest_obstacles(
     least = np.full(positions.shape[:2], np.inf)
     numbers = np.zeros(least.shape, dtype=np.int64)
     for index, obstacle in enumerate(obstacles):
-        left = clearances(plan.scenario, obstacle, positions, start + times)
-        numbers[left < least] = index
-        least = np.minimum(left, least)
+        clearance = clearances(plan.scenario, obstacle, positions, start + times)
+        numbers[clearance < least] = index
+        least = np.minimum(clearance, least)
     return least, numbers

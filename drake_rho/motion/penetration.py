@@ -93,12 +93,13 @@ def pieces_near(motion: Motion, obstacle: Obstacle, within: FloatArray) -> Piece
     errors, grown = obstacle.uncertainty(times), obstacle.uncertainty(times + durations)
     middles = times + durations / 2.0  # away from corners, which rounding could shift
     p, v = p - obstacle.centers(times), v - obstacle.velocities(middles)
+    distances = within[:, None] + grown
     if (parts := _parts_of(obstacle.shape)) is not None:
         p, v, a = (parts.in_frame(each) for each in (p, v, a))
-        owners, k, numbers = _near_parts(parts, p, v, a, durations, within[:, None] + grown)
+        owners, k, numbers = _near_parts(parts, p, v, a, durations, distances)
     else:
-        extent, reach = obstacle.shape.extent, within[:, None] + grown
-        owners, k = np.nonzero(_near_box(extent, p, v, a, durations, reach))
+        near = _near_box(obstacle.shape.extent, p, v, a, durations, distances)
+        owners, k = np.nonzero(near)
         numbers = np.zeros(len(k), dtype=np.int64)
     if obstacle.active is not None:
         active = obstacle.is_active(middles)[k]
@@ -119,8 +120,7 @@ def _near_box(
     """Return a mask of the pieces (N, K) that may come within distances (N, K) of a centred box."""
     w = durations[:, None]  # a coordinate that reverses moves at most as far as v/2 does in w
     moved = w * np.maximum(np.abs(v + w / 2 * a), np.abs(v) / 2)
-    reach = extent + within[..., None] + moved
-    near: BoolArray = np.all(np.abs(p) < reach, axis=2)
+    near: BoolArray = np.all(np.abs(p) < extent + within[..., None] + moved, axis=2)
     return near
 
 
@@ -139,10 +139,9 @@ def _near_parts(
     """
     w = durations[:, None]
     ends = p + w * (v + w / 2 * a)
-    beside = np.linalg.norm(a, axis=2) * durations**2 / 8.0
-    reach = beside + within
+    near = within + np.linalg.norm(a, axis=2) * durations**2 / 8.0
     lower, upper = np.minimum(p, ends).reshape(-1, 3), np.maximum(p, ends).reshape(-1, 3)
-    pieces, numbers = parts.tree.pairs(lower, upper, reach.reshape(-1))
+    pieces, numbers = parts.tree.pairs(lower, upper, near.reshape(-1))
     owners, k = np.divmod(pieces, len(durations))
     return owners, k, numbers
 

@@ -12,10 +12,11 @@ import numpy.typing as npt
 
 from drake_rho.motion.costs import cost_of
 from drake_rho.motion.dynamics import Motion
+from drake_rho.motion.polynomials import Polynomials
 from drake_rho.motion.remainders import remainder
 from drake_rho.motion.samples import Samples, times_of
-from drake_rho.motion.scenario_tube import tube_of
-from drake_rho.motion.smooth import Polynomials, SmoothMotion
+from drake_rho.motion.scenario_tube import tracking_of
+from drake_rho.motion.smooth import SmoothMotion, averaged
 from drake_rho.motion.statistics import Statistics
 from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.consistency import check_goals_at_rest
@@ -111,7 +112,7 @@ class Plan(ShownInNotebooks, metaclass=Described):
         begins: Mapping[int, FloatArray],
         statistics: Statistics | None = None,
     ) -> Self:
-        """Return motions that restart at some knots, as flights from measured states do.
+        """Return the plan whose motions restart at some knots, as flights from measured states.
 
         Args:
             scenario: the flown scenario.
@@ -122,18 +123,19 @@ class Plan(ShownInNotebooks, metaclass=Described):
         with np.errstate(over="ignore", invalid="ignore"):  # the plan checks for finite values
             step = scenario.grid.step
             motion = Motion.in_pieces(scenario.fleet, accelerations, step, begins)
-        p, v = motion.positions, motion.velocities
-        return cls(
-            scenario, p, v, accelerations, statistics or Statistics(), jumps=tuple(sorted(begins))
-        )
+        return cls.from_motion(scenario, motion, statistics, tuple(sorted(begins)))
 
     @classmethod
     def from_motion(
-        cls, scenario: Scenario, motion: Motion, statistics: Statistics | None = None
+        cls,
+        scenario: Scenario,
+        motion: Motion,
+        statistics: Statistics | None = None,
+        jumps: tuple[int, ...] = (),
     ) -> Self:
         """Return the plan with a motion of a scenario's vehicles, arrays of shape (N, ..., 3)."""
         p, v, a = motion.positions, motion.velocities, motion.accelerations
-        return cls(scenario, p, v, a, statistics or Statistics())
+        return cls(scenario, p, v, a, statistics or Statistics(), jumps=jumps)
 
     def with_statistics(self, statistics: Statistics) -> Plan:
         """Return the plan with other statistics."""
@@ -227,15 +229,8 @@ class Plan(ShownInNotebooks, metaclass=Described):
 
         With a smoothing they are those of the smooth motion, at knots too.
         """
-        if (smooth := self.smooth()) is not None:
-            start = self.scenario.grid.start
-            return Samples(self.scenario.names, start + elapsed, *smooth.at(elapsed))
-        motion, knots = self.motion(), self.scenario.grid.elapsed
-        p, v, a = (motion.at(each, elapsed) for each in ("position", "velocity", "acceleration"))
-        k = np.minimum(np.searchsorted(knots, elapsed), len(knots) - 1)
-        there = knots[k] == elapsed
-        p[:, there], v[:, there] = self.positions[:, k[there]], self.velocities[:, k[there]]
-        return Samples(self.scenario.names, self.scenario.grid.start + elapsed, p, v, a)
+        names, start = self.scenario.names, self.scenario.grid.start
+        return Samples(names, start + elapsed, *self.averaged().states(elapsed))
 
     def states(self, knot: int) -> FloatArray:
         """Return positions [m] and velocities [m/s] at a knot counted from 0, shape (N, 6)."""
@@ -263,10 +258,9 @@ class Plan(ShownInNotebooks, metaclass=Described):
             self.scenario.fleet.flown,
         )
 
-    def smooth(self) -> SmoothMotion | None:
-        """Return the smooth motion of all vehicles; None without a smoothing."""
-        smoothing = self.scenario.smoothing
-        return None if smoothing is None else SmoothMotion(self.motion(), smoothing)
+    def averaged(self) -> Motion | SmoothMotion:
+        """Return the motion as it is flown: with a smoothing, the smooth motion."""
+        return averaged(self.motion(), self.scenario.smoothing)
 
     def stepwise(self) -> Plan:
         """Return the plan without its smoothing."""
@@ -274,26 +268,7 @@ class Plan(ShownInNotebooks, metaclass=Described):
 
     def polynomials(self) -> Polynomials:
         """Return the motion as piecewise polynomials; with a smoothing, the smooth motion."""
-        if (smooth := self.smooth()) is not None:
-            return smooth.polynomials()
-        p, v, a = self.positions[:, :-1], self.velocities[:, :-1], self.accelerations
-        coefficients = np.stack([p, v, a / 2], axis=-1)
-        return Polynomials(self.scenario.grid.elapsed, coefficients)
-
-    def motions(self) -> list[Motion]:
-        """Return a motion for each vehicle."""
-        whole = self.motion()
-        return [
-            Motion(whole.step, *each)
-            for each in zip(
-                whole.positions,
-                whole.velocities,
-                whole.accelerations,
-                whole.before,
-                whole.after,
-                strict=True,
-            )
-        ]
+        return self.averaged().polynomials()
 
     def trajectory(self, name: str) -> PiecewisePolynomial:
         """Return the trajectory of the vehicle called `name` as Drake's type, exact at all times.
@@ -332,12 +307,10 @@ class Plan(ShownInNotebooks, metaclass=Described):
             raise ValueError(f"seconds: got {seconds}, expected a time from 0 to {most:g} s")
         check_goals_at_rest(scenario.vehicles)
         steps = steps_lasting(seconds, grid.step)
-        disturbance = scenario.disturbance
-        if disturbance is not None:
-            tracking = tube_of(scenario).tracking
-            disturbance = unchecked(disturbance, tracking=tracking)
+        around = scenario.disturbance
+        around = around and unchecked(around, tracking=tracking_of(scenario))
         longer = scenario.derived(
-            grid=unchecked(grid, knots=grid.knots + steps), disturbance=disturbance
+            grid=unchecked(grid, knots=grid.knots + steps), disturbance=around
         )
         still = np.zeros((len(scenario.vehicles), steps, 3))
         return Plan(

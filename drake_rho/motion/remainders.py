@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from drake_rho.motion.dynamics import Motion
-from drake_rho.motion.scenario_tube import tube_of
-from drake_rho.motion.smooth import SmoothMotion
+from drake_rho.motion.scenario_tube import tracking_of
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.fleet import Fleet
 from drake_rho.scenario.parts import Quantity
@@ -28,7 +27,7 @@ def remainder(scenario: Scenario, motion: Motion, knot: int) -> Scenario:
     Raises:
         ValueError: no step begins at the knot.
     """
-    grid, smoothing = scenario.grid, scenario.smoothing
+    grid = scenario.grid
     if not 0 <= knot < grid.knots - 1:
         raise ValueError(f"knot: got {knot}, expected 0 to {grid.knots - 2}")
     if knot == 0:
@@ -39,8 +38,8 @@ def remainder(scenario: Scenario, motion: Motion, knot: int) -> Scenario:
         _without_rounding(scenario.fleet, "position", motion.positions[:, knot]),
         _without_rounding(scenario.fleet, "velocity", motion.velocities[:, knot]),
         _without_rounding(scenario.fleet, "acceleration", motion.accelerations[:, knot - 1]),
-        tube_of(scenario).tracking if scenario.disturbance else None,
-        None if smoothing is None else SmoothMotion(motion, smoothing).flown_until(knot),
+        tracking_of(scenario),
+        motion.flown_until(knot) if scenario.smoothing else None,
     )
 
 

@@ -100,17 +100,17 @@ def times_of(grid: Grid, times: npt.ArrayLike, lead: float = 0.0) -> FloatArray:
     Raises:
         ValueError: the times have another shape, or one of them is outside the flight.
     """
-    asked = np.asarray(times, dtype=np.float64)
-    if asked.ndim > 1:
-        raise ValueError(f"times: got shape {asked.shape}, expected (T,) or a single time")
-    asked = np.atleast_1d(asked)
+    instants = np.asarray(times, dtype=np.float64)
+    if instants.ndim > 1:
+        raise ValueError(f"times: got shape {instants.shape}, expected (T,) or a single time")
+    instants = np.atleast_1d(instants)
     first, last = grid.start - lead, grid.end + lead
-    inside = grid.clock.within(asked, (first, last))
+    inside = grid.clock.within(instants, (first, last))
     if not inside.all():
-        got = asked[np.argmin(inside)]
+        got = instants[np.argmin(inside)]
         expected = f"times of the flight, from {first:.12g} to {last:.12g} s"
         raise ValueError(f"times: got {got:.12g} s, expected {expected}")
-    return grid.since_start(asked)
+    return grid.since_start(instants)
 
 
 def check_rate(rate: float | None) -> None:

@@ -58,14 +58,13 @@ def error_tube(
         >>> print(f"{tube.position(scenario.grid.end):.3f} m")
         0.241 m
     """
-    disturbance = scenario.disturbance or Disturbance(0.0)
-    if (tracked := disturbance.tracking) is not None and gains is None:
+    disturbance, grid = _decided(scenario), _grid_of_flight(scenario)
+    if (tracked := disturbance.tracking) and gains is None:
         if initial is None:
-            return _tracked(disturbance, tracked, _flown(scenario))
+            return _tracked(disturbance, tracked, grid)
         gains = tracked.gains
-    disturbance = _decided(scenario, disturbance)
-    tube = ErrorTube(disturbance, _flown(scenario), gains or (0.0, 0.0), initial or (0.0, 0.0))
-    if gains is not None or scenario.disturbance is None:
+    tube = ErrorTube(disturbance, grid, gains or (0.0, 0.0), initial or (0.0, 0.0))
+    if gains is not None or not scenario.disturbance:
         return tube
     alpha, beta = best_gains(_loop(scenario, tube))
     return dataclasses.replace(tube, gains=(alpha / tube.sample**2, beta / tube.sample))
@@ -79,7 +78,12 @@ def tube_of(scenario: Scenario) -> ErrorTube:
     return _cached(error_tube(scenario))
 
 
-def _flown(scenario: Scenario) -> Grid:
+def tracking_of(scenario: Scenario) -> Tracking | None:
+    """Return the feedback of a scenario's tube, for plans under way; None without a disturbance."""
+    return tube_of(scenario).tracking if scenario.disturbance else None
+
+
+def _grid_of_flight(scenario: Scenario) -> Grid:
     """Return the grid of a flight: the plan's, extended in whole steps for a smoothing."""
     grid, lead = scenario.grid, scenario.lead
     if lead == 0.0:
@@ -92,17 +96,17 @@ def _tracked(disturbance: Disturbance, tracked: Tracking, grid: Grid) -> ErrorTu
     """Return the tube around a tracked plan, which begins at that plan's first knot."""
     before = round((grid.start - tracked.since) / grid.step)
     whole = grid if before == 0 else Grid(grid.step, grid.knots + before, tracked.since)
-    known = unchecked(disturbance, prediction=tracked.prediction)
-    return ErrorTube(known, whole, tracked.gains, (tracked.position, tracked.velocity))
+    return ErrorTube(disturbance, whole, tracked.gains, (tracked.position, tracked.velocity))
 
 
-def _decided(scenario: Scenario, disturbance: Disturbance) -> Disturbance:
+def _decided(scenario: Scenario) -> Disturbance:
     """Return a scenario's disturbance with the choice of `prediction` made."""
-    if (tracked := disturbance.tracking) is not None:
+    disturbance = scenario.disturbance_or_calm
+    if tracked := disturbance.tracking:
         return unchecked(disturbance, prediction=tracked.prediction)
     if disturbance.prediction is not None or disturbance.delay == 0:
         return disturbance
-    loop = _loop(scenario, ErrorTube(disturbance, _flown(scenario)))
+    loop = _loop(scenario, ErrorTube(disturbance, _grid_of_flight(scenario)))
     return unchecked(disturbance, prediction=prediction_is_better(loop))
 
 
@@ -131,13 +135,13 @@ def largest_disturbance(
     """
     if not position >= 0.0:
         raise ValueError(f"position: got {position}, expected a radius of at least 0 in m")
-    if scenario.disturbance is None:
+    if not scenario.disturbance:
         raise ValueError("scenario.disturbance: got None, expected one, which has the feedback")
-    if scenario.disturbance.tracking is not None:
+    if scenario.disturbance.tracking:
         tube = error_tube(scenario, None if initial == (0.0, 0.0) else initial)
         loop = _loop(scenario, tube)._replace(limit=np.inf)
         return tolerable_wind(loop, tube.responses, position / tube.sample**2)
-    tube = ErrorTube(scenario.disturbance, _flown(scenario), initial=initial)
+    tube = ErrorTube(scenario.disturbance, _grid_of_flight(scenario), initial=initial)
     loops = [_loop(scenario, tube)]
     if scenario.disturbance.prediction is None:
         loops = loops[0].alternatives

@@ -228,9 +228,7 @@ class Simulation(ShownInNotebooks, metaclass=Described):
             "velocity": self.velocities,
             "acceleration": self.commands,
         }
-        if quantity not in true:
-            expected = "position, velocity or acceleration"
-            raise ValueError(f"quantity: got {quantity!r}, expected {expected}")
+        _check_quantity(quantity)
         return np.asarray(np.linalg.norm(true[quantity] - self.nominal(quantity), axis=2))
 
     def radii(self, quantity: Quantity = "position") -> FloatArray:
@@ -238,9 +236,7 @@ class Simulation(ShownInNotebooks, metaclass=Described):
 
         They are the radii of the tube around the plan in force.
         """
-        if quantity not in ("position", "velocity", "acceleration"):
-            expected = "position, velocity or acceleration"
-            raise ValueError(f"quantity: got {quantity!r}, expected {expected}")
+        _check_quantity(quantity)
         values, in_force = np.empty(len(self.times)), self._window_at(self._since_start)
         for number in np.unique(in_force):
             here = in_force == number
@@ -284,3 +280,10 @@ class Simulation(ShownInNotebooks, metaclass=Described):
         if times is None:
             return self._since_start
         return np.atleast_1d(np.asarray(times, dtype=np.float64)) - self.scenario.grid.start
+
+
+def _check_quantity(quantity: str) -> None:
+    """Check that a quantity has errors and radii: jerks have none."""
+    if quantity not in ("position", "velocity", "acceleration"):
+        expected = "position, velocity or acceleration"
+        raise ValueError(f"quantity: got {quantity!r}, expected {expected}")

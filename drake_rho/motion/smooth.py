@@ -17,45 +17,21 @@ from __future__ import annotations
 import dataclasses
 from functools import cached_property
 from math import comb, factorial
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from drake_rho.motion.dynamics import Motion, response, step_at
+from drake_rho.motion.polynomials import Polynomials
 from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.parts import REACHED, Grid, Quantity
 from drake_rho.scenario.smoothing import Smoothing
 from drake_rho.scenario.times import Clock
-
-if TYPE_CHECKING:
-    from pydrake.trajectories import PiecewisePolynomial
 
 _KNOTS = -1, 0, 1, 2
 """Knots that may affect averages at a time, relative to the one at which its step begins."""
 
 _AROUND = np.arange(-2, 3)
 """Steps beside these knots, relative to the step that contains the time."""
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class Polynomials:
-    """Motions of N vehicles as polynomials in J pieces of time, the same for all."""
-
-    instants: FloatArray
-    """times at which pieces begin and end, since the first knot [s], shape (J + 1,)"""
-    coefficients: FloatArray
-    """coefficients of the powers of the time since a piece began, from the lowest up: [m], [m/s],
-    [m/s²], …, shape (N, J, 3, D + 1)"""
-
-    def trajectory(self, vehicle: int, start: float) -> PiecewisePolynomial:
-        """Return a vehicle's motion as Drake's type, on a clock with the first knot at `start`."""
-        from pydrake.polynomial import Polynomial
-        from pydrake.trajectories import PiecewisePolynomial
-
-        pieces = [
-            np.array([[Polynomial(axis)] for axis in piece]) for piece in self.coefficients[vehicle]
-        ]
-        return PiecewisePolynomial(pieces, start + self.instants)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -66,7 +42,7 @@ class SmoothMotion:
     """motions of N vehicles with piecewise constant accelerations"""
     smoothing: Smoothing
 
-    def at(self, elapsed: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def states(self, elapsed: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return positions [m], velocities [m/s] and accelerations [m/s²], (N, M, 3) each.
 
         Args:
@@ -86,8 +62,14 @@ class SmoothMotion:
             a + self._beside(0, elapsed, k),
         )
 
-    def each_at(self, vehicles: IntArray, times: FloatArray) -> FloatArray:
-        """Return the position of one vehicle at each time since the first knot [s], (M, 3)."""
+    def each_at(self, quantity: Quantity, vehicles: IntArray, times: FloatArray) -> FloatArray:
+        """Return the position of one vehicle at each time since the first knot [s], (M, 3).
+
+        Raises:
+            ValueError: the quantity is not the position.
+        """
+        if quantity != "position":
+            raise ValueError(f"quantity: got {quantity!r}, expected position")
         added = corrections(self.smoothing, self.motion.step, times)
         k = self._steps_of(times)[:, None] + _AROUND + REACHED
         near = self._extended.accelerations[vehicles[:, None], k]
@@ -108,7 +90,7 @@ class SmoothMotion:
         half = np.diff(instants) / 2.0
         middles = instants[:-1] + half  # where each derivative has one value
         k = self._steps_of(middles)
-        derivatives = [*self.at(middles)]
+        derivatives = [*self.states(middles)]
         derivatives += [self._beside(order, middles, k) for order in range(1, n + 1)]
         taylor = [each / factorial(m) for m, each in enumerate(derivatives)]
         moved = [
@@ -120,20 +102,8 @@ class SmoothMotion:
     @cached_property
     def _extended(self) -> Motion:
         """The motions, with the flown motion or rest before and with rest after."""
-        own = self.motion
-        if own.flown is not None:
-            return self._flown_on
-        around = ((0, 0), (REACHED, REACHED), (0, 0))
-        p = np.pad(own.positions, around, mode="edge")
-        v, a = np.pad(own.velocities, around), np.pad(own.accelerations, around)
-        return Motion(own.step, p, v, a, own.before, own.after)
-
-    @property
-    def _flown_on(self) -> Motion:
-        """The motions, with the flown motion before and with rest after."""
         own, after = self.motion, ((0, 0), (0, REACHED), (0, 0))
-        assert own.flown is not None  # noqa: S101  # the caller checks this
-        h, a = own.step, own.flown
+        h, a = own.step, own.earlier
         v = own.velocities[:, :1] - h * np.cumsum(a[:, ::-1], axis=1)[:, ::-1]
         moves = h * (v + h / 2.0 * a)
         p = own.positions[:, :1] - np.cumsum(moves[:, ::-1], axis=1)[:, ::-1]
@@ -145,10 +115,6 @@ class SmoothMotion:
             own.before,
             own.after,
         )
-
-    def flown_until(self, knot: int) -> FloatArray:
-        """Return accelerations before a knot that enter the averages [m/s²], (N, REACHED, 3)."""
-        return np.asarray(self._extended.accelerations[:, knot : knot + REACHED])
 
     def _steps_of(self, elapsed: FloatArray) -> IntArray:
         """Return the numbers of the steps at times, negative before the first knot."""
@@ -170,6 +136,11 @@ class SmoothMotion:
             weights = _of_knot(self.smoothing, order, elapsed - h * at, knot <= 0)
             added += weights[:, None] * jumps
         return added
+
+
+def averaged(motion: Motion, smoothing: Smoothing | None) -> Motion | SmoothMotion:
+    """Return the moving averages of motions; without a smoothing, the motions themselves."""
+    return SmoothMotion(motion, smoothing) if smoothing else motion
 
 
 def corrections(smoothing: Smoothing, step: float, times: FloatArray) -> FloatArray:

@@ -24,8 +24,8 @@ def largest_shares(
         negligible: parts of the errors that are only rounding, in the same unit, shape (N,).
     """
     wide = radii > 0.0
-    left = np.maximum(errors[wide] - negligible, 0.0)
-    shares: FloatArray = np.max(left / radii[wide, None], axis=0, initial=0.0)
+    excess = np.maximum(errors[wide] - negligible, 0.0)
+    shares: FloatArray = np.max(excess / radii[wide, None], axis=0, initial=0.0)
     return shares
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -244,16 +245,22 @@ def check_outside(
             i, least, d = checked[first], margins[first], float(distances[first])
             required = f"at least {least:g} m from" if least > 0.0 else "outside"
             actual = f"{d:g} m from" if d > 0.0 else f"{-d:g} m in"
-            when = f" at {clock_time(float(times[i]))}" if not obstacle.is_steady else ""
-            when += " (with smoothing, vehicles rest before their plan and after)" * (margin > 0.0)
-            relative = positions[i] - obstacle.centers(times[i : i + 1])[0]
-            where_it_is = "where {} may be" if obstacle.is_uncertain else "{}"
+            place = "where {} may be" if obstacle.is_uncertain else "{}"
             expected = (
-                f"a position {required} {where_it_is.format(obstacle.called(number))}, "
-                f"not {actual} it{when} "
-                f"({obstacle.shape.described_near(relative)})"
+                f"a position {required} {place.format(obstacle.called(number))}, "
+                f"not {actual} it{_circumstances(obstacle, positions[i], times[i], margin)}"
             )
             raise ScenarioError(f"vehicles[{i}].{where}", positions[i].tolist(), expected)
+
+
+def _circumstances(
+    obstacle: Obstacle, position: FloatArray, time: np.float64, margin: float
+) -> str:
+    """Return when a vehicle is too close to an obstacle, and how the obstacle is described."""
+    when = f" at {clock_time(float(time))}" if not obstacle.is_steady else ""
+    when += " (with smoothing, vehicles rest before their plan and after)" * (margin > 0.0)
+    relative = position - obstacle.centers(np.array([time]))[0]
+    return f"{when} ({obstacle.shape.described_near(relative)})"
 
 
 def check_requirements(
@@ -293,6 +300,20 @@ def check_requirements(
         _check_given_states(each, index + 1, fleet, names, grid, under_way)
 
 
+class _Given(NamedTuple):
+    """Given values of a quantity, one of each vehicle."""
+
+    field: str
+    """field of a vehicle with the values"""
+    quantity: Quantity
+    values: FloatArray
+    """values in the quantity's unit, shape (N, 3)"""
+    times: FloatArray
+    """times on the scenario's clock [s], NaN where there is no value, shape (N,)"""
+    within: FloatArray
+    """largest allowed distances from the values, shape (N,)"""
+
+
 def _check_given_states(
     requirement: KeepIn,
     number: int,
@@ -308,16 +329,17 @@ def _check_given_states(
         ("goal", "position", fleet.goal_positions),
         ("goal", "velocity", fleet.goal_velocities),
     )
-    given: list[tuple[str, Quantity, FloatArray, FloatArray]] = []
+    given, exactly = list[_Given](), np.zeros(len(names))
     for end, quantity, values in states[2 * under_way :]:
-        time = grid.start if end == "start" else grid.end
-        given.append((f"{end}.{quantity}", quantity, values, np.full(len(values), time)))
+        times = np.full(len(names), grid.start if end == "start" else grid.end)
+        given.append(_Given(f"{end}.{quantity}", quantity, values, times, exactly))
     if requirement.leader is None:
         for index, each in enumerate(fleet.waypoints):
-            given.append((f"waypoints[{index}].position", "position", each.positions, each.times))
-    for field, quantity, values, times in given:
-        if quantity == requirement.quantity:
-            _check_values(requirement, number, fleet, names, field, values, times, grid)
+            field, at = f"waypoints[{index}].position", (each.positions, each.times, each.within)
+            given.append(_Given(field, "position", *at))
+    for one in given:
+        if one.quantity == requirement.quantity:
+            _check_values(requirement, number, fleet, names, grid, one)
 
 
 def _check_values(
@@ -325,36 +347,29 @@ def _check_values(
     number: int,
     fleet: Fleet,
     names: Sequence[str],
-    field: str,
-    values: FloatArray,
-    times: FloatArray,
     grid: Grid,
+    given: _Given,
 ) -> None:
-    """Check that given values (N, 3) at times (N,) are in a requirement's set if it is active."""
+    """Check that given values are in a requirement's set if it is active."""
     interval = requirement.interval(grid)
     if interval is None:
         return
-    members, partner = requirement.members(names), requirement.partner(names)
-    due = grid.clock.within(times[members], interval)  # false for NaN
-    members, tolerances = members[due], requirement.tolerances(fleet, names)[due]
-    relative = values[members] - requirement.offset(times[members])
-    if partner is not None:
-        relative = relative - values[partner]
-    outside = requirement.set.signed_distance(relative)
-    if field.startswith("waypoints"):
-        index = int(field.partition("[")[2].partition("]")[0])
-        outside = outside - fleet.waypoints[index].within[members]
+    members = requirement.members(names)
+    active = grid.clock.within(given.times[members], interval)  # false for NaN
+    members, tolerances = members[active], requirement.tolerances(fleet, names)[active]
+    relative = requirement.relative(given.values, given.times, names)[active]
+    outside = requirement.set.signed_distance(relative) - given.within[members]
     if np.any(outside > tolerances):
         worst = int(np.argmax(outside - tolerances))
         vehicle, unit = int(members[worst]), UNITS[requirement.quantity]
         of = "" if requirement.relative_to is None else " relative to "
         of += requirement.leader or ("the track" if of else "")
         expected = (
-            f"a {field.rpartition('.')[2]}{of} in {requirement.called(number)}, "
+            f"a {given.quantity}{of} in {requirement.called(number)}, "
             f"not {outside[worst]:.4g} {unit} outside it ({_described(requirement.set)})"
         )
-        given = values[vehicle].tolist()
-        raise ScenarioError(f"vehicles[{vehicle}].{field}", given, expected)
+        value = given.values[vehicle].tolist()
+        raise ScenarioError(f"vehicles[{vehicle}].{given.field}", value, expected)
 
 
 def _described(convex_set: object) -> Description:

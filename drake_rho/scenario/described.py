@@ -35,6 +35,7 @@ _PLAIN_NAMES = {
     "Points": "positions",
     "Positive": "float",
     "Vector": "x, y, z",
+    "_Size": "float",
 }
 """Plain names, as shown by `help`, of annotations that only this package defines."""
 

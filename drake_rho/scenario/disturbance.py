@@ -20,7 +20,7 @@ from drake_rho.scenario.fields import (
 from drake_rho.scenario.parts import Grid
 from drake_rho.scenario.times import divides, steps_lasting
 
-NotNegative = Annotated[float, Field(ge=0.0, le=LARGEST, allow_inf_nan=False), NOT_BOOLEAN]
+_Size = Annotated[float, Field(ge=0.0, le=LARGEST, allow_inf_nan=False), NOT_BOOLEAN]
 
 _MOST_IN_A_STEP, _MOST = 1000, 1_000_000
 """Largest numbers of feedback samples in a step and in a flight, which bound the size of arrays."""
@@ -37,9 +37,9 @@ class Tracking:
     """time of the first knot of the tracked plan, on the scenario's clock [s]"""
     gains: tuple[Finite, Finite]
     """gains of the feedback, k_p [1/s²] and k_v [1/s]"""
-    position: NotNegative = 0.0
+    position: _Size = 0.0
     """largest position error at that time [m]"""
-    velocity: NotNegative = 0.0
+    velocity: _Size = 0.0
     """largest velocity error at that time [m/s]"""
     prediction: Boolean = True
     """whether the feedback predicts the present state (`Disturbance.prediction`)"""
@@ -61,11 +61,11 @@ class Disturbance:
         0.5
     """
 
-    acceleration: NotNegative
+    acceleration: _Size
     """W, the largest norm of the unknown acceleration, from wind or model errors [m/s²]"""
-    position_error: NotNegative = 0.0
+    position_error: _Size = 0.0
     """E_p, the largest distance of an estimated position from the true one [m]"""
-    velocity_error: NotNegative = 0.0
+    velocity_error: _Size = 0.0
     """E_v, the largest norm of the error of an estimated velocity [m/s]"""
     feedback_every: Positive | None = None
     """time from one sample of the feedback to the next, which divides the grid's step [s]; the step
@@ -95,14 +95,14 @@ class Disturbance:
 
     def samples_per_step(self, step: float) -> int:
         """Return the number of feedback samples in a step of the grid [s]."""
-        return 1 if self.feedback_every is None else max(1, round(step / self.feedback_every))
+        return max(1, round(step / (self.feedback_every or step)))
 
     def steps_per_sample(self, step: float) -> int:
         """Return the number of steps of the grid [s] in a sample of the feedback: 1 or more.
 
         Only a simulated smooth motion has more, whose steps are small.
         """
-        return 1 if self.feedback_every is None else max(1, round(self.feedback_every / step))
+        return max(1, round((self.feedback_every or step) / step))
 
     def samples(self, grid: Grid) -> int:
         """Return the number of feedback samples in a flight; the last one may be cut short."""
@@ -131,9 +131,7 @@ class Disturbance:
             if round(steps) < 0 or abs(steps - round(steps)) > 1e-4:
                 expected = f"a whole number of steps of {grid.step:g} s before {start:g} s"
                 raise ScenarioError("disturbance.tracking.since", self.tracking.since, expected)
-        if self.feedback_every is None:
-            return
-        every, most = self.feedback_every, _most_per_step(grid)
+        every, most = self.feedback_every or grid.step, _most_per_step(grid)
         whole = self.steps_per_sample(grid.step)
         if self.tracking is not None and whole > 1 and divides(every, whole * grid.step):
             return
@@ -163,6 +161,10 @@ class Disturbance:
         parts = steps_lasting(grid.step, self.feedback_every)
         parts = min(max(parts, 1), _most_per_step(grid))
         return unchecked(self, feedback_every=grid.step / parts)
+
+
+CALM = Disturbance(0.0)
+"""Disturbance of scenarios without one: no wind, exact estimates, one sample a step."""
 
 
 def _most_per_step(grid: Grid) -> int:

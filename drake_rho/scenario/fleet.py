@@ -172,11 +172,10 @@ class Fleet:
         most the length of the obstacle's own path: a vehicle that is outside it at first can move
         along with it, unless the obstacle appears around it. Obstacles at rest do not count.
         """
-        evasion, T = np.zeros(len(self._vehicles)), self._grid.duration
+        evasion = np.zeros(len(self._vehicles))
         for body in self._bodies:
             if not body.is_steady:
-                corners = body.corners[(body.corners > 0.0) & (body.corners < T)]
-                instants = np.concatenate([[0.0], corners, [T]])
+                instants = self._instants(body)
                 errors = body.uncertainty(instants)
                 required = self.radii + body.deviation + errors[-1]
                 met = self._closest_to(body) <= np.linalg.norm(body.shape.extent) + required
@@ -194,9 +193,7 @@ class Fleet:
         Distances are measured at equal times from the obstacle's centre; the relative motion is
         straight between the corners of its track.
         """
-        T = self._grid.duration
-        corners = body.corners[(body.corners > 0.0) & (body.corners < T)]
-        times = np.concatenate([[0.0], corners, [T]])
+        times, T = self._instants(body), self._grid.duration
         displacements = self.goal_positions - self.start_positions
         straight = self.start_positions[:, None] + times[:, None] / T * displacements[:, None]
         x = straight - body.centers(times)
@@ -206,6 +203,12 @@ class Fleet:
         nearest = begins + np.clip(part, 0.0, 1.0)[..., None] * legs
         distances: FloatArray = np.linalg.norm(nearest, axis=2).min(axis=1)
         return distances
+
+    def _instants(self, body: Obstacle) -> FloatArray:
+        """Return the first knot, the corners of an obstacle's motion, and the last knot [s]."""
+        T = self._grid.duration
+        corners = body.corners[(body.corners > 0.0) & (body.corners < T)]
+        return np.concatenate([[0.0], corners, [T]])
 
     def obstacle_tolerances(self, shape: Solid) -> FloatArray:
         """Return the depth in an obstacle that still counts as outside, per vehicle [m], (N,).

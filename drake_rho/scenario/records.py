@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from functools import cached_property
-from typing import TYPE_CHECKING, Annotated, Self
+from typing import TYPE_CHECKING, Annotated, Any, Self
 
 import numpy as np
 from pydantic import Field, ValidationInfo, model_validator
@@ -21,7 +21,7 @@ from drake_rho.scenario.consistency import (
 )
 from drake_rho.scenario.context import Context, context_of
 from drake_rho.scenario.described import ShownInNotebooks
-from drake_rho.scenario.disturbance import Disturbance
+from drake_rho.scenario.disturbance import CALM, Disturbance
 from drake_rho.scenario.errors import one_of
 from drake_rho.scenario.fields import Boolean, Name, record, unchecked
 from drake_rho.scenario.fleet import Fleet
@@ -40,7 +40,13 @@ from drake_rho.scenario.shapes.polyhedra import Box, Polytope
 from drake_rho.scenario.shapes.posed import Posed
 from drake_rho.scenario.shapes.quadrics import Ellipsoid, Sphere
 from drake_rho.scenario.shapes.unbounded import Cone, HalfSpace
-from drake_rho.scenario.smoothing import Smoothing, check_smoothing, largest_accelerations
+from drake_rho.scenario.smoothing import (
+    Smoothing,
+    check_limits_of_averages,
+    check_requirements_of_averages,
+    check_smoothing,
+    largest_accelerations,
+)
 from drake_rho.scenario.tracks import Track
 from drake_rho.scenario.worlds import Obstacles
 
@@ -149,8 +155,7 @@ class Scenario(ShownInNotebooks):
         check_names(self.vehicles)
         check_obstacles(self.obstacles, self.grid)
         check_maps(self.bodies, self.fleet)
-        if self.disturbance is not None:
-            self.disturbance.check(self.grid, self.lead)
+        self.disturbance_or_calm.check(self.grid, self.lead)
         if not under_way:
             warn_of_scales(self.fleet, self.bodies)
         self.check_ends(under_way=under_way)
@@ -159,18 +164,19 @@ class Scenario(ShownInNotebooks):
         check_requirements(self.requirements, self.fleet, self.names, self.grid, under_way)
         if self.hold_at_goal:
             check_goals_at_rest(self.vehicles)
-        if self.smoothing is not None and not under_way:
-            check_smoothing(
-                self.smoothing,
-                self.grid,
-                self.fleet,
-                self.vehicles,
-                self.requirements,
-                self.between_knots,
-                self.disturbance,
-                self.smoothing_margin,
+        if self.smoothing and not under_way:
+            tracking = self.disturbance_or_calm.tracking
+            check_smoothing(self.smoothing, self.grid, self.vehicles, self.between_knots, tracking)
+            check_limits_of_averages(self.fleet, self.vehicles, self.smoothing_margin)
+            check_requirements_of_averages(
+                self.requirements, self.fleet, self.names, self.grid, self.lead
             )
         return self
+
+    @property
+    def disturbance_or_calm(self) -> Disturbance:
+        """The disturbance; without one, one of no wind and exact estimates."""
+        return self.disturbance or CALM
 
     @cached_property
     def smoothing_margin(self) -> float:
@@ -179,7 +185,7 @@ class Scenario(ShownInNotebooks):
         It is also 0 if there is nothing to keep clear of.
         """
         clear_of = self.bodies or (self.separation is not None and len(self.vehicles) > 1)
-        if self.smoothing is None or not clear_of:
+        if not self.smoothing or not clear_of:
             return 0.0
         return self.smoothing.margin(float(largest_accelerations(self.fleet).max()))
 
@@ -189,7 +195,12 @@ class Scenario(ShownInNotebooks):
 
         It is that of the smoothing, and 0 without one.
         """
-        return 0.0 if self.smoothing is None else self.smoothing.lead
+        return self.smoothing.lead if self.smoothing else 0.0
+
+    @property
+    def averaging_width(self) -> float:
+        """Width of the moving averages with which plans are flown [s]; 0 without a smoothing."""
+        return self.smoothing.width if self.smoothing else 0.0
 
     def check_ends(self, *, under_way: bool = False) -> None:
         """Check that starts and goals satisfy limits and separation and are outside obstacles.
@@ -260,9 +271,7 @@ class Scenario(ShownInNotebooks):
         Raises:
             ScenarioError: the scenario does not fit the grid.
         """
-        disturbance = None if self.disturbance is None else self.disturbance.for_grid(grid)
-        smoothing = None if self.smoothing is None else self.smoothing.for_grid(grid)
-        return dataclasses.replace(self, grid=grid, disturbance=disturbance, smoothing=smoothing)
+        return dataclasses.replace(self, **self._for_grid(grid))
 
     def ending_with(self, grid: Grid, vehicles: Sequence[Vehicle] | None = None) -> Scenario:
         """Return the scenario on a grid with another end, and with other waypoints if given.
@@ -279,14 +288,14 @@ class Scenario(ShownInNotebooks):
             for each in self.obstacles
         )
         vehicles = self.vehicles if vehicles is None else tuple(vehicles)
-        return dataclasses.replace(
-            self,
-            vehicles=vehicles,
-            obstacles=obstacles,
-            grid=grid,
-            disturbance=self.disturbance and self.disturbance.for_grid(grid),
-            smoothing=self.smoothing and self.smoothing.for_grid(grid),
-        )
+        changes = self._for_grid(grid) | {"vehicles": vehicles, "obstacles": obstacles}
+        return dataclasses.replace(self, **changes)
+
+    def _for_grid(self, grid: Grid) -> dict[str, Any]:
+        """Return the fields of the scenario that depend on a grid, for another one."""
+        disturbance = self.disturbance and self.disturbance.for_grid(grid)
+        smoothing = self.smoothing and self.smoothing.for_grid(grid)
+        return {"grid": grid, "disturbance": disturbance, "smoothing": smoothing}
 
     def without_separation(self) -> Scenario:
         """Return the scenario without a separation."""

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, Self
 import numpy as np
 from pydantic import BeforeValidator, model_validator
 
-from drake_rho.scenario.convex_sets import Balls, ConvexSets, Each
+from drake_rho.scenario.convex_sets import Balls, ConvexSets, Each, tolerances_of
 from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.fields import (
     Finite,
@@ -24,7 +24,6 @@ from drake_rho.scenario.fleet import Fleet
 from drake_rho.scenario.limits import GRAVITY
 from drake_rho.scenario.parts import UNITS, Grid, Quantity
 from drake_rho.scenario.sets import AnySet, is_own
-from drake_rho.scenario.shapes.base import TOLERANCE
 from drake_rho.scenario.shapes.quadrics import Sphere
 from drake_rho.scenario.times import EXACT, Clock
 from drake_rho.scenario.tracks import Track
@@ -34,9 +33,6 @@ if TYPE_CHECKING:
 
 KeptQuantity = Literal["position", "velocity", "acceleration", "thrust", "jerk"]
 """Quantities that a requirement can keep in a set; thrust is a + g e_z, per unit mass."""
-
-_LEAST = 1e-3
-"""Least size of a set, as a part of the motion's scale, from which its tolerance is computed."""
 
 
 def _names(value: object) -> object:
@@ -177,6 +173,18 @@ class KeepIn:
             offset[:, 2] = -GRAVITY
         return offset
 
+    def relative(self, values: FloatArray, times: FloatArray, names: Sequence[str]) -> FloatArray:
+        """Return the values in the set of the constrained vehicles, shape (M, 3).
+
+        Args:
+            values: of `quantity`, of all vehicles, shape (N, 3).
+            times: on the scenario's clock [s], shape (N,).
+            names: names of the vehicles.
+        """
+        members, partner = self.members(names), self.partner(names)
+        relative: FloatArray = values[members] - self.offset(times[members])
+        return relative if partner is None else relative - values[partner]
+
     @property
     def corners(self) -> FloatArray:
         """Times at which the interval begins or ends, or the moving point turns [s], (M,)."""
@@ -201,17 +209,14 @@ class KeepIn:
         (of the larger of two), and at least a thousandth of it, which a solver can still resolve.
         Far from the origin it is at least the rounding of positions.
         """
-        scale, members, partner = (
-            fleet.scale(self.quantity),
-            self.members(names),
-            self.partner(names),
-        )
+        members, partner = self.members(names), self.partner(names)
+        scale = fleet.scale(self.quantity)
         scales, errors = scale[members], fleet.summed_errors[members]
         if partner is not None:
             scales = np.maximum(scales, scale[partner])
             errors = errors + fleet.summed_errors[partner]
         size = float(getattr(self.set, "size", np.inf))
-        tolerances: FloatArray = TOLERANCE * np.clip(size, _LEAST * scales, scales)
+        tolerances = tolerances_of(np.full(len(scales), size), np.zeros((len(scales), 3)), scales)
         return np.maximum(tolerances, errors) if self.of == "position" else tolerances
 
     def sets(self, fleet: Fleet, names: Sequence[str]) -> ConvexSets:
@@ -229,8 +234,8 @@ class KeepIn:
             return None
         if self.vehicles is None:
             return self
-        left = tuple(each for each in self.vehicles if each in names)
-        return unchecked(self, vehicles=left) if left else None
+        members = tuple(each for each in self.vehicles if each in names)
+        return unchecked(self, vehicles=members) if members else None
 
     def longer(self, time: float) -> Self:
         """Return the requirement with an interval, if any, longer by a time on both sides [s]."""

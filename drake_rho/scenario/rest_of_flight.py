@@ -15,7 +15,7 @@ from drake_rho.scenario.known_obstacles import active_during, known_at_start
 from drake_rho.scenario.obstacles import AnyObstacle, Obstacle
 from drake_rho.scenario.parts import Grid
 from drake_rho.scenario.records import Scenario
-from drake_rho.scenario.waypoints import is_during_flight
+from drake_rho.scenario.waypoints import is_ahead
 
 
 def from_states(
@@ -46,17 +46,14 @@ def from_states(
     before = np.where(np.isnan(before) & at_rest, 0.0, before)
     states = zip(read_only(positions), read_only(velocities), read_only(before), strict=True)
     earlier = [None] * len(scenario.vehicles) if flown is None else read_only(flown)
+    lead = scenario.lead
     vehicles = tuple(
         unchecked(
             vehicle,
             start=unchecked(
                 vehicle.start, position=p, velocity=v, acceleration=_known(a), flown=reached
             ),
-            waypoints=tuple(
-                each
-                for each in vehicle.waypoints
-                if each.time is None or is_during_flight(each.time, grid, scenario.lead)
-            ),
+            waypoints=tuple(each for each in vehicle.waypoints if is_ahead(each, grid, lead)),
         )
         for vehicle, (p, v, a), reached in zip(scenario.vehicles, states, earlier, strict=True)
     )

@@ -8,12 +8,11 @@ from typing import Annotated, Self
 import numpy as np
 from pydantic import Field
 
-from drake_rho.scenario.disturbance import Disturbance
+from drake_rho.scenario.disturbance import Tracking
 from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.fields import (
     NOT_BOOLEAN,
     FloatArray,
-    IntArray,
     Positive,
     record,
     unchecked,
@@ -98,27 +97,22 @@ def largest_accelerations(fleet: Fleet) -> FloatArray:
 def check_smoothing(
     smoothing: Smoothing,
     grid: Grid,
-    fleet: Fleet,
     vehicles: Sequence[Vehicle],
-    requirements: Sequence[KeepIn],
     between_knots: bool,
-    disturbance: Disturbance | None,
-    margin: float,
+    tracking: Tracking | None,
 ) -> None:
-    """Check that averages of a scenario's plans satisfy all constraints of the plans.
+    """Check that plans on a grid can be averaged, and extended by rest at both ends.
 
     Args:
         smoothing: the smoothing.
         grid: grid of the plans.
-        fleet: the vehicles as arrays.
         vehicles: the vehicles.
-        requirements: of the scenario.
         between_knots: whether constraints hold at every instant.
-        disturbance: of the scenario, if any.
-        margin: margin of positions; infinite if it is needed and limits do not bound it [m].
+        tracking: of the scenario's disturbance, if any.
 
     Raises:
-        ScenarioError: a constraint need not hold for averages, or has no bound.
+        ScenarioError: the width exceeds the step, constraints hold at knots only, or motions do not
+            begin and end at rest.
     """
     if grid.clock.after(smoothing.width, grid.step):
         expected = f"at most the grid's step, {grid.step:g} s"
@@ -126,19 +120,11 @@ def check_smoothing(
     if not between_knots:
         expected = "True beside smoothing: averages are taken of every instant"
         raise ScenarioError("between_knots", between_knots, expected)
-    tracking = None if disturbance is None else disturbance.tracking
-    if tracking is not None and grid.start - smoothing.lead - tracking.since > grid.step / 2.0:
+    if tracking and grid.start - smoothing.lead - tracking.since > grid.step / 2.0:
         expected = (
             f"{grid.start - smoothing.lead:g} s beside smoothing, whose motions begin at rest"
         )
         raise ScenarioError("disturbance.tracking.since", tracking.since, expected)
-    _check_rest(vehicles)
-    _check_accelerations(fleet, vehicles, margin)
-    _check_requirements(smoothing, grid, fleet, vehicles, requirements)
-
-
-def _check_rest(vehicles: Sequence[Vehicle]) -> None:
-    """Check that vehicles are at rest at both ends."""
     for index, each in enumerate(vehicles):
         given = {
             f"{end}.{quantity}": getattr(state, quantity)
@@ -151,8 +137,17 @@ def _check_rest(vehicles: Sequence[Vehicle]) -> None:
                 raise ScenarioError(f"vehicles[{index}].{field}", value.tolist(), expected)
 
 
-def _check_accelerations(fleet: Fleet, vehicles: Sequence[Vehicle], margin: float) -> None:
-    """Check limits of accelerations and jerks."""
+def check_limits_of_averages(fleet: Fleet, vehicles: Sequence[Vehicle], margin: float) -> None:
+    """Check that limits of accelerations and jerks contain zero, and bound the averages' margin.
+
+    Args:
+        fleet: the vehicles as arrays.
+        vehicles: the vehicles.
+        margin: margin of positions; infinite if it is needed and limits do not bound it [m].
+
+    Raises:
+        ScenarioError: a limit does not contain zero, or the margin is infinite.
+    """
     limits: tuple[Quantity, ...] = ("acceleration", "jerk")
     for limit in limits:
         if (box := fleet.bounds(limit)) is None:
@@ -173,21 +168,27 @@ def _check_accelerations(fleet: Fleet, vehicles: Sequence[Vehicle], margin: floa
 
 def _limit_of(vehicles: Sequence[Vehicle], vehicle: int, limit: str) -> str:
     """Return the field of a limit: the vehicle's own if it has one, else the scenario's."""
-    own = vehicles[vehicle].limits
-    if own is not None and getattr(own, limit) is not None:
+    if getattr(vehicles[vehicle].limits, limit, None) is not None:
         return f"vehicles[{vehicle}].limits.{limit}"
     return f"limits.{limit}"
 
 
-def _check_requirements(
-    smoothing: Smoothing,
-    grid: Grid,
-    fleet: Fleet,
-    vehicles: Sequence[Vehicle],
-    requirements: Sequence[KeepIn],
+def check_requirements_of_averages(
+    requirements: Sequence[KeepIn], fleet: Fleet, names: Sequence[str], grid: Grid, lead: float
 ) -> None:
-    """Check that requirements hold for averages, also before the start and after the goal."""
-    names, (count, lead) = [each.name for each in vehicles], (len(vehicles), smoothing.lead)
+    """Check that requirements hold for averages, also before the start and after the goal.
+
+    Args:
+        requirements: all requirements.
+        fleet: the vehicles.
+        names: names of the vehicles.
+        grid: grid of the plans.
+        lead: time by which averages begin earlier and end later [s].
+
+    Raises:
+        ScenarioError: a requirement is relative to a track, or does not contain a vehicle at rest.
+    """
+    count = len(names)
     for index, each in enumerate(requirements):
         where = f"requirements[{index}]"
         if each.track is not None:
@@ -211,16 +212,15 @@ def _is_inside(time: float, interval: tuple[float, float], clock: Clock) -> bool
 
 
 def _check_at_rest(
-    asked: KeepIn, where: str, values: FloatArray, fleet: Fleet, names: Sequence[str]
+    requirement: KeepIn, where: str, values: FloatArray, fleet: Fleet, names: Sequence[str]
 ) -> None:
     """Check that values at rest (N, 3) are in a requirement's set."""
-    members: IntArray = asked.members(names)
-    partner = asked.partner(names)
-    own = values[members] - (0.0 if partner is None else values[partner])
-    outside = asked.set.signed_distance(own - asked.offset(np.zeros(len(members))))
-    if np.any(outside > asked.tolerances(fleet, names)):
+    members = requirement.members(names)
+    relative = requirement.relative(values, np.zeros(len(names)), names)
+    outside = requirement.set.signed_distance(relative)
+    if np.any(outside > requirement.tolerances(fleet, names)):
         expected = (
             "a set that contains the vehicles at rest, with which smoothing averages near the "
             f"start and the goal; {names[members[int(np.argmax(outside))]]} is outside"
         )
-        raise ScenarioError(f"{where}.set", asked.set, expected)
+        raise ScenarioError(f"{where}.set", requirement.set, expected)

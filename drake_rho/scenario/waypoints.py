@@ -97,6 +97,11 @@ def is_during_flight(time: float, grid: Grid, earlier: float = 0.0) -> bool:
     return bool(inside) and first + _AT_ONCE * grid.step < time < last - _AT_ONCE * grid.step
 
 
+def is_ahead(waypoint: Waypoint, grid: Grid, lead: float) -> bool:
+    """Return whether a waypoint is in the rest of a flight, which begins `lead` [s] earlier."""
+    return waypoint.time is None or is_during_flight(waypoint.time, grid, lead)
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
 class AllWaypoints:
     """Waypoints of all vehicles in one sequence."""

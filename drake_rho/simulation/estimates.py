@@ -44,9 +44,9 @@ class EstimationErrors:
         if rng is not None and not isinstance(rng, np.random.Generator):
             expected = "a numpy.random.Generator, as numpy.random.default_rng(1), or None"
             raise ValueError(f"rng: got {rng!r}, expected {expected}")
-        vehicles, disturbance, grid = len(scenario.vehicles), scenario.disturbance, scenario.grid
-        samples = grid.knots - 1 if disturbance is None else disturbance.samples(grid)
-        held = 1 if disturbance is None else disturbance.steps_per_sample(grid.step)
+        vehicles, grid = len(scenario.vehicles), scenario.grid
+        disturbance = scenario.disturbance_or_calm
+        samples, held = disturbance.samples(grid), disturbance.steps_per_sample(grid.step)
         if hasattr(wind, "position_errors") and hasattr(wind, "velocity_errors"):
             given = (wind.position_errors, wind.velocity_errors)
             lost = np.asarray(getattr(wind, "lost", np.zeros(samples)), dtype=bool)[:samples]
@@ -54,7 +54,7 @@ class EstimationErrors:
             shape = samples, vehicles, 3
             positions, velocities = (_for_each(errors[:samples], shape) for errors in given)
             return cls(positions, velocities, each, held)
-        if rng is None or disturbance is None:
+        if rng is None or not scenario.disturbance:
             none = read_only(np.zeros((samples, vehicles, 3)))
             return cls(none, none, np.zeros((samples, vehicles), dtype=bool), held)
         sizes = disturbance.position_error, disturbance.velocity_error

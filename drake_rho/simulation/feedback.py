@@ -21,7 +21,6 @@ import numpy as np
 
 from drake_rho.motion.flight import Flight, Window
 from drake_rho.motion.scenario_tube import error_tube
-from drake_rho.scenario.disturbance import Disturbance
 from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.records import Scenario
 from drake_rho.scenario.times import steps_begun
@@ -109,7 +108,7 @@ class Feedback:
 
     def __init__(self, horizon: Horizon, lag: int = 0) -> None:
         scenario = horizon.scenario
-        disturbance = scenario.disturbance or Disturbance(0.0)
+        disturbance = scenario.disturbance_or_calm
         self.scenario, self.horizon = scenario, horizon
         self._held = disturbance.steps_per_sample(scenario.grid.step)
         self.sample = disturbance.sample(scenario.grid) / self._held
@@ -285,9 +284,8 @@ class Feedback:
 
     def _tracked_since(self, window: Window) -> int:
         """Return the sample at which a window's plan began."""
-        disturbance, grid = window.plan.scenario.disturbance, window.plan.scenario.grid
-        tracking = None if disturbance is None else disturbance.tracking
-        since = grid.start if tracking is None else tracking.since
+        tracking = window.plan.scenario.disturbance_or_calm.tracking
+        since = tracking.since if tracking else window.plan.scenario.grid.start
         return round((since - self.scenario.grid.start) / self.sample)
 
     def _estimated(

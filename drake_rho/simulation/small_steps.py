@@ -29,20 +29,19 @@ def in_small_steps(plan: Plan) -> Plan:
     with less than a small step at the goal. The feedback is that of the plan's error tube.
     """
     scenario = plan.scenario
-    if scenario.smoothing is None:
+    if not scenario.smoothing:
         return plan
     step = small_step(scenario)
-    if scenario.disturbance is None:  # the flight is a whole number of steps
+    if not scenario.disturbance:  # the flight is a whole number of steps
         lasting = _lasting(scenario)
-        step = lasting / math.ceil(lasting / scenario.smoothing.width * _PARTS)
+        step = lasting / math.ceil(lasting / scenario.averaging_width * _PARTS)
     return averaged_in(small_scenario(scenario, step), plan)
 
 
 def small_step(scenario: Scenario) -> float:
     """Return a small step that divides the feedback sample [s]."""
-    assert scenario.smoothing is not None  # noqa: S101  # callers check this
-    sample = scenario.grid.step if scenario.disturbance is None else tube_of(scenario).sample
-    return sample / math.ceil(sample / scenario.smoothing.width * _PARTS)
+    sample = scenario.disturbance_or_calm.sample(scenario.grid)
+    return sample / math.ceil(sample / scenario.averaging_width * _PARTS)
 
 
 def small_scenario(scenario: Scenario, step: float) -> Scenario:

@@ -11,7 +11,6 @@ from typing import Any
 
 from drake_rho.motion.flight import Flight, Window
 from drake_rho.motion.remainders import remainder
-from drake_rho.scenario.disturbance import Disturbance
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.records import Scenario
 from drake_rho.scenario.rest_of_flight import known_later
@@ -60,8 +59,7 @@ class SmallWindows:
     def latency(self) -> int:
         """Number of small samples by which states are predicted, for a window's planning time."""
         scenario = self._horizon.scenario
-        around = scenario.disturbance or Disturbance(0.0)
-        sample = around.sample(scenario.grid)
+        sample = scenario.disturbance_or_calm.sample(scenario.grid)
         return self._horizon.latency * round(sample / self._step)
 
     def step(self, states: FloatArray, time: float) -> Window:

@@ -6,7 +6,6 @@ import dataclasses
 
 import numpy as np
 
-from drake_rho.scenario.disturbance import Disturbance
 from drake_rho.scenario.fields import FloatArray, IntArray, read_only
 from drake_rho.scenario.records import Scenario
 from drake_rho.scenario.times import Clock, steps_lasting
@@ -39,7 +38,7 @@ class Timeline:
             wind: wind; its `switching_times`, if it has any, are included.
             longest: longest step [s].
         """
-        grid, disturbance = scenario.grid, scenario.disturbance or Disturbance(0.0)
+        grid, disturbance = scenario.grid, scenario.disturbance_or_calm
         # the nominal acceleration changes inside samples of several steps
         whole = disturbance.steps_per_sample(grid.step)
         sample = disturbance.sample(grid) / whole

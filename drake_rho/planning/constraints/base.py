@@ -16,7 +16,7 @@ from typing import Self
 import numpy as np
 
 from drake_rho.motion.dynamics import Motion
-from drake_rho.motion.smooth import SmoothMotion
+from drake_rho.motion.smooth import averaged
 from drake_rho.planning.constraints.rows import Form, Rows
 from drake_rho.planning.constraints.stretches import worst_of_pieces
 from drake_rho.scenario.clock import clock_time
@@ -171,12 +171,8 @@ class HalfSpaces(Rows):
         Args:
             motion: the motion of all vehicles of the scenario.
         """
-        quantity = self.form.quantity
-        if self.form.averaged is None:
-            values = motion.each_at(quantity, self.vehicles, self.times)
-        else:
-            smooth = SmoothMotion(motion, self.form.averaged)
-            values = smooth.each_at(self.vehicles, self.times)
+        quantity, smooth = self.form.quantity, averaged(motion, self.form.averaged)
+        values = smooth.each_at(quantity, self.vehicles, self.times)
         if self.form.coupled:
             values = values - motion.each_at(quantity, self.partners, self.times)
         margins: FloatArray = np.vecdot(self.normals, values) - self.bounds

@@ -14,7 +14,7 @@ from typing import Self
 import numpy as np
 
 from drake_rho.motion.dynamics import Motion
-from drake_rho.motion.smooth import SmoothMotion
+from drake_rho.motion.smooth import averaged
 from drake_rho.planning.constraints.base import END_MARGIN, VIOLATED, Constraint, HalfSpaces
 from drake_rho.planning.constraints.margins import Margins
 from drake_rho.planning.constraints.stretches import with_neighbours
@@ -138,9 +138,7 @@ class KeepInSets(Constraint):
 
     def _at(self, motion: Motion, who: IntArray, times: FloatArray) -> FloatArray:
         """Return values of vehicles at times, less the partner's if there is one, (R, 3)."""
-        if self.averaged is not None:
-            return SmoothMotion(motion, self.averaged).each_at(who, times)
-        values = motion.each_at(self.quantity, who, times)
+        values = averaged(motion, self.averaged).each_at(self.quantity, who, times)
         if self.partner is None:
             return values
         return values - motion.each_at(self.quantity, np.full(len(who), self.partner), times)

@@ -13,7 +13,7 @@ import numpy as np
 
 from drake_rho.motion.plan import Plan
 from drake_rho.motion.remainders import remainder
-from drake_rho.motion.scenario_tube import tube_of
+from drake_rho.motion.scenario_tube import tracking_of, tube_of
 from drake_rho.planning.errors import InfeasibleError, SolverError
 from drake_rho.planning.planners.convex import plan_convex
 from drake_rho.planning.programs.backend import Solver
@@ -159,8 +159,7 @@ def _resting(plan: Plan, knot: int, rests: FloatArray, steps: int) -> Scenario:
         rests=rests,
     )
     around = window.disturbance
-    if around is not None:
-        around = unchecked(around, tracking=tube_of(window).tracking)
+    around = around and unchecked(around, tracking=tracking_of(window))
     known = [number - 1 for number, _ in window.known]
     return left.derived(
         grid=grid,

@@ -121,9 +121,9 @@ def estimate_errors(scenario: Scenario, ahead: int = 0) -> tuple[float, float]:
         scenario: scenario with the disturbance and the feedback.
         ahead: number of samples of the feedback by which the state is predicted.
     """
-    around = scenario.disturbance
-    if around is None or ahead == 0:
-        return (0.0, 0.0) if around is None else around.first_error(scenario.grid)
+    around = scenario.disturbance_or_calm
+    if not scenario.disturbance or ahead == 0:
+        return around.first_error(scenario.grid)
     own, oldest = tube_of(scenario), around.delay + around.dropouts
     steps = -(-(ahead + oldest) // around.samples_per_step(scenario.grid.step))
     measured = around.position_error, around.velocity_error

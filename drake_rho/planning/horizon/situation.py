@@ -28,7 +28,6 @@ from drake_rho.planning.horizon.measured_states import continued, deviations, of
 from drake_rho.planning.horizon.newer_maps import Parts, parts_of_maps, with_newer_maps
 from drake_rho.planning.horizon.seen_again import Seen, seen_again
 from drake_rho.planning.horizon.waypoints_ahead import Free, free_ahead, free_of, timed_as
-from drake_rho.scenario.disturbance import Disturbance
 from drake_rho.scenario.fields import FloatArray, unchecked
 from drake_rho.scenario.maps.map import Map
 from drake_rho.scenario.obstacles import AnyObstacle
@@ -222,15 +221,13 @@ def time_ahead(scenario: Scenario, latency: int) -> float:
 
 def _sample(scenario: Scenario) -> float:
     """Return the time from one sample of the feedback to the next [s]."""
-    around = scenario.disturbance or Disturbance(0.0)
-    return around.sample(scenario.grid)
+    return scenario.disturbance_or_calm.sample(scenario.grid)
 
 
 def _states_at(plan: Plan, knot: int) -> FloatArray:
     """Return the states at a knot, or those of a smoothing's averages `lead` before it, (N, 6)."""
-    smooth, scenario = plan.smooth(), plan.scenario
-    if smooth is None:
+    if not plan.scenario.smoothing:
         return plan.states(knot)
-    begin = scenario.grid.elapsed[knot : knot + 1] - scenario.lead
-    positions, velocities, _ = smooth.at(begin)
+    begin = plan.scenario.grid.elapsed[knot : knot + 1] - plan.scenario.lead
+    positions, velocities, _ = plan.averaged().states(begin)
     return np.concatenate([positions[:, 0], velocities[:, 0]], axis=1)

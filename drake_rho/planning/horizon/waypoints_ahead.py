@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from drake_rho.motion.scenario_tube import tube_of
-from drake_rho.scenario.disturbance import Tracking
+from drake_rho.motion.scenario_tube import tracking_of
 from drake_rho.scenario.fields import unchecked
 from drake_rho.scenario.parts import Grid, Vehicle, Waypoint
 from drake_rho.scenario.records import Scenario
 from drake_rho.scenario.rest_of_flight import from_states
-from drake_rho.scenario.waypoints import is_during_flight
+from drake_rho.scenario.waypoints import is_ahead
 
 Free = tuple[tuple[bool, ...], ...]
 """Flag of each waypoint of each vehicle, in order: true if its time is free."""
@@ -35,7 +34,7 @@ def free_ahead(free: Free, whole: Scenario, grid: Grid) -> Free:
         tuple(
             one
             for one, each in zip(own, vehicle.waypoints, strict=True)
-            if _ahead(each, grid, whole.lead)
+            if is_ahead(each, grid, whole.lead)
         )
         for own, vehicle in zip(free, whole.vehicles, strict=True)
     )
@@ -72,13 +71,10 @@ def until(scenario: Scenario, grid: Grid, vehicles: tuple[Vehicle, ...]) -> Scen
         grid: grid that begins as the scenario's.
         vehicles: the vehicles, with other times of their waypoints.
     """
-    fleet, tracking = scenario.fleet, None
-    if scenario.disturbance is not None:
-        own = Tracking(scenario.grid.start - scenario.lead, tube_of(scenario).gains)
-        tracking = scenario.disturbance.tracking or own
+    fleet = scenario.fleet
     given = scenario.derived(vehicles=vehicles, fleet=fleet)
     starts = fleet.start_positions, fleet.start_velocities, fleet.accelerations_before
-    ended = from_states(given, grid, *starts, tracking, fleet.flown)
+    ended = from_states(given, grid, *starts, tracking_of(scenario), fleet.flown)
     return ended.derived(under_way=scenario.under_way)
 
 
@@ -103,14 +99,9 @@ def sooner(vehicle: Vehicle, free: tuple[bool, ...], start: float, factor: float
 def _replaced(vehicle: Vehicle, ahead: Iterator[Waypoint], grid: Grid, lead: float) -> Vehicle:
     """Return a vehicle with other waypoints in place of those ahead."""
     waypoints = tuple(
-        next(ahead) if _ahead(each, grid, lead) else each for each in vehicle.waypoints
+        next(ahead) if is_ahead(each, grid, lead) else each for each in vehicle.waypoints
     )
     return unchecked(vehicle, waypoints=waypoints)
-
-
-def _ahead(waypoint: Waypoint, grid: Grid, lead: float) -> bool:
-    """Return whether a waypoint is in the rest of a flight, which begins `lead` earlier."""
-    return waypoint.time is None or is_during_flight(waypoint.time, grid, lead)
 
 
 def _times(vehicle: Vehicle) -> list[float | None]:

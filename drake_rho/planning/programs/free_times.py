@@ -162,7 +162,7 @@ class Passing:
     def states(self, motion: Motion) -> tuple[FloatArray, FloatArray]:
         """Return positions [m] and velocities [m/s] of a motion at the waypoints, (W, 3) each."""
         if self.averaged is not None:
-            positions, velocities, _ = SmoothMotion(motion, self.averaged).at(self.times)
+            positions, velocities, _ = SmoothMotion(motion, self.averaged).states(self.times)
             each = np.arange(len(self))
             return positions[self.vehicles, each], velocities[self.vehicles, each]
         return (

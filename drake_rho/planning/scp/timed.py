@@ -71,8 +71,7 @@ class Timed:
     @property
     def least_factor(self) -> float:
         """Least factor on the squared final time, by the smoothing and given times."""
-        smoothing = self.scenario.smoothing
-        width = 0.0 if smoothing is None else smoothing.width
+        width = self.scenario.averaging_width
         least = max(width / self.step, latest(self.scenario, self.passing) / self.duration)
         return least**2 * (1.0 + 1e-9)
 

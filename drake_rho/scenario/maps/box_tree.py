@@ -76,7 +76,7 @@ class BoxTree:
         self, lower: FloatArray, upper: FloatArray, within: FloatArray, first: int
     ) -> tuple[IntArray, IntArray]:
         queries, nodes = np.arange(len(lower)), np.zeros(len(lower), dtype=np.int64)
-        reach = within**2
+        squares = within**2
         for level, (low, high) in enumerate(reversed(self._levels)):
             if level > 0:
                 nodes = (nodes[:, None] * _FAN + np.arange(_FAN)).reshape(-1)
@@ -85,7 +85,7 @@ class BoxTree:
                 queries, nodes = queries[known], nodes[known]
             gaps = np.maximum(low[nodes] - upper[queries], lower[queries] - high[nodes])
             np.maximum(gaps, 0.0, out=gaps)
-            near = np.einsum("pi,pi->p", gaps, gaps) <= reach[queries]
+            near = np.einsum("pi,pi->p", gaps, gaps) <= squares[queries]
             queries, nodes = queries[near], nodes[near]
         return first + queries, self._order[nodes]
 

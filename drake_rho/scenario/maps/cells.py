@@ -94,8 +94,8 @@ def difference(cells: IntArray, others: IntArray) -> IntArray:
     if len(cells) == 0 or len(others) == 0:
         return cells
     keys = _keys(np.concatenate([cells, others]))
-    left: IntArray = cells[~np.isin(keys[: len(cells)], keys[len(cells) :])]
-    return left
+    remaining: IntArray = cells[~np.isin(keys[: len(cells)], keys[len(cells) :])]
+    return remaining
 
 
 def _keys(cells: IntArray) -> IntArray:

@@ -57,17 +57,17 @@ def check_pcd(content: bytes) -> None:
     if not len(names) == len(sizes) == len(counts) or not 0 < sum(counts) <= _MOST_FIELDS:
         raise ValueError(f"its header has {sum(counts)} values of {len(names)} fields for a point")
     claimed = points * sum(size * count for size, count in zip(sizes, counts, strict=True))
-    left = len(content) - start
+    length = len(content) - start
     match fields["DATA"]:
         case ["ascii"]:
             claimed = 2 * points * sum(counts) - 1  # a digit and a space or an end of the line
         case [kind] if "compressed" in kind:  # one writer has another letter in its middle
             packed, expanded = struct.unpack_from("<II", content, start)
-            if packed > left or expanded != claimed or expanded > min(_LZF * packed, _MOST_BYTES):
+            if packed > length or expanded != claimed or expanded > min(_LZF * packed, _MOST_BYTES):
                 raise ValueError(f"it claims {expanded} bytes of points in {packed}")
             return
-    if claimed > left:
-        raise ValueError(f"its header says {points} points, for which {left} bytes are too few")
+    if claimed > length:
+        raise ValueError(f"its header says {points} points, for which {length} bytes are too few")
 
 
 def check_ply(content: bytes) -> None:
@@ -81,15 +81,15 @@ def check_ply(content: bytes) -> None:
     if not found or not lines or lines[0] != ["ply"]:
         raise ValueError("it has no header of PLY")
     is_ascii = any(line[:2] == ["format", "ascii"] for line in lines)
-    left, least, count = len(content) - len(head), 0, 0
+    length, least, count = len(content) - len(head), 0, 0
     for line in lines:
         if line[:1] == ["element"]:
             (count,) = _whole(line[2:3]) or [0]
         elif line[:1] == ["property"] and len(line) > 1:
             size = _PLY_SIZES.get(line[2 if line[1] == "list" else 1], 4)
             least += count * (2 if is_ascii else size)
-    if least > left:
-        raise ValueError(f"its header says at least {least} bytes of elements, where {left} are")
+    if least > length:
+        raise ValueError(f"its header says at least {least} bytes of elements, where {length} are")
 
 
 def check_gltf(content: bytes) -> None:

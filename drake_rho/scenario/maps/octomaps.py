@@ -227,14 +227,14 @@ def _records_of_tree(children: list[int], deepest: int) -> int | None:
     Raises:
         ValueError: the tree has more levels.
     """
-    left = [1]  # records still to come on each level
+    remaining = [1]  # records still to come on each level
     for number, count in enumerate(children):
-        if len(left) > deepest:
+        if len(remaining) > deepest:
             raise ValueError(f"its tree has more than {_DEPTH} levels")
-        left[-1] -= 1
-        left.append(count)
-        while left and left[-1] == 0:
-            left.pop()
-        if not left:
+        remaining[-1] -= 1
+        remaining.append(count)
+        while remaining and remaining[-1] == 0:
+            remaining.pop()
+        if not remaining:
             return number + 1
     return None

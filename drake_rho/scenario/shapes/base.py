@@ -114,6 +114,13 @@ class Solid(abc.ABC):
             raise ScenarioError("", sides, expected)
 
 
+def unit_across(vector: FloatArray) -> FloatArray:
+    """Return a unit vector orthogonal to a vector that is not zero, shape (3,)."""
+    across = np.cross(vector, np.eye(3)[np.argmin(np.abs(vector))])
+    unit: FloatArray = across / np.linalg.norm(across)
+    return unit
+
+
 class Shape(Solid):
     """Convex shape.
 

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from drake_rho.scenario.fields import FloatArray, Positive, Vector, record
-from drake_rho.scenario.shapes.base import Shape
+from drake_rho.scenario.shapes.base import Shape, unit_across
 
 
 @record
@@ -97,8 +97,4 @@ class Capsule(Shape):
     @cached_property
     def _across(self) -> FloatArray:
         """A unit vector across the segment, shape (3,)."""
-        if not self.half.any():
-            return np.array([1.0, 0.0, 0.0])
-        across = np.cross(self.half, np.eye(3)[np.argmin(np.abs(self.half))])
-        unit: FloatArray = across / np.linalg.norm(across)
-        return unit
+        return unit_across(self.half) if self.half.any() else np.array([1.0, 0.0, 0.0])

@@ -14,6 +14,7 @@ from pydantic import Field, model_validator
 
 from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.fields import NOT_BOOLEAN, BoolArray, Finite, FloatArray, Vector, record
+from drake_rho.scenario.shapes.base import unit_across
 
 _PARALLEL = 1e-9
 """Angle [rad] up to which a direction counts as one in which a set is bounded: that of a normal of
@@ -116,9 +117,7 @@ class Cone:
     @cached_property
     def _across(self) -> FloatArray:
         """A unit vector orthogonal to the axis, shape (3,)."""
-        across = np.cross(self._along, np.eye(3)[np.argmin(np.abs(self._along))])
-        unit: FloatArray = across / np.linalg.norm(across)
-        return unit
+        return unit_across(self._along)
 
     def support(self, n: FloatArray) -> FloatArray:
         """Return n · apex where n points away from the cone, else infinity, shape (...).
