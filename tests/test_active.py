@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 
 import drake_rho as rho
 from drake_rho.motion.obstacle_clearances import closest
-from drake_rho.scenario.shapes.base import Shape
 from tests.disturbed import disturbed
 from tests.scenarios import box, single, slow
+from tests.shapes import Shape
 from tests.tolerances import INDEX
 
 SPHERE = rho.Sphere([5.0, 2.2, -0.9], 1.5)

@@ -24,7 +24,7 @@ from drake_rho.planning.programs.dense_duals import contradiction
 from drake_rho.planning.programs.dual import is_optimal
 from drake_rho.planning.programs.solution import Solution
 from drake_rho.planning.programs.solve import solve
-from drake_rho.scenario.fields import FloatArray
+from tests.arrays import FloatArray
 from tests.scenarios import box, random_fleet, random_scenario, single, slow, through_the_middle
 from tests.tolerances import MOTION, ROUNDING
 

@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 
 import drake_rho as rho
-from drake_rho.motion.flight import Window
 from drake_rho.simulation.closed_loop import fly
 from tests.disturbed import disturbed, winds_for
 from tests.scenarios import fleet, random_scenario, single, slow, straight
@@ -204,7 +203,7 @@ def test_a_document_is_read_back_to_the_last_digit(
     accelerations = rng.normal(size=(len(scenario.vehicles), scenario.grid.knots - 1, 3))
     reported = rho.Statistics(programs=7, steps_tried=(0.1, 0.2), seconds=1.0 / 3.0)
     plan = rho.Plan.from_accelerations(scenario, accelerations, reported)
-    for flown in (plan, rho.Flight(plan, (Window(0, plan, plan),))):
+    for flown in (plan, rho.Flight(plan, (rho.Window(0, plan, plan),))):
         rho.export(flown, tmp_path / "plan.json", format="json", rate=rate)
         loaded = rho.load(tmp_path / "plan.json")
         assert isinstance(loaded, rho.Plan)

@@ -12,7 +12,6 @@ import drake_rho as rho
 from drake_rho.motion.rest_tube import RestTube, rest_tube
 from drake_rho.motion.scenario_tube import tube_of
 from drake_rho.planning.constraints.tightening import missing_slack, missing_slack_at_rest
-from drake_rho.planning.horizon.receding_horizon import RecedingHorizon
 from drake_rho.planning.problem import Problem
 from drake_rho.scenario.disturbance import Tracking
 from drake_rho.simulation.closed_loop import fly_plan
@@ -356,7 +355,7 @@ def test_windows_hold_where_it_is_required() -> None:
     assert found is not None
     assert found.what == "hold at goal obstacle 1"
     with pytest.raises(rho.InfeasibleError, match="held goal"):
-        RecedingHorizon(blocked).step(blocked.fleet.start_states, 0.0)
+        rho.RecedingHorizon(blocked).step(blocked.fleet.start_states, 0.0)
 
 
 # independent computations agree

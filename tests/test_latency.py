@@ -9,10 +9,10 @@ import pytest
 
 import drake_rho as rho
 from drake_rho.scenario.disturbance import Tracking
-from drake_rho.scenario.fields import FloatArray
 from drake_rho.simulation.closed_loop import flown
 from drake_rho.simulation.feedback import Feedback
 from drake_rho.simulation.winds import Wind
+from tests.arrays import FloatArray
 from tests.scenarios import slow
 
 EVERY, PER_STEP, STEP = 4, 4, 0.2

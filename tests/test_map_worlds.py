@@ -20,9 +20,9 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import DiagramBuilder
 
 import drake_rho as rho
-from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.files import scenario_from_yaml, scenario_to_yaml
 from drake_rho.scenario.maps import world_xml
+from tests.arrays import FloatArray
 from tests.test_cli import run
 from tests.test_cli_json import read
 

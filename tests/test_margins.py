@@ -12,7 +12,7 @@ from drake_rho.motion.scenario_tube import tube_of
 from drake_rho.planning.constraints.margins import margins_of
 from drake_rho.planning.constraints.tightening import enlarged_by_margins, missing_slack
 from drake_rho.scenario.disturbance import Tracking
-from drake_rho.scenario.fields import FloatArray
+from tests.arrays import FloatArray
 from tests.scenarios import box, fleet, random_fleet, random_scenario, single, slow
 from tests.shapes import KINDS, random_shape
 

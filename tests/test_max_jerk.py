@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 import drake_rho as rho
 from drake_rho.planning.programs.backend import SolverName
-from drake_rho.scenario.fields import FloatArray
+from tests.arrays import FloatArray
 from tests.cones import TWIN, twin_cost
 from tests.disturbed import disturbed
 from tests.scenarios import acceleration_outside, box, examples, fleet, mapped, single, slow

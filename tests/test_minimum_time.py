@@ -11,7 +11,7 @@ import drake_rho as rho
 from drake_rho.analysis.time_search import TimeSearch
 from drake_rho.planning.scp.timed import Timed
 from drake_rho.scenario.files import scenario_from_yaml, scenario_to_yaml
-from drake_rho.scenario.limits import GRAVITY
+from tests.requirements import GRAVITY
 from tests.scenarios import box, mapped, single, slow
 from tests.test_cli import run
 from tests.test_cli_json import read

@@ -16,9 +16,9 @@ from drake_rho.analysis.diagnose import is_monotone
 from drake_rho.analysis.trials import PRECISION
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.scp.minimum_violation import minimum_violation
-from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.files import scenario_from_yaml, scenario_to_yaml
 from drake_rho.scenario.norms import NORMS, Norm
+from tests.arrays import FloatArray
 from tests.cones import TWIN, twin_cost
 from tests.scenarios import (
     box,

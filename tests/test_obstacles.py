@@ -14,13 +14,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import drake_rho as rho
-from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.files import (
     scenario_from_json,
     scenario_from_yaml,
     scenario_to_json,
     scenario_to_yaml,
 )
+from tests.arrays import FloatArray
 from tests.scenarios import single
 from tests.shapes import KINDS, random_shape
 

@@ -16,13 +16,13 @@ from pydrake.math import RollPitchYaw
 import drake_rho as rho
 from drake_rho.display.common.obstacle_snapshots import truncated, truncated_centers
 from drake_rho.display.common.shape_faces import surface
-from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.files import (
     scenario_from_json,
     scenario_from_yaml,
     scenario_to_json,
     scenario_to_yaml,
 )
+from tests.arrays import FloatArray
 from tests.shapes import KINDS, random_shape
 
 seeds = st.integers(0, 2**32 - 1)

@@ -10,7 +10,7 @@ import pytest
 
 import drake_rho as rho
 from drake_rho.motion.scenario_tube import tube_of
-from drake_rho.scenario.fields import FloatArray
+from tests.arrays import FloatArray
 from tests.scenarios import box, random_fleet, random_scenario, single, slow, through_the_middle
 from tests.test_margins import disturbed, least_margin
 

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 import drake_rho as rho
-from drake_rho.motion.scenario_tube import error_tube
 from drake_rho.simulation.closed_loop import fly
 from drake_rho.verification.averages import averaged
 from drake_rho.verification.holds import first_violation
@@ -206,8 +205,8 @@ def test_windows_in_wind_stay_in_one_tube_around_a_smooth_motion(
     scenario = _windy(smoothing)
     flight = rho.plan_rho(scenario, replan_every=4)
     assert rho.verify(flight).ok
-    tubes = [error_tube(window.plan.scenario) for window in flight.windows]
-    whole = error_tube(scenario)
+    tubes = [rho.error_tube(window.plan.scenario) for window in flight.windows]
+    whole = rho.error_tube(scenario)
     for tube in tubes:
         assert tube.grid.start == pytest.approx(-scenario.lead)
         assert tube.position(4.3) == pytest.approx(whole.position(4.3))

@@ -26,7 +26,6 @@ from drake_rho.campaigns.study import (
     study_schema,
     study_to_json,
 )
-from drake_rho.scenario.files import save_scenario
 from tests.scenarios import single
 from tests.studies import small
 
@@ -182,7 +181,7 @@ def test_the_example_is_a_study_that_its_schema_accepts() -> None:
 
 
 def test_files_of_a_study_are_relative_to_it(tmp_path: Path) -> None:
-    save_scenario(single(), tmp_path / "own.yaml")
+    rho.save_scenario(single(), tmp_path / "own.yaml")
     text = (
         "name: s\nscenarios: [{name: a, file: own.yaml}, {name: b, file: paper}]\n"
         "methods: [{name: m, planner: plan}]\n"

@@ -18,9 +18,10 @@ import drake_rho as rho
 from drake_rho.motion.sampled_loop import is_stable
 from drake_rho.motion.scenario_tube import tube_of
 from drake_rho.scenario.disturbance import Tracking
-from drake_rho.scenario.fields import FloatArray, unchecked
-from drake_rho.scenario.limits import GRAVITY
+from drake_rho.scenario.fields import unchecked
 from drake_rho.scenario.rest_of_flight import from_states
+from tests.arrays import FloatArray
+from tests.requirements import GRAVITY
 from tests.scenarios import box, examples, single, slow
 from tests.shapes import KINDS, random_shape
 from tests.test_obstacles_verified import by_hand, places, random_case

@@ -13,12 +13,12 @@ from hypothesis import strategies as st
 
 import drake_rho as rho
 from drake_rho.motion.obstacle_clearances import closest
-from drake_rho.scenario.shapes.base import Shape
 from drake_rho.verification.holds import first_violation
 from tests.disturbed import disturbed, leaning
 from tests.maps import wall_with_gap
 from tests.sampled import least_clearances, least_from_truths
 from tests.scenarios import mapped, single, slow
+from tests.shapes import Shape
 from tests.test_active_scenes import scene as certain_scene
 from tests.tolerances import INDEX
 

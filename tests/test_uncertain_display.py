@@ -16,9 +16,9 @@ from drake_rho.display.common.obstacle_snapshots import approaches, snapshots
 from drake_rho.display.common.shape_faces import around
 from drake_rho.display.meshcat.obstacles import _halos
 from drake_rho.display.meshcat.scene import Scene
-from drake_rho.scenario.shapes.base import Shape
 from tests.browser import open_page
 from tests.maps import wall_with_gap
+from tests.shapes import Shape
 from tests.test_animation_obstacles import _open, _seek, _visible
 
 INTRUDER = rho.Obstacle(
