@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 
 import drake_rho as rho
-from drake_rho.simulation.closed_loop import fly
 from tests.disturbed import disturbed, winds_for
 from tests.scenarios import fleet, random_scenario, single, slow, straight
 from tests.tolerances import ROUNDING
@@ -357,7 +356,7 @@ def simulation() -> rho.Simulation:
     """Return a flight in a wind that moves vehicles off their plans."""
     scenario = disturbed(2)
     wind = winds_for(scenario, 2)["constant"]
-    return fly(scenario, wind=wind, rng=np.random.default_rng(2), replan_every=3)
+    return rho.simulate(scenario, wind=wind, rng=np.random.default_rng(2), replan_every=3)
 
 
 def test_the_export_of_a_simulation_is_its_true_motion(

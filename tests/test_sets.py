@@ -13,11 +13,11 @@ from hypothesis import strategies as st
 from scipy.optimize import minimize
 
 import drake_rho as rho
-from drake_rho.scenario.files import scenario_from_yaml, scenario_to_yaml
 from tests.arrays import FloatArray
 from tests.requirements import Egg, random_set
 from tests.scenarios import single
 from tests.tolerances import ROUNDING
+from tests.written import as_yaml, from_yaml
 
 SETS: dict[str, rho.ConvexSet] = {
     "ball": rho.Ball([1, 2, 3], 2.0),
@@ -195,7 +195,7 @@ def test_bad_arguments_of_the_check_are_named(arguments: dict[str, Any], field: 
 def test_every_set_of_the_package_is_in_files(name: str) -> None:
     asked = rho.KeepIn(SETS[name], of="velocity", active=(1.0, 2.0), name="kept")
     scenario = dataclasses.replace(single(), requirements=(asked,))
-    assert scenario_from_yaml(scenario_to_yaml(scenario)) == scenario
+    assert from_yaml(as_yaml(scenario)) == scenario
 
 
 def test_no_file_holds_a_users_own_set(tmp_path: Any) -> None:

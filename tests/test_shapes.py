@@ -11,12 +11,13 @@ from hypothesis import strategies as st
 from scipy.optimize import minimize
 
 import drake_rho as rho
-from drake_rho.scenario.shapes.base import Quadric
 from tests.arrays import FloatArray
 from tests.scenarios import slow
 from tests.tolerances import ROUNDING
 
 SEMI_AXES = [[3.0, 2.0, 1.0], [1.0, 1.0, 2.0], [2.0, 2.0, 1.0], [1.0, 1.0, 1.0], [20.0, 0.5, 0.5]]
+Quadric = rho.Sphere | rho.Ellipsoid
+
 SHAPES: list[Quadric] = [
     rho.Sphere([0, 0, 0], 1.7),
     *(rho.Ellipsoid([0, 0, 0], semi_axes) for semi_axes in SEMI_AXES),

@@ -16,7 +16,6 @@ from hypothesis import strategies as st
 
 import drake_rho as rho
 from drake_rho.motion.sampled_loop import is_stable
-from drake_rho.motion.scenario_tube import tube_of
 from drake_rho.scenario.disturbance import Tracking
 from drake_rho.scenario.fields import unchecked
 from drake_rho.scenario.rest_of_flight import from_states
@@ -51,11 +50,11 @@ def stretches(flown: rho.Plan | rho.Flight) -> list[Stretch]:
     """Return the interval of a plan, or those of a flight's windows."""
     if isinstance(flown, rho.Plan):
         grid = flown.scenario.grid
-        return [Stretch(tube_of(flown.scenario), grid.start, grid.end)]
+        return [Stretch(rho.error_tube(flown.scenario), grid.start, grid.end)]
     ends = [window.plan.scenario.grid.start for window in flown.windows[1:]]
     ends.append(flown.scenario.grid.end)
     return [
-        Stretch(tube_of(window.plan.scenario), window.plan.scenario.grid.start, end)
+        Stretch(rho.error_tube(window.plan.scenario), window.plan.scenario.grid.start, end)
         for window, end in zip(flown.windows, ends, strict=True)
     ]
 
