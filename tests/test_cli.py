@@ -10,7 +10,6 @@ import re
 import shlex
 import subprocess
 import sys
-from functools import partial
 from pathlib import Path
 
 import pytest
@@ -18,7 +17,6 @@ from matplotlib.figure import Figure
 
 import drake_rho as rho
 from drake_rho import cli
-from drake_rho.cli.failures import status_of
 from tests.scenarios import box, single, slow
 
 Run = tuple[int, str, str]
@@ -579,17 +577,3 @@ def test_the_package_runs_as_a_module() -> None:
     )
     assert ran.returncode == 2
     assert "Traceback" not in ran.stderr
-
-
-def test_ctrl_c_that_a_package_turns_into_another_error_is_reported_as_ctrl_c(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    """pybind11 does this where Ctrl-C arrives while a module of Drake is imported."""
-
-    def command(cause: BaseException | None) -> int:
-        raise ImportError("initialization failed") from cause
-
-    assert status_of(partial(command, KeyboardInterrupt())) == 130
-    assert capsys.readouterr().err == "drake-rho: interrupted\n"
-    with pytest.raises(ImportError, match="initialization failed"):
-        status_of(partial(command, None))

@@ -14,7 +14,6 @@ import pytest
 from pydrake.solvers import ClarabelSolver
 
 import drake_rho as rho
-from drake_rho.cli.documents import json_of
 from tests.scenarios import box, single, slow
 from tests.studies import small, text_of
 from tests.test_cli import run
@@ -407,11 +406,6 @@ def test_with_quiet_an_error_is_still_one_line(capsys: Captured, monkeypatch: Pa
     for words, expected in ((("plan", "nowhere"), 2), (("plan", "weak.yaml"), 3)):
         status, out, err = run(capsys, monkeypatch, *words, "--quiet")
         assert (status, out, err.count("\n")) == (expected, "", 1)
-
-
-def test_nan_and_infinity_are_null() -> None:
-    text = json_of({"cost": np.nan, "rows": ({"bound": np.float64(-np.inf)},)})
-    assert json.loads(text) == {"cost": None, "rows": [{"bound": None}]}
 
 
 def test_arguments_after_two_dashes_are_no_options(capsys: Captured, monkeypatch: Patch) -> None:

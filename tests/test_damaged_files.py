@@ -16,6 +16,7 @@ import pytest
 import drake_rho as rho
 from benchmarks.damaged_files import damaged
 from drake_rho.cli.console import escaped
+from drake_rho.cli.documents import json_of
 from drake_rho.display.viewer.serve import serve
 from tests.written import from_yaml
 
@@ -308,3 +309,8 @@ def test_clients_that_hang_up_or_wait_are_no_matter(capfd: pytest.CaptureFixture
     finally:
         server.close()
     assert capfd.readouterr().err == ""
+
+
+def test_nan_and_infinity_are_null() -> None:
+    text = json_of({"cost": np.nan, "rows": ({"bound": np.float64(-np.inf)},)})
+    assert json.loads(text) == {"cost": None, "rows": [{"bound": None}]}

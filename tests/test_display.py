@@ -35,9 +35,9 @@ from drake_rho.display.plots.figures import write_figures
 from drake_rho.display.plots.formats import SINGLE_COLUMN
 from drake_rho.display.plots.lines3d import FAINT
 from drake_rho.paper.figures import NUMBERS, draw_figure, write_paper_figures
-from drake_rho.paper.study import Study
 from drake_rho.paper.tables import claims_table, study_table
 from drake_rho.scenario.parts import Quantity
+from tests.conftest import Study
 from tests.scenarios import box, slow, straight
 from tests.scenarios import fleet as fleet_of
 from tests.tolerances import ROUNDING

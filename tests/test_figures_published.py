@@ -33,8 +33,8 @@ from drake_rho.display.plots.figures import write_figures
 from drake_rho.display.plots.formats import DOUBLE_COLUMN, FORMATS, SINGLE_COLUMN
 from drake_rho.display.plots.overlapping_curves import marks_every
 from drake_rho.paper.figures import draw_figure
-from drake_rho.paper.study import Study
 from drake_rho.scenario.fields import unchecked
+from tests.conftest import Study
 from tests.scenarios import slow, straight
 
 NAMES = ("$x^$", "<b>&amp;</b>", "a_b_c", "'q\"uote & co", "w" * 80, "v")

@@ -6,6 +6,8 @@ import dataclasses
 import subprocess
 import sys
 from collections.abc import Callable
+from pathlib import Path
+from typing import Any, get_type_hints
 
 import numpy as np
 import pytest
@@ -15,6 +17,7 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
 
 import drake_rho as rho
+from drake_rho.planning.horizon.settings import Windows
 from drake_rho.simulation.attitude import AttitudeController
 from drake_rho.simulation.closed_loop import fly, fly_plan
 from drake_rho.simulation.quadrotors import quadrotors
@@ -22,9 +25,12 @@ from drake_rho.simulation.systems import WindSource
 from drake_rho.simulation.timeline import Timeline
 from tests.disturbed import KINDS, disturbed, winds_for
 from tests.scenarios import single, slow
+from tests.studies import small, table
 from tests.test_free_final_time import WIND, arrivals, crossing
 from tests.test_latency import scene, windy
+from tests.test_windows import EVERYTHING, MISSION, assert_same_flight, settings_of
 from tests.tolerances import ROUNDING
+from tests.written import from_yaml
 
 ARRAYS = ("times", "positions", "velocities", "wind", "commands")
 
@@ -356,3 +362,40 @@ def test_drakes_systems_are_loaded_only_to_fly() -> None:
         [sys.executable, "-c", code], capture_output=True, text=True, check=True
     )
     assert printed.stdout.strip() == "False"
+
+
+def test_the_settings_of_the_loop_are_those_of_a_receding_horizon() -> None:
+    assert settings_of(fly) == settings_of(rho.RecedingHorizon)
+    hints = get_type_hints(rho.RecedingHorizon.__init__)
+    assert get_type_hints(Windows) == {name: hints[name] for name in settings_of(rho.plan_rho)}
+
+
+@pytest.mark.slow
+def test_the_loop_with_every_setting_is_the_simulator() -> None:
+    scenario = from_yaml(MISSION)
+    wind = rho.winds.constant(scenario, [0, 1, 0])
+    own, other = (
+        fly_it(scenario, wind=wind, rng=np.random.default_rng(5), **EVERYTHING)
+        for fly_it in (fly, rho.simulate)
+    )
+    assert all(window.contingency or window.no_contingency for window in own.windows)
+    np.testing.assert_allclose(own.positions, other.positions, atol=1e-9)
+
+
+@pytest.mark.slow
+def test_methods_of_studies_take_the_settings(tmp_path: Path) -> None:
+    scenario = from_yaml(MISSION)
+    settings: dict[str, Any] = {"reference": "tail", "solver": "osqp", "windows": "convex"}
+    settings |= {name: EVERYTHING[name] for name in ("replan_every", "contingencies", "latency")}
+    settings |= {"bounded_cost": True, "options": {"max_memory": 1e8}}
+    methods = [{"name": kind, "planner": kind, **settings} for kind in ("plan_rho", "simulate")]
+    methods[1]["estimates"] = False
+    source = {"name": "gap", "scenario": scenario}
+    study = small(1, scenarios=[source], methods=methods, plans=True)
+    results = rho.campaign(study, tmp_path / "runs.sqlite")
+    keys = dict(table(tmp_path / "runs.sqlite", ("method", "key")))
+    assert_same_flight(results.plan(keys["plan_rho"]).flight, rho.plan_rho(scenario, **EVERYTHING))
+    flown = results.plan(keys["simulate"])
+    assert isinstance(flown, rho.Simulation)
+    np.testing.assert_array_equal(flown.positions, fly(scenario, **EVERYTHING).positions)
+    assert_same_flight(flown.flight, fly(scenario, **EVERYTHING).flight)
