@@ -7,7 +7,7 @@ import numpy.typing as npt
 from pydrake.solvers import ClarabelSolver, MathematicalProgram
 
 import drake_rho as rho
-from drake_rho.scenario.fields import FloatArray
+from tests.arrays import FloatArray
 from tests.scenarios import acceleration_outside
 
 TWIN = 1e-5

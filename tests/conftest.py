@@ -8,7 +8,8 @@ from hypothesis import HealthCheck, settings
 from pydrake.solvers import ClarabelSolver, OsqpSolver, SolverInterface
 
 import drake_rho as rho
-from drake_rho.paper.study import Study, run_study
+from drake_rho.paper.study import Study as Study  # for tests that take the fixture
+from drake_rho.paper.study import run_study
 from drake_rho.planning.programs import backend
 
 # No deadline: how long a program takes is not what is tested. Fixtures that hypothesis reuses are

@@ -14,6 +14,13 @@ from tests.scenarios import box, fleet
 Array = NDArray[np.float64]
 
 
+def tracked(
+    since: float, gains: tuple[float, float], position: float = 0.0, velocity: float = 0.0
+) -> Any:
+    """Return the feedback that has tracked a plan since a time, as a file describes it."""
+    return {"since": since, "gains": gains, "position": position, "velocity": velocity}
+
+
 def disturbed(seed: int, *, delay: int | None = None, errors: bool = True) -> rho.Scenario:
     """Return up to three vehicles in separate lanes, with spheres beside their paths.
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 import drake_rho as rho
-from drake_rho.scenario.fields import FloatArray
+from tests.arrays import FloatArray
 
 ROUNDING = 1e-9
 """Largest difference of two ways to integrate, over the scale of a motion."""

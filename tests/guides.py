@@ -20,8 +20,6 @@ import yaml
 
 import drake_rho as rho
 from drake_rho import cli
-from drake_rho.campaigns.study import study_from_yaml
-from drake_rho.scenario.files import scenario_from_content
 
 ROOT = Path(__file__).parent.parent
 
@@ -113,7 +111,7 @@ def _read(text: str) -> None:
     """Read a study, a scenario, or a part of a scenario."""
     content = yaml.safe_load(text)
     if "methods" in content:
-        study_from_yaml(text)
+        rho.Study(**content)
         return
     whole: dict[str, Any] = {
         "name": "a part",
@@ -122,7 +120,7 @@ def _read(text: str) -> None:
             {"name": "v", "start": {"position": [0, 0, 1]}, "goal": {"position": [1, 0, 1]}}
         ],
     }
-    assert rho.verify(rho.plan(scenario_from_content(whole | content))).ok
+    assert rho.verify(rho.plan(rho.Scenario(**(whole | content)))).ok
 
 
 def _in_place(text: str, shorter: Mapping[str, str]) -> str:

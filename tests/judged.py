@@ -11,8 +11,7 @@ from collections.abc import Iterator
 import numpy as np
 
 import drake_rho as rho
-from drake_rho.scenario.limits import GRAVITY
-from tests.requirements import of_track
+from tests.requirements import GRAVITY, of_track
 from tests.sampled import _center, _signed_distance, _uncertainty, flown
 
 Array = np.ndarray

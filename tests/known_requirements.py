@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 import drake_rho as rho
-from drake_rho.scenario.fields import FloatArray
+from tests.arrays import FloatArray
 
 GRAVITY = np.array([0.0, 0.0, 9.81])
 CLOCKS = (0.0, -3.7, 8.8, 1000.1, 100000.3, 5e8 + 0.1, 1.7e9, 1.7e9 + 1.2, 1.7e9 + 8.8)

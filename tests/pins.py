@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 
 import drake_rho as rho
-from drake_rho.scenario.shapes.base import Shape
 from tests.disturbed import crowded, disturbed
 from tests.scenarios import box, fleet, single, through_the_middle
+from tests.shapes import Shape
 
 PINS = Path(__file__).with_name("pins.json")
 
@@ -31,7 +31,7 @@ _DOOR = (
 )
 _CRATE = rho.Box([-1.0, -6.0, -1.0], [1.0, -5.0, 1.0])
 _TETRAHEDRON = rho.Polytope([[4.0, 1.0, -2.0], [6.0, 1.0, -2.0], [5.0, 4.0, -2.0], [5.0, 2.0, 2.0]])
-_SHAPES = {
+_SHAPES: dict[str, Shape] = {
     "sphere": rho.Sphere([5.0, 2.2, -0.9], 1.5),
     "box": rho.Box([4.0, 1.0, -2.0], [6.0, 2.9, 0.1]),
     "ellipsoid": rho.Ellipsoid([5.0, 2.2, -0.9], [2.0, 1.0, 0.8]),

@@ -8,9 +8,11 @@ from typing import Any
 import numpy as np
 
 import drake_rho as rho
-from drake_rho.scenario.fields import FloatArray
-from drake_rho.scenario.limits import GRAVITY
+from tests.arrays import FloatArray
 from tests.scenarios import acceleration_outside, fleet
+
+GRAVITY = 9.81
+"""Acceleration of gravity [m/s²]."""
 
 QUANTITIES = ("position", "velocity", "acceleration", "thrust", "jerk")
 

@@ -13,7 +13,7 @@ from hypothesis import settings
 from hypothesis import strategies as st
 
 import drake_rho as rho
-from drake_rho.scenario.shapes.base import Shape
+from tests.shapes import Shape
 
 
 def slow(*cases: Any) -> list[Any]:

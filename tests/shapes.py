@@ -7,8 +7,10 @@ from collections.abc import Callable
 import numpy as np
 
 import drake_rho as rho
-from drake_rho.scenario.fields import FloatArray
-from drake_rho.scenario.shapes.base import Shape
+from tests.arrays import FloatArray
+
+Shape = rho.Sphere | rho.Box | rho.Ellipsoid | rho.Cylinder | rho.Polytope | rho.Capsule | rho.Posed
+"""Any bounded shape that an obstacle can have."""
 
 KINDS: dict[str, Callable[[np.random.Generator, FloatArray, float], Shape]] = {
     "sphere": lambda rng, at, size: rho.Sphere(at, size * rng.uniform(0.2, 1.0)),

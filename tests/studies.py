@@ -9,13 +9,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pydantic import TypeAdapter
 
 import drake_rho as rho
-from drake_rho.campaigns.runs import MEASURED
-from drake_rho.campaigns.store import COLUMNS
 
-SAME = tuple(name for name in COLUMNS if name not in MEASURED)
-"""Columns that hold no times."""
+MEASURED = {"plan_seconds", "verify_seconds", "run_seconds", "megabytes", "finished"}
+"""Columns of times and memory, which differ when a run is repeated."""
 
 
 def small(repetitions: int = 4, **changes: Any) -> rho.Study:
@@ -80,9 +79,17 @@ def held(scenario: rho.Scenario, *, until: str) -> rho.Plan:
     return rho.plan(scenario)
 
 
-def table(path: Path, columns: tuple[str, ...] = SAME) -> list[tuple[Any, ...]]:
-    """Return the rows of a store, ordered by key, without the columns that hold times."""
+def text_of(study: rho.Study) -> str:
+    """Return the text of a study's file: JSON, which is YAML."""
+    return TypeAdapter(rho.Study).dump_json(study, exclude_none=True).decode()
+
+
+def table(path: Path, columns: tuple[str, ...] = ()) -> list[tuple[Any, ...]]:
+    """Return the rows of a store, ordered by key, by default without the measured columns."""
     connection = sqlite3.connect(path)
+    if not columns:
+        named = connection.execute("SELECT name FROM pragma_table_info('runs')")
+        columns = tuple(name for (name,) in named if name not in MEASURED)
     query = f"SELECT {', '.join(columns)} FROM runs ORDER BY key"  # noqa: S608
     rows = connection.execute(query).fetchall()
     connection.close()

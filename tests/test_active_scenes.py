@@ -12,9 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import drake_rho as rho
-from drake_rho.scenario.shapes.base import Shape
 from tests.sampled import least_clearances
 from tests.scenarios import examples, sampled_separation, slow
+from tests.shapes import Shape
 
 DURATION, UNIX = 10.0, 1.7e9
 AXES: tuple[Literal["x", "y", "z"], ...] = ("x", "y", "z")

@@ -12,9 +12,9 @@ import drake_rho as rho
 from drake_rho.planning.path_search.initial_guesses import find_paths
 from drake_rho.planning.path_search.lattice import Lattice, Raster
 from drake_rho.planning.path_search.moving_obstacles import MovingObstacle, blocked_moves
-from drake_rho.scenario.shapes.base import Shape
 from tests.sampled import flown, least_clearances
 from tests.scenarios import sampled_separation, single, slow
+from tests.shapes import Shape
 from tests.tolerances import INDEX
 
 ROOM = rho.Box([-1, -4, 0], [11, 4, 4])

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 import drake_rho as rho
-from drake_rho.scenario.shapes.base import Shape
 from tests.disturbed import KINDS, disturbed, winds_for
 from tests.sampled import least_clearances
 from tests.scenarios import single, slow
+from tests.shapes import Shape
 
 SPHERE, CROSSING = rho.Sphere([5.0, 2.2, -0.9], 1.5), rho.Sphere([2.0, 5.0, -1.0], 1.3)
 """On the straight path at 4 s, at rest; and before it moves there."""

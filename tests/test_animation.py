@@ -22,7 +22,6 @@ from drake_rho.display.meshcat.meshes import (
     tube,
 )
 from drake_rho.display.meshcat.poses import headings, poses
-from drake_rho.motion.flight import Window
 from tests.browser import open_page
 from tests.scenarios import single
 
@@ -228,10 +227,10 @@ def test_trails_are_drawn_for_up_to_a_hundred_vehicles_or_on_request(
 
 def test_a_lightweight_scene_draws_no_predictions() -> None:
     plan = crossing(30)
-    flight = rho.Flight(plan, (Window(0, plan, plan),))
+    flight = rho.Flight(plan, (rho.Window(0, plan, plan),))
     assert not rho.animate(flight).HasPath("/flight/predictions")
     few = plan.only(np.arange(3))
-    assert rho.animate(rho.Flight(few, (Window(0, few, few),))).HasPath("/flight/predictions")
+    assert rho.animate(rho.Flight(few, (rho.Window(0, few, few),))).HasPath("/flight/predictions")
 
 
 def test_localhost_is_served_where_no_name_service_knows_it(

@@ -12,7 +12,6 @@ from playwright.sync_api import Page
 import drake_rho as rho
 from drake_rho.display.meshcat.meshes import arrow, tube
 from drake_rho.display.meshcat.tubes_and_wind import strongest_wind
-from drake_rho.simulation.closed_loop import fly
 from tests.browser import open_page
 from tests.test_display_flight import NAMES, in_noise, mission
 
@@ -118,12 +117,12 @@ def test_one_page_in_a_file_does_the_same_without_a_network(
 
 def test_missing_tubes_and_winds_are_not_shown() -> None:
     """Without a disturbance there is no tube, and without wind there are no arrows."""
-    still = fly(dataclasses.replace(mission(), disturbance=None))
+    still = rho.simulate(dataclasses.replace(mission(), disturbance=None))
     meshcat = rho.animate(still)
     assert meshcat.HasPath("/flight/planned/scout")
     for part in ("tube", "tubes", "wind"):
         assert not meshcat.HasPath(f"/flight/{part}")
-    calm = rho.animate(fly(mission()))
+    calm = rho.animate(rho.simulate(mission()))
     assert calm.HasPath("/flight/tube/scout")
     assert not calm.HasPath("/flight/wind")
 
@@ -138,7 +137,7 @@ def test_an_arrow_of_full_length_is_the_strongest_wind() -> None:
 
 def winds_times(scenario: rho.Scenario, factor: float) -> rho.Simulation:
     """Simulate the mission in a constant wind of a multiple of its strongest."""
-    still = fly(scenario)
+    still = rho.simulate(scenario)
     wind = np.broadcast_to([0.0, 0.6 * factor, 0.0], still.wind.shape)
     return dataclasses.replace(still, wind=wind)
 
@@ -148,7 +147,7 @@ def test_a_light_scene_of_a_simulation_has_little_but_the_vehicles() -> None:
     rng = np.random.default_rng(1)
     scenario = rho.random_transitions(30, rng, duration=8.0, step=0.4)
     around = rho.Disturbance(0.01, feedback_every=0.1)
-    simulation = fly(dataclasses.replace(scenario, disturbance=around), replan_every=40)
+    simulation = rho.simulate(dataclasses.replace(scenario, disturbance=around), replan_every=40)
     meshcat = rho.animate(simulation)
     assert meshcat.HasPath("/flight/vehicles")
     for part in ("planned", "tube", "tubes", "wind", "predictions"):
@@ -159,7 +158,7 @@ def test_a_light_scene_of_a_simulation_has_little_but_the_vehicles() -> None:
 def test_the_page_of_a_long_flight_with_many_windows_stays_small() -> None:
     scenario = mission()
     longer = dataclasses.replace(scenario, grid=rho.Grid(0.25, 161))
-    page = rho.animate(fly(longer, replan_every=2)).StaticHtml()
+    page = rho.animate(rho.simulate(longer, replan_every=2)).StaticHtml()
     assert len(page) < 25e6
 
 

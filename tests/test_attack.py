@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 import drake_rho as rho
-from drake_rho.simulation.closed_loop import fly_plan
 from tests.disturbed import disturbed, winds_for
 from tests.scenarios import box, fleet, single, slow
 
@@ -38,7 +37,7 @@ def test_no_wind_leaves_less_clearance_and_the_attack_attains_its_bound(seed: in
     assert _least_clearance(attack.simulation) == pytest.approx(attack.bound, abs=1e-6)
     assert attack.bound < attack.planned
     for wind in winds_for(scenario, seed).values():
-        flown = fly_plan(scenario, plan, wind=wind, rng=np.random.default_rng(seed))
+        flown = rho.simulate(plan, wind=wind, rng=np.random.default_rng(seed))
         assert _least_clearance(flown) >= attack.bound - 1e-9
 
 

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 import drake_rho as rho
 from drake_rho.planning.constraints.worst_instants import worst_instants
-from drake_rho.scenario.fields import FloatArray
+from tests.arrays import FloatArray
 from tests.known_requirements import (
     GRAVITY,
     QUANTITIES,

@@ -14,7 +14,6 @@ from pydrake.solvers import ClarabelSolver
 
 import drake_rho as rho
 from drake_rho.planning.constraints.base import about
-from drake_rho.planning.constraints.coupling import coupled
 from drake_rho.planning.constraints.rows import Rows
 from drake_rho.planning.minimum_effort import MinimumEffort
 from drake_rho.planning.problem import Problem
@@ -113,7 +112,7 @@ def test_infeasibility_found_in_other_processes_has_the_same_reasons() -> None:
 def test_blocks_hold_every_row_once_and_keep_groups_together() -> None:
     scenario = fleet(3, 40)
     effort = MinimumEffort.of(scenario)
-    pairs = Problem.of(scenario).pairs_around(effort.motion, coupled)
+    pairs = Problem.of(scenario).pairs_around(effort.motion, rho.coupled)
     rows = about(effort.motion, [pairs.violated_rows(effort.motion, np.arange(40))])
     assert len(rows[0]) > 50
     groups = groups_of(40, rows)

@@ -28,10 +28,9 @@ from drake_rho.campaigns.distributions import Choice
 from drake_rho.campaigns.runs import Run, do, generators
 from drake_rho.campaigns.sources import FromFile
 from drake_rho.campaigns.store import Store, StoreError
-from drake_rho.campaigns.study import study_to_json
 from drake_rho.campaigns.workers import Workers
 from tests.scenarios import fleet, single, slow
-from tests.studies import own, small, table
+from tests.studies import own, small, table, text_of
 
 
 @pytest.fixture(scope="module")
@@ -551,7 +550,7 @@ def test_a_campaign_killed_anywhere_resumes(
     expected: list[tuple[Any, ...]], tmp_path: Path
 ) -> None:
     path, program = tmp_path / "runs.sqlite", tmp_path / "program.py"
-    (tmp_path / "study.json").write_text(study_to_json(small()))
+    (tmp_path / "study.json").write_text(text_of(small()))
     program.write_text(_PROGRAM)
     command = [sys.executable, str(program), str(tmp_path)]
     for rows in (1, 6):  # once there are this many rows, amid the next runs

@@ -15,9 +15,7 @@ from typing import Any
 import pytest
 
 import drake_rho as rho
-from drake_rho.campaigns.campaign import CampaignError, SoFar
-from drake_rho.campaigns.study import study_to_json
-from tests.studies import small, table
+from tests.studies import small, table, text_of
 
 distributed = pytest.importorskip("distributed")
 
@@ -42,7 +40,7 @@ def test_a_cluster_of_processes_gives_the_same_rows_even_when_one_dies(
         distributed.Client(cluster) as client,
     ):
 
-        def kill(now: SoFar) -> None:
+        def kill(now: Any) -> None:
             if now.done and not killed:
                 killed.extend(client.run(os.getpid).values())
                 os.kill(killed[0], signal.SIGKILL)
@@ -57,19 +55,19 @@ def test_a_cluster_of_processes_gives_the_same_rows_even_when_one_dies(
 def test_a_scheduler_and_workers_started_by_commands(
     expected: list[tuple[Any, ...]], tmp_path: Path
 ) -> None:
-    (tmp_path / "study.yaml").write_text(study_to_json(small()))
+    (tmp_path / "study.yaml").write_text(text_of(small()))
     with _scheduler() as (address, scheduler), _worker(address), _worker(address):
         done = _campaign(tmp_path, address)
         assert done.returncode == 0, done.stderr
         assert table(tmp_path / "runs.sqlite") == expected
         with distributed.Client(address) as client:
 
-            def kill(now: SoFar) -> None:
+            def kill(now: Any) -> None:
                 if now.done:
                     scheduler.kill()
 
             path = tmp_path / "ended.sqlite"
-            with pytest.raises(CampaignError, match="executor"):
+            with pytest.raises(rho.DrakeRhoError, match="executor"):
                 rho.campaign(small(40), path, executor=client.get_executor(), progress=kill)
     rows = table(path)
     assert 0 < len(rows) < len(small(40))

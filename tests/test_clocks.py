@@ -11,10 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import drake_rho as rho
-from drake_rho.cli.summary import errors_of
-from drake_rho.simulation.closed_loop import fly
-from drake_rho.simulation.timeline import Timeline
 from tests.scenarios import examples
+from tests.test_cli import run
+from tests.test_cli_json import read
 
 starts = st.one_of(
     st.integers(-100, 100).map(lambda k: 0.1 * k),
@@ -100,7 +99,7 @@ def test_a_flight_in_wind_does_not_depend_on_when_it_begins(start: float, step: 
             disturbance=rho.Disturbance(0.1, 0.001, 0.001, step / 5),
         )
         wind = rho.winds.constant(scenario, [0, 1, 0])
-        return fly(scenario, replan_every=3, wind=wind, rng=np.random.default_rng(0))
+        return rho.simulate(scenario, replan_every=3, wind=wind, rng=np.random.default_rng(0))
 
     here, there = at(0.0), at(start)
     assert rho.verify(there).ok
@@ -128,13 +127,13 @@ def test_times_of_a_simulation_increase_and_begin_at_the_samples(
         ],
         disturbance=rho.Disturbance(0.1, feedback_every=sample),
     )
-    timeline = Timeline.of(scenario, rho.winds.none())
-    assert np.all(np.diff(timeline.times) > 0.0)
-    np.testing.assert_allclose(
-        timeline.elapsed[timeline.samples], sample * np.arange(len(timeline.samples)), atol=1e-12
-    )
-    # corners are at knots, which count once
-    assert len(timeline.elapsed) == 10 * round(1.0 / sample) + 1
+    flown = rho.simulate(scenario)
+    assert np.all(np.diff(flown.times) > 0.0)
+    # a sample has ten times; corners are at knots, which count once
+    samples = round(1.0 / sample)
+    assert flown.elapsed is not None
+    assert len(flown.elapsed) == 10 * samples + 1
+    np.testing.assert_allclose(flown.elapsed[::10], sample * np.arange(samples + 1), atol=1e-12)
 
 
 def test_windows_begin_at_the_knots_of_the_flight() -> None:
@@ -150,7 +149,7 @@ def test_a_simulation_is_reproduced_with_exact_times_even_from_a_file(tmp_path: 
     scenario = dataclasses.replace(
         dashing(1.7e9 + 0.1, 2.0), disturbance=rho.Disturbance(0.05, feedback_every=0.1)
     )
-    flown = fly(scenario, replan_every=2)
+    flown = rho.simulate(scenario, replan_every=2)
     assert flown.elapsed is not None
     assert np.abs(flown.times - scenario.grid.start - flown.elapsed).max() > 1e-9
     assert rho.verify(flown).ok
@@ -183,7 +182,10 @@ BALL = rho.Sphere([4, 0, 1], 1)
 
 @pytest.mark.parametrize("between", [BALL, rho.Obstacle(BALL)])
 def test_a_flight_that_ends_before_time_0_avoids_obstacles(
-    between: rho.Sphere | rho.Obstacle, tmp_path: Path
+    between: rho.Sphere | rho.Obstacle,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """An obstacle is known from the first knot by default, also where that is before time 0."""
     vehicle = rho.Vehicle("v", rho.State([0, 0, 1]), rho.State([8, 0, 1]))
@@ -198,10 +200,10 @@ def test_a_flight_that_ends_before_time_0_avoids_obstacles(
         assert report.ok
         assert any(check.constraint == "obstacle 1" and check.asked for check in report.checks)
         assert not any("before it is known" in check.constraint for check in report.checks)
-    flown = rho.simulate(scenario)
-    assert rho.verify(flown).ok
-    (row,) = errors_of(flown)
-    assert row.to_obstacles_m == pytest.approx(0.0, abs=1e-6)
+    assert rho.verify(rho.simulate(scenario)).ok
+    _, out, _ = run(capsys, monkeypatch, "simulate", str(tmp_path / "asked.yaml"), "--json")
+    (row,) = read(out, "simulate")["errors"]
+    assert row["to_obstacles_m"] == pytest.approx(0.0, abs=1e-6)
 
 
 @pytest.mark.parametrize("early", [2e-6, 3.2e-6, 6e-6])

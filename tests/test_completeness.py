@@ -15,7 +15,6 @@ from drake_rho.display import kinds as display
 from drake_rho.exports import export
 from drake_rho.motion.rest_tube import RestTube
 from drake_rho.planning.constraints import catalogue, tightening
-from drake_rho.planning.constraints.coupling import coupled
 from drake_rho.planning.problem import Problem
 from drake_rho.scenario.kinds import KINDS, LIMITS, kinds_of
 from drake_rho.simulation import attack
@@ -118,7 +117,7 @@ def test_scenarios_have_the_kinds_that_they_are_made_with(kind: str) -> None:
 def test_every_kind_is_planned_for_and_verified(kind: str) -> None:
     scenario = _scenario(kind)
     plan = rho.plan(scenario)
-    constraints = {each.kind for each in Problem.of(scenario).linearized(plan, coupled)}
+    constraints = {each.kind for each in Problem.of(scenario).linearized(plan, rho.coupled)}
     of_their_own = {*LIMITS, "waypoints", "requirements", "obstacles", "separation"}
     known = kinds_of(scenario if scenario.known else scenario.without_obstacles())
     assert constraints == known & of_their_own

@@ -16,8 +16,9 @@ import pytest
 import drake_rho as rho
 from benchmarks.damaged_files import damaged
 from drake_rho.cli.console import escaped
+from drake_rho.cli.documents import json_of
 from drake_rho.display.viewer.serve import serve
-from drake_rho.scenario.files import scenario_from_yaml
+from tests.written import from_yaml
 
 SAME = 1e-11
 """Rounding of coordinates, in sizes of a mesh."""
@@ -213,14 +214,14 @@ def test_a_link_is_read_by_its_own_name(tmp_path: Path) -> None:
 )
 def test_aliases_stand_for_a_limited_number_of_values(text: str, words: str) -> None:
     with pytest.raises(rho.ScenarioError, match=words):
-        scenario_from_yaml(text)
+        from_yaml(text)
 
 
 def test_exponential_aliases_are_refused() -> None:
     lines = ["a0: &a0 [0, 0, 0, 0, 0, 0, 0, 0, 0]"]
     lines += [f"a{k}: &a{k} [{', '.join([f'*a{k - 1}'] * 9)}]" for k in range(1, 12)]
     with pytest.raises(rho.ScenarioError, match="at most 500000"):
-        scenario_from_yaml("\n".join(lines))
+        from_yaml("\n".join(lines))
 
 
 def test_a_world_has_a_limited_number_of_links(tmp_path: Path) -> None:
@@ -308,3 +309,8 @@ def test_clients_that_hang_up_or_wait_are_no_matter(capfd: pytest.CaptureFixture
     finally:
         server.close()
     assert capfd.readouterr().err == ""
+
+
+def test_nan_and_infinity_are_null() -> None:
+    text = json_of({"cost": np.nan, "rows": ({"bound": np.float64(-np.inf)},)})
+    assert json.loads(text) == {"cost": None, "rows": [{"bound": None}]}

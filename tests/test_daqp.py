@@ -24,8 +24,9 @@ from drake_rho.planning.programs.dense_duals import contradiction
 from drake_rho.planning.programs.dual import is_optimal
 from drake_rho.planning.programs.solution import Solution
 from drake_rho.planning.programs.solve import solve
-from drake_rho.scenario.fields import FloatArray
+from tests.arrays import FloatArray
 from tests.scenarios import box, random_fleet, random_scenario, single, slow, through_the_middle
+from tests.test_cli import run
 from tests.tolerances import MOTION, ROUNDING
 
 COST = 1e-8
@@ -418,3 +419,14 @@ def test_every_form_of_a_program_gives_the_same_plan(monkeypatch: pytest.MonkeyP
         monkeypatch.setattr(program, "_DENSE", operations)
         costs.append(rho.plan_convex(scenario, solver=rho.Daqp()).cost)
     assert costs == pytest.approx([costs[0]] * 3, rel=COST)
+
+
+def test_a_solver_that_is_not_installed_is_bad_input(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "daqp", None)
+    daqp._package.cache_clear()
+    status, _, err = run(capsys, monkeypatch, "plan", "paper", "--solver", "daqp")
+    daqp._package.cache_clear()
+    assert status == 2
+    assert err == "drake-rho: rho.Daqp() needs the package daqp: pip install 'drake-rho[fast]'\n"

@@ -34,11 +34,10 @@ from drake_rho.display.plots.distances import draw_distances
 from drake_rho.display.plots.figures import write_figures
 from drake_rho.display.plots.formats import SINGLE_COLUMN
 from drake_rho.display.plots.lines3d import FAINT
-from drake_rho.motion.flight import Window
 from drake_rho.paper.figures import NUMBERS, draw_figure, write_paper_figures
-from drake_rho.paper.study import Study
 from drake_rho.paper.tables import claims_table, study_table
 from drake_rho.scenario.parts import Quantity
+from tests.conftest import Study
 from tests.scenarios import box, slow, straight
 from tests.scenarios import fleet as fleet_of
 from tests.tolerances import ROUNDING
@@ -291,7 +290,7 @@ def test_the_legend_shows_36_vehicles_as_they_are_drawn(
 def test_no_two_vehicles_of_a_flight_look_alike() -> None:
     """Starts and knots distinguish the vehicles where colours are those of the windows."""
     plan = straight(36)
-    flown = rho.Flight(plan, (Window(0, plan, plan),))
+    flown = rho.Flight(plan, (rho.Window(0, plan, plan),))
     drawn = rho.paths_figure(flown)
     starts = [
         line
@@ -315,7 +314,7 @@ def test_a_swarm_is_drawn_without_knots_and_names(count: int) -> None:
         axes = list(Figure().subplots(3))
         curves.draw_components(axes, drawn(plan), quantity)
         assert [len(each.lines) for each in axes] == [count] * 3
-    window = Window(0, plan, plan)
+    window = rho.Window(0, plan, plan)
     for figure in (rho.paths_figure(plan), rho.paths_figure(rho.Flight(plan, (window,)))):
         assert figure.legends == []
         assert "knot" not in " ".join(text.get_text() for text in figure.texts)

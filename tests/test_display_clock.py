@@ -18,7 +18,6 @@ from drake_rho.display.meshcat.scene import Scene
 from drake_rho.display.meshcat.trails import record_light_trails, record_predictions, record_trails
 from drake_rho.display.meshcat.vehicles import Vehicles, record_vehicles
 from drake_rho.display.plots import space
-from drake_rho.motion.flight import Window
 from tests.scenarios import straight
 
 LATE = 128.0
@@ -41,7 +40,7 @@ def _plan(start: float) -> rho.Plan:
 def _flight(start: float) -> rho.Flight:
     """Return the plan, flown by windows from its first and its eighth knot."""
     plan = _plan(start)
-    windows = tuple(Window(knot, plan.tail(knot), plan.tail(knot)) for knot in (0, 7))
+    windows = tuple(rho.Window(knot, plan.tail(knot), plan.tail(knot)) for knot in (0, 7))
     return rho.Flight(plan, windows)
 
 

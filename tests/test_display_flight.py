@@ -21,7 +21,6 @@ from drake_rho.display.plots import curves, distances, space
 from drake_rho.display.plots import tube_errors as errors
 from drake_rho.display.plots.figures import write_figures
 from drake_rho.display.plots.formats import SINGLE_COLUMN
-from drake_rho.simulation.closed_loop import fly
 
 NAMES = ("scout", "cargo")
 
@@ -48,7 +47,7 @@ def in_noise(start: float = 0.0) -> rho.Simulation:
     """Return the mission in noise, with errors of the estimate."""
     scenario = mission(start)
     wind = rho.winds.coloured_noise(scenario, np.random.default_rng(1), intensity=0.8)
-    return fly(scenario, wind=wind, rng=np.random.default_rng(2))
+    return rho.simulate(scenario, wind=wind, rng=np.random.default_rng(2))
 
 
 @pytest.fixture(scope="module")
@@ -70,7 +69,7 @@ def test_the_drawn_paths_are_the_true_positions(worst: bool) -> None:
     """The times of the record include those at which the wind switches."""
     scenario = mission(start=3.0)
     wind = rho.worst_case(scenario, [1.0, 2.0, 3.0], 7.3) if worst else None
-    simulation = fly(scenario, wind=wind)
+    simulation = rho.simulate(scenario, wind=wind)
     elapsed = simulation.times - scenario.grid.start
     shown = drawn(simulation)
     for quantity, true in (("position", simulation.positions), ("velocity", simulation.velocities)):
@@ -145,7 +144,9 @@ def test_where_a_tube_is_replaced_both_errors_are_drawn(
 def test_the_worst_wind_is_drawn_at_the_edge_of_the_tube(quantity: str) -> None:
     scenario = mission()
     wind = rho.worst_case(scenario, [0.0, 0.0, 1.0], 6.0, quantity)  # type: ignore[arg-type]
-    simulation = fly(scenario, wind=wind, replan_every=40)  # one window: no tube is replaced
+    simulation = rho.simulate(
+        scenario, wind=wind, replan_every=40
+    )  # one window: no tube is replaced
     (found,) = errors.errors_of(simulation, quantity)  # type: ignore[arg-type]
     m = int(np.searchsorted(found.times, 6.0 - 1e-9))
     assert found.errors[m, 0] == pytest.approx(found.radii[m], rel=1e-9)
@@ -153,7 +154,7 @@ def test_the_worst_wind_is_drawn_at_the_edge_of_the_tube(quantity: str) -> None:
 
 
 def test_without_a_disturbance_errors_have_no_radius() -> None:
-    simulation = fly(dataclasses.replace(mission(), disturbance=None))
+    simulation = rho.simulate(dataclasses.replace(mission(), disturbance=None))
     ax = Figure().subplots()
     lines = errors.draw_errors(ax, simulation, "position")
     assert "radius" not in str(lines[-1].get_label())
@@ -210,7 +211,7 @@ def test_paths_are_the_true_motion_in_the_colours_of_the_windows(
 def test_a_single_window_has_vehicle_colours_and_a_dotted_plan() -> None:
     scenario = mission()
     wind = rho.winds.constant(scenario, [0.0, 0.0, 1.0])
-    simulation = fly(scenario, wind=wind, replan_every=40)
+    simulation = rho.simulate(scenario, wind=wind, replan_every=40)
     figure = rho.paths_figure(simulation)
     assert len(figure.axes) == 1  # no bar of windows
     assert any("dotted: planned" in text.get_text() for text in figure.texts)
@@ -233,7 +234,7 @@ def test_plans_are_drawn_beside_the_true_motion_of_small_fleets(simulation: rho.
     many = [
         rho.Vehicle(f"{n}", rho.State([0.0, n, 5.0]), rho.State([9.0, n, 5.0])) for n in range(15)
     ]
-    assert drawn(fly(dataclasses.replace(scenario, vehicles=tuple(many)))).planned == ()
+    assert drawn(rho.simulate(dataclasses.replace(scenario, vehicles=tuple(many)))).planned == ()
 
 
 @pytest.mark.slow

@@ -29,8 +29,9 @@ from drake_rho.display.plots.maps import map_figure
 from drake_rho.display.viewer.payload import payload
 from drake_rho.motion.obstacle_clearances import closest, distances
 from drake_rho.planning.path_search.continuation import piecewise_linear
-from drake_rho.scenario.fields import FloatArray, unchecked
+from drake_rho.scenario.fields import unchecked
 from drake_rho.scenario.maps.map import Map
+from tests.arrays import FloatArray
 from tests.browser import open_page
 from tests.scenarios import slow
 

@@ -29,8 +29,8 @@ from drake_rho.display.plots.distances import draw_distances, draw_least_clearan
 from drake_rho.display.plots.figures import write_figures
 from drake_rho.motion.obstacle_clearances import closest
 from drake_rho.scenario.fields import unchecked
-from drake_rho.scenario.shapes.base import Shape
 from tests.scenarios import straight
+from tests.shapes import Shape
 
 START = 32.0
 """Duration of these tests' flights [s]."""

@@ -8,16 +8,12 @@ import pickle
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
 import drake_rho as rho
-from drake_rho.motion.scenario_tube import tube_of
-from drake_rho.scenario.disturbance import Tracking
-from drake_rho.scenario.files import scenario_from_yaml, scenario_to_json, scenario_to_yaml
-from drake_rho.scenario.rest_of_flight import from_states
-from drake_rho.simulation.closed_loop import fly
+from tests.disturbed import tracked
 from tests.scenarios import single
+from tests.written import as_yaml, from_yaml, in_plan_file
 
 EVERY_FIELD = rho.Disturbance(0.3, 0.02, 0.05, 0.05, 1, 0.4, dropouts=2)
 
@@ -68,9 +64,9 @@ def test_lost_measurements_need_a_prediction() -> None:
     ) as caught:
         rho.Disturbance(1.0, dropouts=1, prediction=False)
     assert caught.value.field == "disturbance.prediction"
-    text = scenario_to_yaml(_with(EVERY_FIELD)).replace("share:", "prediction: false, share:")
+    text = as_yaml(_with(EVERY_FIELD)).replace("share:", "prediction: false, share:")
     with pytest.raises(rho.ScenarioError, match="got False") as caught:
-        scenario_from_yaml(text)
+        from_yaml(text)
     assert caught.value.field == "disturbance.prediction"
 
 
@@ -107,10 +103,10 @@ def test_yaml_json_copies_and_pickles_preserve_the_disturbance(tmp_path: Path) -
     assert rho.load_scenario(tmp_path / "s.yaml") == scenario != _with(None)
     assert copy.deepcopy(scenario) == scenario
     assert pickle.loads(pickle.dumps(scenario)) == scenario  # noqa: S301  # our own
-    assert '"share":0.4' in scenario_to_json(scenario)
-    assert "disturbance" not in scenario_to_yaml(_with(None))
-    text = scenario_to_yaml(_with(None)) + "disturbance: {acceleration: 0.3, feedback_every: null}"
-    assert scenario_from_yaml(text).disturbance == rho.Disturbance(0.3)
+    assert '"share":0.4' in in_plan_file(scenario)[0]
+    assert "disturbance" not in as_yaml(_with(None))
+    text = as_yaml(_with(None)) + "disturbance: {acceleration: 0.3, feedback_every: null}"
+    assert from_yaml(text).disturbance == rho.Disturbance(0.3)
 
 
 def test_the_schema_has_units() -> None:
@@ -137,12 +133,10 @@ def test_the_schema_has_units() -> None:
 
 def test_derived_scenarios_keep_the_disturbance(paper: rho.Scenario) -> None:
     scenario = dataclasses.replace(paper, disturbance=EVERY_FIELD)
-    fleet, zeros = scenario.fleet, np.zeros((len(paper.vehicles), 3))
     made = (
         scenario.without_obstacles(),
         scenario.without_separation(),
         scenario.of_vehicles([0]),
-        from_states(scenario, scenario.grid.from_knot(3), fleet.start_positions, zeros, zeros),
     )
     assert all(each.disturbance == EVERY_FIELD for each in made)
     alone = dataclasses.replace(single(), disturbance=EVERY_FIELD)
@@ -168,21 +162,21 @@ def test_on_another_grid_the_feedback_is_at_least_as_frequent() -> None:
 
 def test_gains_given_by_a_scenario_are_used() -> None:
     own = (0.5, 1.0)
-    around = rho.Disturbance(0.3, 0.02, 0.02, 0.1, tracking=Tracking(0.0, own))
+    around = rho.Disturbance(0.3, 0.02, 0.02, 0.1, tracking=tracked(0.0, own))
     limits = rho.Limits(max_acceleration=2.0)
     windy = dataclasses.replace(
         single(grid=rho.Grid(0.5, 21), goal=rho.State([5, 0, 0]), limits=limits),
         disturbance=around,
     )
-    assert rho.error_tube(windy).gains == tube_of(windy).gains == own
+    assert rho.error_tube(windy).gains == own
     assert rho.error_tube(windy, gains=(1.0, 2.0)).gains == (1.0, 2.0)
     worst = rho.worst_case(windy, [1, 0, 0], 10.0)
-    flown = fly(windy, replan_every=100, wind=worst)
+    flown = rho.simulate(windy, replan_every=100, wind=worst)
     filled = flown.errors()[1:, 0] / flown.radii()[1:]
     assert filled.max() == pytest.approx(1.0, abs=1e-9)
-    begun = dataclasses.replace(around, tracking=Tracking(-1.0, own, 0.1, 0.2))
+    begun = dataclasses.replace(around, tracking=tracked(-1.0, own, 0.1, 0.2))
     under_way = dataclasses.replace(windy, disturbance=begun)
     tube = rho.error_tube(under_way)
     assert (tube.gains, tube.initial, tube.grid.start) == (own, (0.1, 0.2), -1.0)
-    again = scenario_from_yaml(scenario_to_yaml(under_way))
+    again = from_yaml(as_yaml(under_way))
     assert again.disturbance == begun

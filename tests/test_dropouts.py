@@ -11,7 +11,6 @@ import pytest
 from numpy.typing import NDArray
 
 import drake_rho as rho
-from drake_rho.simulation.closed_loop import fly
 from tests.disturbed import KINDS, crowded, disturbed, least_margin, winds_for
 from tests.loop import Array, fine_times, summed_responses
 from tests.scenarios import slow
@@ -125,7 +124,7 @@ def test_the_loop_with_lost_measurements_equals_an_independent_one(
 ) -> None:
     scenario = lossy(17 + seed, dropouts, errors=False)
     wind = winds_for(scenario, seed)["constant"]
-    simulation = fly(scenario, wind=wind, rng=np.random.default_rng(seed), replan_every=4)
+    simulation = rho.simulate(scenario, wind=wind, rng=np.random.default_rng(seed), replan_every=4)
     assert simulation.lost is not None
     assert 1 <= longest_run(simulation.lost) <= dropouts
     seen = np.concatenate([simulation.positions, simulation.velocities], axis=2)
@@ -141,7 +140,7 @@ def test_errors_never_leave_the_tube_in_windows_with_lost_measurements(seed: int
     if hasattr(wind, "lost"):  # the worst case for the first window alone
         assert longest_run(wind.lost) <= dropouts
     rng = np.random.default_rng(seed)
-    simulation = fly(scenario, wind=wind, rng=rng, replan_every=1 + seed % 5)
+    simulation = rho.simulate(scenario, wind=wind, rng=rng, replan_every=1 + seed % 5)
     assert not any(window.off_tube or window.unseen for window in simulation.flight.windows)
     for quantity in ("position", "velocity", "acceleration"):
         errors = simulation.errors(quantity)[:-1]
@@ -156,7 +155,9 @@ def test_no_constraint_is_violated_where_measurements_are_lost() -> None:
         scenario = lossy(seed, 2, crowd=True)
         wind = winds_for(scenario, seed)[KINDS[seed % 6]]
         try:
-            flown = fly(scenario, wind=wind, rng=np.random.default_rng(seed), replan_every=3)
+            flown = rho.simulate(
+                scenario, wind=wind, rng=np.random.default_rng(seed), replan_every=3
+            )
         except rho.InfeasibleError:
             continue
         flights += 1
@@ -173,15 +174,15 @@ def test_the_worst_case_reaches_the_radius_in_a_simulated_flight(seed: int) -> N
     time = scenario.grid.start + rng.uniform(0.3, 1.0) * scenario.grid.duration
     quantity = ("position", "velocity")[seed % 2]
     wind = rho.worst_case(scenario, rng.normal(size=3), time, quantity)  # type: ignore[arg-type]
-    simulation = fly(scenario, wind=wind, replan_every=scenario.grid.knots)
+    simulation = rho.simulate(scenario, wind=wind, replan_every=scenario.grid.knots)
     errors = simulation.errors(quantity)  # type: ignore[arg-type]
     at = int(np.argmin(np.abs(simulation.times - time)))
     np.testing.assert_allclose(errors[at], wind.radius, rtol=1e-9)
     assert np.all(errors <= simulation.radii(quantity)[:, None] + 1e-9)  # type: ignore[arg-type]
     if wind.lost.any():  # the lost measurements are needed
         received = dataclasses.replace(wind, lost=np.zeros_like(wind.lost))
-        others = fly(scenario, wind=received, replan_every=scenario.grid.knots).errors(quantity)  # type: ignore[arg-type]
-        assert np.all(others[at] < wind.radius)
+        others = rho.simulate(scenario, wind=received, replan_every=scenario.grid.knots)
+        assert np.all(others.errors(quantity)[at] < wind.radius)  # type: ignore[arg-type]
 
 
 def test_the_attack_uses_lost_measurements() -> None:
@@ -215,7 +216,7 @@ def test_windows_begin_at_the_state_predicted_from_the_newest_measurement(
         newest = knot * per_step - delay
         lost[newest - dropouts + 1 : newest + 1] = True
     assert longest_run(lost) == dropouts
-    flown = fly(scenario, wind=Losing(scenario, lost), replan_every=3)
+    flown = rho.simulate(scenario, wind=Losing(scenario, lost), replan_every=3)
     position, velocity = around.first_error(scenario.grid)
     assert len(flown.flight.windows) > 2
     for window in flown.flight.windows[1:]:
@@ -226,14 +227,14 @@ def test_windows_begin_at_the_state_predicted_from_the_newest_measurement(
         np.testing.assert_allclose(off, position, rtol=1e-6)
         np.testing.assert_allclose(fast, velocity, rtol=1e-6)
     lost[newest - dropouts] = True  # one more than declared
-    late = fly(scenario, wind=Losing(scenario, lost), replan_every=3).flight.windows[-1]
+    late = rho.simulate(scenario, wind=Losing(scenario, lost), replan_every=3).flight.windows[-1]
     assert late.unseen == scenario.names
 
 
 def test_drake_flies_the_same_lost_measurements_and_files_preserve_them(tmp_path: Path) -> None:
     scenario = lossy(5, 2)
     wind = winds_for(scenario, 5)["noise"]
-    one = fly(scenario, wind=wind, rng=np.random.default_rng(7))
+    one = rho.simulate(scenario, wind=wind, rng=np.random.default_rng(7))
     other = rho.simulate(scenario, wind=wind, rng=np.random.default_rng(7))
     assert one.lost is not None
     np.testing.assert_array_equal(one.lost, other.lost)
@@ -242,7 +243,7 @@ def test_drake_flies_the_same_lost_measurements_and_files_preserve_them(tmp_path
     loaded = rho.load(tmp_path / "flown.npz")
     assert isinstance(loaded, rho.Simulation)
     np.testing.assert_array_equal(loaded.lost, other.lost)
-    none = fly(lossy(5, 0), wind=wind, rng=np.random.default_rng(7))
+    none = rho.simulate(lossy(5, 0), wind=wind, rng=np.random.default_rng(7))
     assert none.lost is None
     with pytest.raises(ValueError, match=r"^lost: got shape \(3,\)"):
         dataclasses.replace(none, lost=np.zeros(3, dtype=bool))
@@ -253,7 +254,7 @@ def test_without_a_prediction_the_feedback_is_linear_in_one_measurement() -> Non
     assert scenario.disturbance is not None
     around = dataclasses.replace(scenario.disturbance, prediction=False)
     scenario = dataclasses.replace(scenario, disturbance=around)
-    simulation = fly(scenario, wind=winds_for(scenario, 3)["noise"], replan_every=4)
+    simulation = rho.simulate(scenario, wind=winds_for(scenario, 3)["noise"], replan_every=4)
     seen = np.concatenate([simulation.positions, simulation.velocities], axis=2)
     commands = commanded(simulation, seen)
     np.testing.assert_allclose(simulation.commands, commands, atol=1e-6 * np.abs(commands).max())

@@ -16,16 +16,16 @@ from pydrake.solvers import ClarabelSolver
 import drake_rho as rho
 from drake_rho.planning.programs import backend, solve
 from drake_rho.planning.scp import group_programs
-from drake_rho.scenario.files import scenario_from_yaml
 from tests.scenarios import box, single, slow, through_the_middle
+from tests.written import from_yaml
 
 BAD: list[Callable[[], object]] = [
     lambda: rho.Grid(float("nan"), 5),
     lambda: rho.State(np.zeros(4)),
     lambda: rho.Scenario(name="x"),  # type: ignore[call-arg]  # tested
     lambda: rho.load_scenario("nowhere"),
-    lambda: scenario_from_yaml("]"),
-    lambda: scenario_from_yaml("{name: {a: [1, 2]}, grid: {step: 1, knots: 2}, vehicles: []}"),
+    lambda: from_yaml("]"),
+    lambda: from_yaml("{name: {a: [1, 2]}, grid: {step: 1, knots: 2}, vehicles: []}"),
     lambda: rho.load("nowhere"),
     lambda: rho.load(__file__),
 ]

@@ -13,8 +13,6 @@ import numpy as np
 import pytest
 
 import drake_rho as rho
-from drake_rho.motion.flight import Window
-from drake_rho.simulation.closed_loop import fly
 from tests.disturbed import disturbed, winds_for
 from tests.scenarios import fleet, random_scenario, single, slow, straight
 from tests.tolerances import ROUNDING
@@ -204,7 +202,7 @@ def test_a_document_is_read_back_to_the_last_digit(
     accelerations = rng.normal(size=(len(scenario.vehicles), scenario.grid.knots - 1, 3))
     reported = rho.Statistics(programs=7, steps_tried=(0.1, 0.2), seconds=1.0 / 3.0)
     plan = rho.Plan.from_accelerations(scenario, accelerations, reported)
-    for flown in (plan, rho.Flight(plan, (Window(0, plan, plan),))):
+    for flown in (plan, rho.Flight(plan, (rho.Window(0, plan, plan),))):
         rho.export(flown, tmp_path / "plan.json", format="json", rate=rate)
         loaded = rho.load(tmp_path / "plan.json")
         assert isinstance(loaded, rho.Plan)
@@ -358,7 +356,7 @@ def simulation() -> rho.Simulation:
     """Return a flight in a wind that moves vehicles off their plans."""
     scenario = disturbed(2)
     wind = winds_for(scenario, 2)["constant"]
-    return fly(scenario, wind=wind, rng=np.random.default_rng(2), replan_every=3)
+    return rho.simulate(scenario, wind=wind, rng=np.random.default_rng(2), replan_every=3)
 
 
 def test_the_export_of_a_simulation_is_its_true_motion(

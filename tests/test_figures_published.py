@@ -32,11 +32,9 @@ from drake_rho.display.plots.distances import draw_distances
 from drake_rho.display.plots.figures import write_figures
 from drake_rho.display.plots.formats import DOUBLE_COLUMN, FORMATS, SINGLE_COLUMN
 from drake_rho.display.plots.overlapping_curves import marks_every
-from drake_rho.motion.flight import Window
 from drake_rho.paper.figures import draw_figure
-from drake_rho.paper.study import Study
 from drake_rho.scenario.fields import unchecked
-from drake_rho.scenario.obstacles import Obstacle
+from tests.conftest import Study
 from tests.scenarios import slow, straight
 
 NAMES = ("$x^$", "<b>&amp;</b>", "a_b_c", "'q\"uote & co", "w" * 80, "v")
@@ -57,10 +55,10 @@ def _among(vehicles: int, obstacles: int, *, named: tuple[str, ...] | None = Non
     rng = np.random.default_rng(3)
     free = straight(vehicles, named)
     bodies = [
-        Obstacle(rho.Box(low, low + 0.5), name=None if i % 5 else f"tower {i} of the town hall")
+        rho.Obstacle(rho.Box(low, low + 0.5), name=None if i % 5 else f"tower {i} of the town hall")
         for i, low in enumerate(rng.uniform(0.0, 10.0, (obstacles, 3)))
     ]
-    moving = Obstacle(rho.Sphere([5, 5, 5], 0.5), velocity=[0.3, 0.1, 0.0], known_from=1.0)
+    moving = rho.Obstacle(rho.Sphere([5, 5, 5], 0.5), velocity=[0.3, 0.1, 0.0], known_from=1.0)
     every = (*bodies, dataclasses.replace(moving, name="$x^$"))
     scenario = unchecked(free.scenario, obstacles=every, bodies=every)
     return rho.Plan.from_accelerations(scenario, free.accelerations)
@@ -86,7 +84,7 @@ LARGE = ("many obstacles", "many vehicles")
 
 def _flight(plan: rho.Plan) -> rho.Flight:
     """Return the plan, flown by windows from its first and its fifth knot."""
-    windows = tuple(Window(knot, plan.tail(knot), plan.tail(knot)) for knot in (0, 4))
+    windows = tuple(rho.Window(knot, plan.tail(knot), plan.tail(knot)) for knot in (0, 4))
     return rho.Flight(plan, windows)
 
 

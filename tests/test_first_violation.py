@@ -11,9 +11,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 import drake_rho as rho
-from drake_rho.motion.scenario_tube import tube_of
 from drake_rho.scenario.fields import unchecked
-from drake_rho.simulation.closed_loop import fly
 from drake_rho.verification import quick_bounds
 from drake_rho.verification.holds import first_violation
 from tests.disturbed import disturbed
@@ -27,6 +25,8 @@ from tests.scenarios import (
     slow,
     through_the_middle,
 )
+from tests.test_smoothing import smooth
+from tests.test_uncertain import pushed
 
 Array = NDArray[np.float64]
 
@@ -70,7 +70,7 @@ def test_the_quick_check_agrees_with_verify_on_the_rest_of_a_plan(seed: int) -> 
         return
     for knot in range(plan.scenario.grid.knots - 1):
         tail = plan.tail(knot)
-        assert tube_of(tail.scenario) == tube_of(plan.scenario)
+        assert rho.error_tube(tail.scenario) == rho.error_tube(plan.scenario)
         assert (first_violation(tail) is None) == rho.verify(tail).ok
 
 
@@ -141,7 +141,7 @@ def test_the_tube_fits_at_the_goal_in_every_window(close: str, every: int) -> No
     if close == "pair":  # each estimates a larger distance from the other than the true one
         error = np.stack([error, -error])
     wind = biased(around.samples(scenario.grid), error)
-    flown = fly(scenario, replan_every=every, wind=wind)  # type: ignore[arg-type]  # has that form
+    flown = rho.simulate(scenario, replan_every=every, wind=wind)  # type: ignore[arg-type]  # has that form
     assert rho.verify(flown).ok
     assert all(
         first_violation(window.plan) is None or window.kept for window in flown.flight.windows
@@ -160,7 +160,7 @@ def test_a_window_whose_tube_exceeds_a_waypoint_is_refused() -> None:
     first = horizon.step(scenario.fleet.start_states, 0.0)
     assert first_violation(first.plan) is None
     now = horizon.step(first.plan.states(7), 3.5)
-    tube = tube_of(now.plan.scenario)
+    tube = rho.error_tube(now.plan.scenario)
     assert float(tube.position(4.0)) <= 0.12 + 1e-6
     assert rho.verify(now.plan).ok or now.kept
 
@@ -182,7 +182,7 @@ def test_a_tail_is_accepted_with_the_tolerance_of_its_plan(short: float) -> None
         rho.Box([end, -1, -1], [end + 2, 1, 1]),
     ]
     scenario = dataclasses.replace(scenario, obstacles=tuple(walls))
-    flown = fly(scenario, replan_every=2, wind=rho.winds.none())
+    flown = rho.simulate(scenario, replan_every=2, wind=rho.winds.none())
     assert rho.verify(flown.flight.windows[0].plan).ok
     assert all(window.kept for window in flown.flight.windows[1:])
     assert rho.verify(flown).ok
@@ -224,3 +224,20 @@ def test_tolerances_of_windows_do_not_exceed_those_of_the_flight(every: int) -> 
     whole = scenario.fleet.scale("position")
     for window in flight.windows:
         assert np.all(window.plan.scenario.fleet.scale("position") <= whole)
+
+
+@pytest.mark.parametrize("seed", [1, 3, 4, 5, *slow(0, 2, *range(6, 60))])
+def test_the_verdict_on_obstacles_alone_is_that_of_their_checks(seed: int) -> None:
+    plan = pushed(seed)
+    rows = [each for each in rho.verify(plan).checks if each.kind == "obstacles" and each.asked]
+    found = first_violation(plan, range(1, len(plan.scenario.bodies) + 1))
+    assert (found is None) == all(each.holds for each in rows)
+
+
+def test_the_rest_of_a_smooth_plan_and_its_contingencies_have_no_violation() -> None:
+    scenario = smooth(rho.Smoothing(0.5, 2))
+    plan = rho.plan(scenario)
+    assert all(first_violation(plan.tail(knot)) is None for knot in (1, 2, 3, 9))
+    for window in rho.plan_rho(scenario, contingencies=True).windows:
+        assert window.contingency is not None
+        assert first_violation(window.contingency) is None

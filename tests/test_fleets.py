@@ -18,7 +18,6 @@ import drake_rho as rho
 from drake_rho.motion.dynamics import Motion, response
 from drake_rho.planning.constraints.base import about
 from drake_rho.planning.constraints.close_pairs import pairs_within
-from drake_rho.planning.constraints.coupling import coupled, decoupled
 from drake_rho.planning.minimum_effort import MinimumEffort
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs import reduced as program
@@ -44,8 +43,8 @@ Planner = Callable[[rho.Scenario], rho.Plan]
 
 PLANNERS: dict[str, Planner] = {
     "convex": rho.plan_convex,
-    "coupled": partial(rho.plan_scp, coupling=coupled),
-    "decoupled": partial(rho.plan_scp, coupling=decoupled),
+    "coupled": partial(rho.plan_scp, coupling=rho.coupled),
+    "decoupled": partial(rho.plan_scp, coupling=rho.decoupled),
     "rho": lambda scenario: rho.plan_rho(scenario, planner=rho.plan_scp).plan,
 }
 
@@ -133,7 +132,7 @@ def _without_limits_of_their_own(scenario: rho.Scenario) -> tuple[rho.Vehicle, .
 @examples(few=4, many=13)
 def test_random_fleets_are_separated_at_dense_samples(seed: int, between_knots: bool) -> None:
     scenario = random_fleet(seed, between_knots=between_knots)
-    for coupling in (coupled, decoupled):
+    for coupling in (rho.coupled, rho.decoupled):
         try:
             plan = rho.plan_scp(scenario, coupling=coupling)
         except rho.InfeasibleError:
@@ -143,7 +142,7 @@ def test_random_fleets_are_separated_at_dense_samples(seed: int, between_knots: 
 
 
 @pytest.mark.parametrize("count", [2, 3, 4, 8])
-@pytest.mark.parametrize("coupling", [coupled, decoupled])
+@pytest.mark.parametrize("coupling", [rho.coupled, rho.decoupled])
 @pytest.mark.parametrize("level", [False, True])
 def test_vehicles_that_all_meet_in_one_point_are_planned(
     count: int, coupling: object, level: bool
@@ -186,7 +185,7 @@ def test_directions_of_coinciding_references_do_not_depend_on_their_order() -> N
     found = []
     for each in (scenario, swapped):
         free = rho.plan_scp(each.without_separation()).motion()
-        pairs = Problem.of(each).pairs_around(free, coupled, penalty=1.0, one_normal=True)
+        pairs = Problem.of(each).pairs_around(free, rho.coupled, penalty=1.0, one_normal=True)
         assert len(pairs.points) > 0
         x = pairs.offsets(free, pairs.points)
         n = pairs.directions(pairs.points)[np.linalg.norm(x, axis=1) < 1.0]
@@ -247,16 +246,16 @@ def _free(scenario: rho.Scenario) -> Motion:
 def test_a_coupled_plan_never_costs_more_than_its_decoupled_reference(seed: int) -> None:
     scenario = random_fleet(seed, most=5)
     try:
-        split = rho.plan_scp(scenario, coupling=decoupled)
+        split = rho.plan_scp(scenario, coupling=rho.decoupled)
     except rho.InfeasibleError:
         return
-    together = rho.plan_scp(scenario, reference=split, coupling=coupled)
+    together = rho.plan_scp(scenario, reference=split, coupling=rho.coupled)
     assert rho.verify(together).ok
     assert together.cost <= split.cost * (1 + INDEX)
 
 
 def test_iterates_are_separated_and_the_index_does_not_increase() -> None:
-    plans = [rho.plan_scp(through_the_middle(6), coupling=decoupled)]
+    plans = [rho.plan_scp(through_the_middle(6), coupling=rho.decoupled)]
     for _ in range(8):
         plans.append(rho.scp_step(plans[-1]))
     for plan in plans:
@@ -291,7 +290,7 @@ def _linearised(scenario: rho.Scenario, at: rho.Plan) -> list[tuple[np.ndarray, 
 def two() -> tuple[rho.Scenario, rho.Plan]:
     """Return two crossing vehicles, constrained at the knots, and a plan to linearise around."""
     scenario = fleet(CROSSING[0][:2], CROSSING[1][:2], between_knots=False)
-    return scenario, rho.plan_scp(scenario, coupling=decoupled)
+    return scenario, rho.plan_scp(scenario, coupling=rho.decoupled)
 
 
 @np.errstate(invalid="ignore")  # numpy warns of Drake's symbols, without a cause
@@ -370,7 +369,7 @@ def test_the_converged_plan_equals_that_of_a_nonlinear_solver(
     assert found.success
     assert steps == flown(found.x).shape[1]
     best = float(np.sum(flown(found.x) ** 2))
-    assert rho.plan_scp(scenario, reference=at, coupling=coupled).cost == pytest.approx(
+    assert rho.plan_scp(scenario, reference=at, coupling=rho.coupled).cost == pytest.approx(
         best, rel=1e-5
     )
 
@@ -381,8 +380,8 @@ def test_the_reduced_form_of_coupled_rows_has_the_same_solution(between_knots: b
     scenario = through_the_middle(
         4, limits=rho.Limits(velocity=box(2)), between_knots=between_knots
     )
-    subproblem = Subproblem(Problem.of(scenario), coupled)
-    known = subproblem.solve_around(rho.plan_scp(scenario, coupling=decoupled)).accelerations
+    subproblem = Subproblem(Problem.of(scenario), rho.coupled)
+    known = subproblem.solve_around(rho.plan_scp(scenario, coupling=rho.decoupled)).accelerations
     assert subproblem.planes is not None
     effort, steps = MinimumEffort.of(scenario), scenario.grid.knots - 1
     rows = list(subproblem.planes.working.rows.values())
@@ -501,7 +500,7 @@ def test_a_linearisation_without_a_solution_is_infeasible_and_no_solver_error(
     scenario = random_fleet(seed)
     independent = rho.plan_convex(scenario.without_separation())
     with pytest.raises(rho.InfeasibleError, match="separation from v"):
-        Subproblem(Problem.of(scenario), decoupled).solve_around(independent)
+        Subproblem(Problem.of(scenario), rho.decoupled).solve_around(independent)
 
 
 def test_a_linear_program_that_clarabel_fails_on_goes_to_another_solver(

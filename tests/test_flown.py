@@ -6,11 +6,12 @@ import dataclasses
 
 import pytest
 
-from drake_rho.motion.flown import Flown
-from drake_rho.simulation.closed_loop import fly
+import drake_rho as rho
 from tests.disturbed import disturbed
 
-SIMULATION = fly(disturbed(1), replan_every=8)
+SIMULATION = rho.simulate(disturbed(1), replan_every=8)
+Flown = rho.Plan | rho.Flight | rho.Simulation
+
 FLOWN: list[Flown] = [SIMULATION.plan, SIMULATION.flight, SIMULATION]
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import drake_rho as rho
-from drake_rho.scenario.fields import FloatArray
+from tests.arrays import FloatArray
 from tests.flown_loops import ROUNDING, least_distances, off_record, random_loop
 from tests.scenarios import slow
 

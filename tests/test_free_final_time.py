@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from pathlib import Path
 from unittest.mock import patch
 
@@ -11,11 +12,7 @@ import pytest
 
 import drake_rho as rho
 from drake_rho import cli
-from drake_rho.motion.flown import Flown
-from drake_rho.planning.horizon.free_final_time import arrival_steps
-from drake_rho.planning.horizon.interfaces import Planner
 from drake_rho.planning.horizon.waypoints_ahead import until
-from drake_rho.simulation.closed_loop import fly
 from tests.scenarios import slow
 
 LIMITS = rho.Limits(max_speed=3.0, max_acceleration=3.0)
@@ -30,7 +27,13 @@ def crossing(
     return rho.Scenario("crossing", rho.Grid(step, knots), [vehicle], LIMITS, obstacles)
 
 
-def arrivals(flown: Flown) -> list[int]:
+def arrival_steps(plan: rho.Plan) -> int:
+    """Return the number of steps after which no vehicle accelerates any more."""
+    moving = np.flatnonzero(plan.accelerations.any(axis=(0, 2)))
+    return int(moving[-1]) + 1 if len(moving) > 0 else 0
+
+
+def arrivals(flown: rho.Plan | rho.Flight | rho.Simulation) -> list[int]:
     """Return the knots at which windows arrive, of those that begin before their arrival."""
     steps = [(window.first_knot, arrival_steps(window.plan)) for window in flown.windows]
     return [first + count for first, count in steps if count > 0]
@@ -107,12 +110,14 @@ def windy(seed: int) -> rho.Scenario:
     return rho.Scenario("windy", grid, vehicles, limits, obstacles, apart, disturbance=around)
 
 
-def check_no_rise(scenario: rho.Scenario, seed: int, fallback: Planner | None) -> None:
+def check_no_rise(
+    scenario: rho.Scenario, seed: int, fallback: Callable[..., rho.Plan] | None
+) -> None:
     """Check that no window arrives later than the one before it, in noise."""
     rng = np.random.default_rng(seed)
     every = int(rng.integers(3, 6))
     wind = rho.winds.coloured_noise(scenario, rng)
-    simulation = fly(
+    simulation = rho.simulate(
         scenario, replan_every=every, free_final_time=True, fallback=fallback, wind=wind, rng=rng
     )
     found = arrivals(simulation)
@@ -197,7 +202,7 @@ def through_a_gate(
     return dataclasses.replace(scenario, vehicles=(vehicle,))
 
 
-def gate_of(flown: Flown | rho.Window) -> float:
+def gate_of(flown: rho.Flight | rho.Simulation | rho.Window) -> float:
     """Return the time at which the gate is passed [s]."""
     (gate,) = flown.plan.scenario.vehicles[0].waypoints
     assert gate.time is not None
@@ -264,7 +269,9 @@ def test_flights_and_simulations_are_read_as_they_were_written(
 ) -> None:
     gate = through_a_gate(knots=21, step=0.4)
     scenario = dataclasses.replace(gate, disturbance=WIND)
-    simulation = fly(scenario, replan_every=replan_every, free_final_time=True, fallback=None)
+    simulation = rho.simulate(
+        scenario, replan_every=replan_every, free_final_time=True, fallback=None
+    )
     for flown in (simulation, simulation.flight):
         rho.save(flown, tmp_path / "flown.npz")
         read = rho.load(tmp_path / "flown.npz")
@@ -272,17 +279,6 @@ def test_flights_and_simulations_are_read_as_they_were_written(
         assert arrivals(read) == arrivals(flown)
         assert [each.kept for each in read.windows] == [each.kept for each in flown.windows]
         assert rho.verify(read).ok == rho.verify(flown).ok
-
-
-def test_drakes_simulator_flies_the_same() -> None:
-    scenario = dataclasses.replace(crossing(knots=21, step=0.4), disturbance=WIND)
-    wind = rho.winds.constant(scenario, [0, 1, 0])
-    one, other = (
-        each(scenario, replan_every=5, free_final_time=True, fallback=None, wind=wind)
-        for each in (fly, rho.simulate)
-    )
-    assert arrivals(one) == arrivals(other)
-    assert np.abs(one.positions - other.positions).max() < 1e-5  # solvers amplify rounding
 
 
 def test_a_vehicle_that_stays_has_arrived() -> None:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import drake_rho as rho
-from drake_rho.scenario.disturbance import Tracking
+from tests.disturbed import tracked
 from tests.loop import Loop
 from tests.scenarios import box, single, slow
 
@@ -205,7 +205,7 @@ def test_the_documented_table_is_true_for_any_sample_and_wind(
 def test_the_largest_disturbance_for_given_gains() -> None:
     own = rho.error_tube(scenario_of(rho.Disturbance(0.3, feedback_every=SECONDS), 1.0)).gains
     weak = (0.3 * own[0], 0.3 * own[1])
-    tracking = Tracking(0.0, weak, 0.01, 0.0)
+    tracking = tracked(0.0, weak, 0.01, 0.0)
     around = rho.Disturbance(0.3, 0.001, 0.0, SECONDS, tracking=tracking)
     scenario = scenario_of(around, 1.0)
     most = rho.largest_disturbance(scenario, 0.4)

@@ -14,7 +14,7 @@ import drake_rho as rho
 from drake_rho.motion.dynamics import Motion, sparse_response
 from drake_rho.planning.constraints.base import Constraint, HalfSpaces
 from drake_rho.planning.constraints.boxes import boxes_of
-from drake_rho.planning.constraints.coupling import Coupling, coupled, decoupled
+from drake_rho.planning.constraints.coupling import Coupling
 from drake_rho.planning.constraints.goals import goals_of
 from drake_rho.planning.constraints.keep_out import across, side_of
 from drake_rho.planning.constraints.margins import margins_of
@@ -162,7 +162,7 @@ def test_between_knots_a_box_gives_a_row_where_a_coordinate_turns_beyond_it(seed
                     assert np.abs(np.array(times) - moment).min() < 0.01 * h
 
 
-@pytest.mark.parametrize("coupling", [coupled, decoupled])
+@pytest.mark.parametrize("coupling", [rho.coupled, rho.decoupled])
 def test_margins_change_with_accelerations_by_the_responses(coupling: Coupling) -> None:
     """Rows are affine: accelerations that change by da change their margins by M da."""
     scenario = _three()
@@ -273,7 +273,7 @@ def test_a_motion_through_an_obstacle_gives_a_row_at_its_worst_instant(
 def test_rows_about_differences_support_the_ellipsoid(downwash: float) -> None:
     scenario = dataclasses.replace(_three(), separation=rho.Separation(2.5, downwash))
     reference = _flown(scenario, 4, 0.2)
-    pairs = Problem.of(scenario).pairs_around(reference, coupled)
+    pairs = Problem.of(scenario).pairs_around(reference, rho.coupled)
     rows = pairs.rows(pairs.points)
     assert len(rows) > 5
     ellipsoid = 2.5 * np.array([1.0, 1.0, downwash])
@@ -296,7 +296,7 @@ def test_two_vehicles_share_the_slack_of_the_reference(seed: int) -> None:
     scenario = _three()
     reference, other = _flown(scenario, seed, 0.2), _flown(scenario, seed + 1)
     whole, halves = (
-        Problem.of(scenario).pairs_around(reference, each) for each in (coupled, decoupled)
+        Problem.of(scenario).pairs_around(reference, each) for each in (rho.coupled, rho.decoupled)
     )
     one, two = whole.rows(whole.points), halves.rows(halves.points)
     assert len(two) == 2 * len(one)
@@ -319,7 +319,7 @@ def test_two_vehicles_share_the_slack_of_the_reference(seed: int) -> None:
         assert its[1] == pytest.approx(mine[1], abs=1e-9)
 
 
-@pytest.mark.parametrize("coupling", [coupled, decoupled])
+@pytest.mark.parametrize("coupling", [rho.coupled, rho.decoupled])
 @pytest.mark.parametrize("of", [[0], [1], [2], [0, 2], [0, 1, 2]])
 def test_pairs_with_a_checked_vehicle_give_their_violated_rows(
     coupling: Coupling, of: list[int]
@@ -345,7 +345,7 @@ def test_rows_of_pairs_are_given_at_near_inner_knots_of_the_reference() -> None:
         ends = np.array([[0, 0, 0], [0, gap, 0]])
         scenario = fleet(ends, ends + np.array([10, 0, 0]))
         motion = rho.plan_scp(scenario.without_separation()).motion()
-        pairs = Problem.of(scenario).pairs_around(motion, coupled)
+        pairs = Problem.of(scenario).pairs_around(motion, rho.coupled)
         assert len(np.unique(pairs.rows(pairs.points).times)) == count
         assert len(pairs.violated_rows(motion, np.arange(2))) == 0
 
@@ -355,7 +355,7 @@ def test_rows_are_linearisations_of_their_quadratics(downwash: float) -> None:
     """Around the reference, norm(scales (x - c))² - size² has the row as its linearisation."""
     scenario = dataclasses.replace(_three(), separation=rho.Separation(2.5, downwash))
     reference = _flown(scenario, 6, 0.2)
-    pairs = Problem.of(scenario).pairs_around(reference, coupled)
+    pairs = Problem.of(scenario).pairs_around(reference, rho.coupled)
     (obstacle,) = Problem.of(scenario).obstacles_around(reference)
     for constraint, rows in (
         (pairs, pairs.rows(pairs.points)),
@@ -434,7 +434,7 @@ def test_each_encounter_has_one_normal_on_request() -> None:
     scenario = fleet(ends, goals, grid=rho.Grid(0.5, 33))
     flown = np.stack([np.zeros((32, 3)), np.concatenate(legs)])
     reference = rho.Plan.from_accelerations(scenario, flown).motion()
-    pairs = Problem.of(scenario).pairs_around(reference, coupled, penalty=1.0, one_normal=True)
+    pairs = Problem.of(scenario).pairs_around(reference, rho.coupled, penalty=1.0, one_normal=True)
     places = pairs.points
     close = np.linalg.norm(pairs.offsets(reference, places), axis=1) < 1.0
     for passing, y in ((places.times < 8.0, -1.0), (places.times > 8.0, 1.0)):
@@ -444,7 +444,9 @@ def test_each_encounter_has_one_normal_on_request() -> None:
         assert directions[0] @ [0.0, y, 0.0] > 0.98
         way = pairs.relative_velocities(places)[close & passing]
         assert np.abs(way @ directions[0]).max() < 0.1 * np.linalg.norm(way, axis=1).max()
-    plain = Problem.of(scenario).pairs_around(reference, coupled, penalty=1.0).directions(places)
+    plain = (
+        Problem.of(scenario).pairs_around(reference, rho.coupled, penalty=1.0).directions(places)
+    )
     x = pairs.offsets(reference, places)
     along = x / np.linalg.norm(x, axis=1)[:, None]
     np.testing.assert_allclose(plain, along, atol=ROUNDING)
@@ -455,7 +457,7 @@ def test_soft_rows_require_a_little_more_than_the_separation() -> None:
     scenario = _three()
     reference = _flown(scenario, 4, 0.2)
     hard, soft = (
-        Problem.of(scenario).pairs_around(reference, coupled, penalty=penalty)
+        Problem.of(scenario).pairs_around(reference, rho.coupled, penalty=penalty)
         for penalty in (np.inf, 1.0)
     )
     one, two = hard.rows(soft.points), soft.rows(soft.points)
@@ -465,7 +467,7 @@ def test_soft_rows_require_a_little_more_than_the_separation() -> None:
     assert np.isinf(hard.penalty)
 
 
-@pytest.mark.parametrize("coupling", [coupled, decoupled])
+@pytest.mark.parametrize("coupling", [rho.coupled, rho.decoupled])
 def test_rows_are_renewed_around_another_reference_at_the_same_places(coupling: Coupling) -> None:
     scenario = _three(between_knots=False)
     old, new = (
@@ -505,7 +507,7 @@ def test_descriptions_of_rows_name_constraint_axes_or_partners_and_times() -> No
     rows = velocity.rows(np.zeros(3, dtype=int), sides, times)  # type: ignore[attr-defined]
     assert velocity.describe(rows, names, 0.0) == "velocity box x/z from 1 s to 2.5 s"
     assert velocity.describe(rows.select(slice(1)), names, 0.0) == "velocity box x at 1 s"
-    pairs = Problem.of(scenario).pairs_around(_flown(scenario, 4, 0.2), coupled)
+    pairs = Problem.of(scenario).pairs_around(_flown(scenario, 4, 0.2), rho.coupled)
     every = pairs.rows(pairs.points)
     own = every.select((every.vehicles == 0) & (every.partners == 2))
     assert pairs.describe(own, names, 0.0).startswith("separation from v2 ")

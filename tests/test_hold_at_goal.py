@@ -10,17 +10,13 @@ import pytest
 
 import drake_rho as rho
 from drake_rho.motion.rest_tube import RestTube, rest_tube
-from drake_rho.motion.scenario_tube import tube_of
 from drake_rho.planning.constraints.tightening import missing_slack, missing_slack_at_rest
-from drake_rho.planning.horizon.receding_horizon import RecedingHorizon
 from drake_rho.planning.problem import Problem
-from drake_rho.scenario.disturbance import Tracking
-from drake_rho.simulation.closed_loop import fly_plan
 from drake_rho.verification.holding import check_rest, notes_on_rest
 from drake_rho.verification.holds import first_violation
 from drake_rho.verification.notes import largest_error_ratios
 from drake_rho.verification.rest import Rest
-from tests.disturbed import Array, disturbed
+from tests.disturbed import Array, disturbed, tracked
 from tests.scenarios import box, fleet, single, slow
 from tests.test_tube import DEADBEAT, SECONDS, random_tube
 
@@ -50,7 +46,7 @@ def until(scenario: rho.Scenario, vehicle: int = 0) -> float:
 
 
 def limit(scenario: rho.Scenario) -> RestTube:
-    return rest_tube(tube_of(scenario))
+    return rest_tube(rho.error_tube(scenario))
 
 
 # radii for ever
@@ -109,7 +105,7 @@ def test_wind_reaches_the_limit_while_holding() -> None:
     plan = rho.plan(scenario).holding(12.0)
     time = 19.0
     wind = rho.worst_case(plan.scenario, [0.0, 0.6, 0.8], time)
-    flown = fly_plan(plan.scenario, plan, wind=wind)
+    flown = rho.simulate(plan, wind=wind)
     k = int(np.argmin(np.abs(flown.times - time)))
     assert flown.errors()[k, 0] == pytest.approx(limit(scenario).largest("position"), rel=1e-6)
 
@@ -125,7 +121,7 @@ def test_a_plan_that_holds_is_the_plan_and_then_rest() -> None:
     np.testing.assert_array_equal(longer.accelerations[:, :16], plan.accelerations)
     np.testing.assert_array_equal(longer.positions[:, 16:] - plan.positions[:, -1:], 0.0)
     times = np.linspace(0.0, END, 33)
-    tubes = tube_of(scenario), tube_of(longer.scenario)
+    tubes = rho.error_tube(scenario), rho.error_tube(longer.scenario)
     was, goes_on = (tube.position(times) for tube in tubes)
     np.testing.assert_allclose(goes_on, was, rtol=1e-12)
     assert rho.verify(longer).ok
@@ -200,13 +196,13 @@ def test_a_wall_closer_than_the_limit_is_told_with_the_amount() -> None:
     """The plan fits its own tube; the tube grows on after the end."""
     slow = rho.Disturbance(0.3, feedback_every=0.5, delay=1)
     free = given(single(limits=rho.Limits(acceleration=box(0.75))), disturbance=slow)
-    tube, rest = tube_of(free), limit(free)
+    tube, rest = rho.error_tube(free), limit(free)
     now, most = float(tube.position(END)), rest.largest("position")
     assert now < 0.99 * most
     gap = 0.5 * (now + most)
     wall = rho.Box([GOAL[0] + gap, -50.0, -50.0], [GOAL[0] + gap + 1.0, 50.0, 50.0])
     scenario = given(free, obstacles=[wall])
-    np.testing.assert_allclose(tube_of(scenario).gains, tube.gains)
+    np.testing.assert_allclose(rho.error_tube(scenario).gains, tube.gains)
     time = until(scenario)
     assert rest.tube.position(time) == pytest.approx(gap, rel=1e-5)
     (note,) = notes_on_rest(scenario)
@@ -265,7 +261,7 @@ def test_limits_are_compared_with_the_feedback_for_ever() -> None:
 
 def test_without_feedback_the_time_is_told() -> None:
     free = given(single(limits=rho.Limits(max_speed=6.0)), disturbance=WIND)
-    drifting = dataclasses.replace(WIND, tracking=Tracking(0.0, (0.0, 0.0)))
+    drifting = dataclasses.replace(WIND, tracking=tracked(0.0, (0.0, 0.0)))
     scenario = given(free, disturbance=drifting)
     assert until(scenario) == pytest.approx(30.0, abs=1e-4)  # W t = 6 m/s
     (note,) = notes_on_rest(scenario)
@@ -356,7 +352,7 @@ def test_windows_hold_where_it_is_required() -> None:
     assert found is not None
     assert found.what == "hold at goal obstacle 1"
     with pytest.raises(rho.InfeasibleError, match="held goal"):
-        RecedingHorizon(blocked).step(blocked.fleet.start_states, 0.0)
+        rho.RecedingHorizon(blocked).step(blocked.fleet.start_states, 0.0)
 
 
 # independent computations agree
@@ -480,7 +476,7 @@ def test_hovering_flights_stay_in_the_tube(seed: int) -> None:
     wind = rho.winds.coloured_noise(plan.scenario, rng)
     if seed % 2:
         wind = rho.worst_case(plan.scenario, rng.standard_normal(3), plan.scenario.grid.end - 9.0)
-    flown = fly_plan(plan.scenario, plan, wind=wind, rng=None if seed % 2 else rng)
+    flown = rho.simulate(plan, wind=wind, rng=None if seed % 2 else rng)
     assert max(largest_error_ratios(flown).values()) <= 1.0 + 1e-6
     after = flown.times >= scenario.grid.end
     rest = limit(scenario)

@@ -14,10 +14,7 @@ from pydrake.solvers import ClarabelSolver, MathematicalProgram
 from scipy.optimize import lsq_linear
 
 import drake_rho as rho
-from drake_rho.motion.plan import Plan
 from drake_rho.planning.constraints.base import HalfSpaces, about
-from drake_rho.planning.constraints.coupling import coupled, grouped
-from drake_rho.planning.errors import SolverError
 from drake_rho.planning.minimum_effort import MinimumEffort
 from drake_rho.planning.planners.first_plan import first_plan
 from drake_rho.planning.problem import Problem
@@ -31,7 +28,7 @@ from drake_rho.planning.scp.fleet_improvement import AroundReferences
 from drake_rho.planning.scp.group_references import InGroups
 from drake_rho.planning.scp.groups import groups_with_multipliers
 from drake_rho.planning.scp.subproblem import Subproblem
-from drake_rho.scenario.fields import IntArray
+from tests.arrays import IntArray
 from tests.scenarios import box, fleet, mapped, sampled_separation, slow, through_the_middle
 from tests.tolerances import INDEX
 
@@ -54,7 +51,7 @@ def scenario() -> rho.Scenario:
 
 
 @pytest.fixture(scope="module")
-def first(scenario: rho.Scenario) -> Plan:
+def first(scenario: rho.Scenario) -> rho.Plan:
     """Return their first plan, which satisfies all constraints."""
     return first_plan(Problem.of(scenario))
 
@@ -108,13 +105,13 @@ def test_rounding_does_not_change_the_groups() -> None:
 # Programs of groups
 
 
-def _rows(scenario: rho.Scenario, reference: Plan) -> list[HalfSpaces]:
+def _rows(scenario: rho.Scenario, reference: rho.Plan) -> list[HalfSpaces]:
     """Return half-spaces that the minimum-effort motions violate, with those of a tighter box."""
     effort, everyone = MinimumEffort.of(scenario), np.arange(len(scenario.vehicles))
     tighter = box(0.9 * np.abs(effort.motion.accelerations).max())
     scenario = dataclasses.replace(scenario, limits=rho.Limits(acceleration=tighter))
     problem = Problem.of(scenario)
-    constraints = [*problem.convex, problem.pairs_around(reference.motion(), coupled)]
+    constraints = [*problem.convex, problem.pairs_around(reference.motion(), rho.coupled)]
     found = [constraint.violated_rows(effort.motion, everyone) for constraint in constraints]
     return [rows for rows in found if len(rows) > 0]
 
@@ -137,7 +134,7 @@ def _by_drake(effort: MinimumEffort, everyone: IntArray, rows: list[HalfSpaces])
 
 
 def test_the_dual_qp_satisfies_its_rows_at_the_cost_of_drake(
-    scenario: rho.Scenario, first: Plan
+    scenario: rho.Scenario, first: rho.Plan
 ) -> None:
     rows, everyone = _rows(scenario, first), np.arange(len(scenario.vehicles))
     assert {part.constraint.coupled for part in rows} == {False, True}
@@ -198,11 +195,13 @@ def test_bounded_multipliers_are_those_of_bounded_least_squares(
 @pytest.mark.parametrize("by_daqp", [False, True], ids=["own", "daqp"])
 @pytest.mark.parametrize("most", [1.0, np.inf])
 def test_a_gram_matrix_that_is_none_is_told(most: float, by_daqp: bool) -> None:
-    with pytest.raises(SolverError, match="multipliers"):
+    with pytest.raises(rho.SolverError, match="multipliers"):
         multipliers_of(-np.eye(2), np.ones(2), np.full(2, most), by_daqp=by_daqp)
 
 
-def test_soft_rows_are_violated_where_that_costs_less(scenario: rho.Scenario, first: Plan) -> None:
+def test_soft_rows_are_violated_where_that_costs_less(
+    scenario: rho.Scenario, first: rho.Plan
+) -> None:
     """The cost with slack equals Drake's, for penalties at which only some rows are violated."""
     effort, rows = MinimumEffort.of(scenario), _rows(scenario, first)
     hard = GroupDuals(effort, np.zeros(len(scenario.vehicles), dtype=int))
@@ -226,7 +225,7 @@ def test_soft_rows_are_violated_where_that_costs_less(scenario: rho.Scenario, fi
     assert found < float(np.sum(hard.motion.accelerations**2))
 
 
-def test_rows_fixed_by_the_goal_are_left_out(scenario: rho.Scenario, first: Plan) -> None:
+def test_rows_fixed_by_the_goal_are_left_out(scenario: rho.Scenario, first: rho.Plan) -> None:
     """A row at the last knot restates the goal: whatever its bound, nothing changes."""
     effort, rows = MinimumEffort.of(scenario), _rows(scenario, first)
     box_rows = rows[0]
@@ -248,7 +247,7 @@ def test_rows_fixed_by_the_goal_are_left_out(scenario: rho.Scenario, first: Plan
 
 
 def test_programs_on_an_executor_are_the_same_to_the_last_digit(
-    scenario: rho.Scenario, first: Plan, monkeypatch: pytest.MonkeyPatch
+    scenario: rho.Scenario, first: rho.Plan, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(group_duals, "_BLOCK", 10)
     effort, alone = MinimumEffort.of(scenario), np.arange(len(scenario.vehicles))
@@ -263,7 +262,7 @@ def test_programs_on_an_executor_are_the_same_to_the_last_digit(
     assert np.abs(here - effort.motion.accelerations).max() > 0.0
 
 
-def test_rows_added_later_lead_to_the_same_motion(scenario: rho.Scenario, first: Plan) -> None:
+def test_rows_added_later_lead_to_the_same_motion(scenario: rho.Scenario, first: rho.Plan) -> None:
     rows = _rows(scenario, first)
     together = np.zeros(len(scenario.vehicles), dtype=int)
     at_once, later = (GroupDuals(MinimumEffort.of(scenario), together) for _ in range(2))
@@ -275,7 +274,9 @@ def test_rows_added_later_lead_to_the_same_motion(scenario: rho.Scenario, first:
     np.testing.assert_allclose(later.motion.positions, at_once.motion.positions, atol=1e-6)
 
 
-def test_groups_without_new_rows_are_not_solved_again(scenario: rho.Scenario, first: Plan) -> None:
+def test_groups_without_new_rows_are_not_solved_again(
+    scenario: rho.Scenario, first: rho.Plan
+) -> None:
     boxes = _rows(scenario, first)[0]
     alone = np.arange(len(scenario.vehicles))
     program = GroupDuals(MinimumEffort.of(scenario), alone)
@@ -325,12 +326,12 @@ def test_relabelled_vehicles_cost_the_same(scenario: rho.Scenario) -> None:
 
 
 def test_references_of_a_mirrored_fleet_are_mirror_images(
-    scenario: rho.Scenario, first: Plan
+    scenario: rho.Scenario, first: rho.Plan
 ) -> None:
     mirror = np.diag([-1.0, 1.0, 1.0])
     other = mapped(scenario, mirror, np.array([0.3, -2.0, 1.0]))
     motion = first.motion()
-    mirrored = Plan.from_accelerations(other, motion.accelerations @ mirror).motion()
+    mirrored = rho.Plan.from_accelerations(other, motion.accelerations @ mirror).motion()
     one, two = (InGroups(Problem.of(each), 3) for each in (scenario, other))
     for _ in range(3):
         motion, mirrored = one.solve_around(motion)[0], two.solve_around(mirrored)[0]
@@ -342,9 +343,9 @@ def test_references_of_a_mirrored_fleet_are_mirror_images(
 
 
 def test_the_cost_never_increases_and_every_iterate_is_feasible(
-    scenario: rho.Scenario, first: Plan
+    scenario: rho.Scenario, first: rho.Plan
 ) -> None:
-    improve = AroundReferences(Subproblem(Problem.of(scenario), grouped), most=3)
+    improve = AroundReferences(Subproblem(Problem.of(scenario), rho.grouped), most=3)
     everyone, plans = np.arange(len(scenario.vehicles)), [first]
     for _ in range(4):
         plans.append(improve(plans[-1], everyone, 1e-3)[0])
@@ -355,7 +356,7 @@ def test_the_cost_never_increases_and_every_iterate_is_feasible(
 
 
 def test_references_cost_no_more_than_the_plan_and_groups_change(
-    scenario: rho.Scenario, first: Plan
+    scenario: rho.Scenario, first: rho.Plan
 ) -> None:
     in_groups = InGroups(Problem.of(scenario), 3)
     assert in_groups.groups is None
@@ -381,21 +382,21 @@ def test_a_fleet_no_larger_than_two_groups_is_one() -> None:
 
 @pytest.mark.parametrize("useless", ["none", "far", "dear"])
 def test_where_groups_are_useless_vehicles_yield_half_each(
-    scenario: rho.Scenario, first: Plan, useless: str, monkeypatch: pytest.MonkeyPatch
+    scenario: rho.Scenario, first: rho.Plan, useless: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     everyone = np.arange(len(scenario.vehicles))
     halves = Subproblem(Problem.of(scenario), rho.decoupled).solve_around(first)
 
-    def reference(self: InGroups, plan: Plan, tolerance: float) -> Plan:
+    def reference(self: InGroups, plan: rho.Plan, tolerance: float) -> rho.Plan:
         if useless == "none":
-            raise SolverError("no multipliers")
+            raise rho.SolverError("no multipliers")
         accelerations = MinimumEffort.of(scenario).motion.accelerations
         if useless == "far":  # all vehicles in one place, so that directions of pairs are arbitrary
             accelerations = np.zeros_like(accelerations)
-        return Plan.from_accelerations(scenario, accelerations)
+        return rho.Plan.from_accelerations(scenario, accelerations)
 
     monkeypatch.setattr(InGroups, "reference", reference)
-    improve = AroundReferences(Subproblem(Problem.of(scenario), grouped))
+    improve = AroundReferences(Subproblem(Problem.of(scenario), rho.grouped))
     plan, _ = improve(first, everyone, 1e-3)
     assert rho.verify(plan).ok
     assert plan.cost <= first.cost

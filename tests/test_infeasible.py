@@ -15,7 +15,7 @@ import drake_rho as rho
 from drake_rho.planning.constraints.base import HalfSpaces
 from drake_rho.planning.programs import backend, solve
 from drake_rho.planning.scp.working_set import WorkingSet
-from drake_rho.scenario.fields import FloatArray
+from tests.arrays import FloatArray
 from tests.scenarios import box, examples, scenarios, single
 
 

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 import pytest
 
 import drake_rho as rho
-from drake_rho.scenario.disturbance import Tracking
-from drake_rho.scenario.fields import FloatArray
-from drake_rho.simulation.closed_loop import flown
-from drake_rho.simulation.feedback import Feedback
-from drake_rho.simulation.winds import Wind
+from tests.arrays import FloatArray
 from tests.scenarios import slow
 
 EVERY, PER_STEP, STEP = 4, 4, 0.2
@@ -46,7 +43,7 @@ def horizon(scenario: rho.Scenario, latency: float = 0.0) -> rho.RecedingHorizon
     return rho.RecedingHorizon(scenario, replan_every=EVERY, latency=latency)
 
 
-def tracking_of(window: rho.Window) -> Tracking:
+def tracking_of(window: rho.Window) -> Any:
     around = window.plan.scenario.disturbance
     assert around is not None
     assert around.tracking is not None
@@ -68,21 +65,21 @@ def test_a_window_depends_on_nothing_after_its_planning_has_begun(
     scenario, latency, second = scene(windy(delay, prediction=prediction)), 0.45, EVERY * STEP
     begins = second - latency
 
-    def gust(sign: float) -> Wind:
+    def gust(sign: float) -> rho.winds.Wind:
         def wind(time: float, p: FloatArray, v: FloatArray) -> FloatArray:
             return np.full(p.shape, 0.1 if time < begins - 1e-9 else sign * 0.1)
 
         return wind
 
     def plans(latency: float) -> list[rho.Plan]:
-        found = [flown(Feedback(horizon(scenario, latency)), gust(sign), None) for sign in (1, -1)]
+        found = [rho.simulate(horizon(scenario, latency), wind=gust(sign)) for sign in (1, -1)]
         return [each.windows[1].plan for each in found]
 
     ahead, at_once = plans(latency), plans(0.0)
     np.testing.assert_array_equal(ahead[0].accelerations, ahead[1].accelerations)
     assert np.abs(at_once[0].accelerations - at_once[1].accelerations).max() > 1e-6
     # but the gust before has been seen
-    still = flown(Feedback(horizon(scenario, latency)), rho.winds.none(), None)
+    still = rho.simulate(horizon(scenario, latency), wind=rho.winds.none())
     assert np.abs(ahead[0].positions[:, 0] - still.windows[1].plan.positions[:, 0]).max() > 1e-4
 
 
@@ -96,7 +93,7 @@ def test_the_error_of_the_prediction_is_in_the_tube(seed: int) -> None:
         rho.winds.constant(scenario, rng.normal(size=3)),
         rho.winds.coloured_noise(scenario, rng),
     )
-    simulation = flown(Feedback(ahead), winds[seed % 2], rng)
+    simulation = rho.simulate(ahead, wind=winds[seed % 2], rng=rng)
     assert rho.verify(simulation).ok
     assert (simulation.errors() <= simulation.radii()[:, None] * (1 + 1e-9) + 1e-12).all()
     assert not any(window.off_tube for window in simulation.windows)
@@ -138,14 +135,6 @@ def test_a_longer_latency_has_wider_tubes() -> None:
         rho.simulate(ahead)
         radii.append(tracking_of(ahead.windows[1]).position)
     assert radii[0] < radii[1] < radii[2]
-
-
-def test_drakes_simulator_plans_ahead_as_well() -> None:
-    scenario = scene(windy(1, 1))
-    wind = rho.winds.constant(scenario, [0, 1, 0])
-    one = flown(Feedback(horizon(scenario, 0.5)), wind, np.random.default_rng(3))
-    other = rho.simulate(horizon(scenario, 0.5), wind=wind, rng=np.random.default_rng(3))
-    np.testing.assert_allclose(other.positions, one.positions, atol=1e-9)
 
 
 def test_what_is_seen_late_is_known_one_latency_later() -> None:
@@ -211,7 +200,7 @@ def test_what_is_seen_after_planning_has_begun_is_known_to_the_next_window(after
     sample, second = STEP / PER_STEP, EVERY * STEP
     begins = second - 9 * sample
     scenario = scene(windy(), known_from=begins + after)
-    simulation = flown(Feedback(horizon(scenario, 8.2 * sample)), rho.winds.none(), None)
+    simulation = rho.simulate(horizon(scenario, 8.2 * sample), wind=rho.winds.none())
     first = next(k for k, window in enumerate(simulation.windows) if window.learned)
     assert first == (1 if after < 0.0 else 2)
 

@@ -12,7 +12,7 @@ from drake_rho.planning.path_search.lattice import MOVES, STAY, Lattice, Raster
 from drake_rho.planning.path_search.moving_obstacles import Moving, MovingObstacle, MovingVehicle
 from drake_rho.planning.path_search.space_time import TimeExpandedGraph
 from drake_rho.planning.path_search.swept_clearance import convex_lower_bound
-from drake_rho.scenario.fields import FloatArray
+from tests.arrays import FloatArray
 
 DENSE = np.linspace(0.0, 1.0, 41)[:, None]
 """Relative times within a move."""

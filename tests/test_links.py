@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import drake_rho as rho
+from tests.arrays import FloatArray
 
 pytest.importorskip("benchmarks")  # a source archive has the tests without them
 
@@ -17,7 +18,6 @@ from benchmarks.chain_scenes import chain_scene
 from benchmarks.clearance import distances
 from benchmarks.corridor_scenes import corridor
 from benchmarks.kept import dense_positions, outside
-from drake_rho.scenario.fields import FloatArray
 from tests.requirements import outside as outside_by_requirement
 from tests.scenarios import slow
 

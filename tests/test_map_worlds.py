@@ -20,11 +20,10 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import DiagramBuilder
 
 import drake_rho as rho
-from drake_rho.scenario.fields import FloatArray
-from drake_rho.scenario.files import scenario_from_yaml, scenario_to_yaml
-from drake_rho.scenario.maps import world_xml
+from tests.arrays import FloatArray
 from tests.test_cli import run
 from tests.test_cli_json import read
+from tests.written import as_yaml, from_yaml
 
 # a solid that is not convex: an L
 L_OBJ = """v 0 0 0\nv 2 0 0\nv 2 1 0\nv 1 1 0\nv 1 2 0\nv 0 2 0
@@ -234,7 +233,7 @@ def test_a_world_in_a_scenario_expands_in_its_place_and_is_saved_so(folder: Path
     rho.save_scenario(scenario, folder / "saved.yaml")
     assert "world" not in (folder / "saved.yaml").read_text()
     assert rho.load_scenario(folder / "saved.yaml") == scenario
-    assert scenario_from_yaml(scenario_to_yaml(scenario)) == scenario
+    assert from_yaml(as_yaml(scenario)) == scenario
 
 
 @pytest.mark.parametrize(
@@ -247,11 +246,11 @@ def test_a_world_in_a_scenario_expands_in_its_place_and_is_saved_so(folder: Path
     ],
 )
 def test_errors_in_references_name_their_place(folder: Path, world: str, words: str) -> None:
+    given = "{world: lab/lab.sdf, position: [1, 0, 0], rotation: [0, 0, 0.5]}"
+    file = folder.parent / "asked.yaml"
+    file.write_text(YAML.replace(given, world))
     with pytest.raises(rho.ScenarioError, match=words):
-        scenario_from_yaml(
-            YAML.replace("{world: lab/lab.sdf, position: [1, 0, 0], rotation: [0, 0, 0.5]}", world),
-            folder.parent,
-        )
+        rho.load_scenario(file)
 
 
 def _mesh(uri: str) -> str:
@@ -418,7 +417,7 @@ def test_large_files_and_floods_of_inclusions_are_refused(
     with pytest.raises(rho.ScenarioError, match="11111 inclusions"):
         rho.load_world(folder / "0.sdf")
     (folder / "big.obj").touch()
-    os.truncate(folder / "big.obj", world_xml.LARGEST + 1)
+    os.truncate(folder / "big.obj", (64 << 20) + 1)
     (folder / "t.sdf").write_text(_mesh("big.obj"))
     with pytest.raises(rho.ScenarioError, match=r"big\.obj: got a file of 67108865 bytes"):
         rho.load_world(folder / "t.sdf")

@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 
 import drake_rho as rho
-from drake_rho.motion.scenario_tube import tube_of
 from drake_rho.planning.constraints.margins import margins_of
 from drake_rho.planning.constraints.tightening import enlarged_by_margins, missing_slack
-from drake_rho.scenario.disturbance import Tracking
-from drake_rho.scenario.fields import FloatArray
+from tests.arrays import FloatArray
+from tests.disturbed import tracked
 from tests.scenarios import box, fleet, random_fleet, random_scenario, single, slow
 from tests.shapes import KINDS, random_shape
 
@@ -37,7 +36,7 @@ def least_margin(plan: rho.Plan, per_step: int = 100) -> float:
 
     It is sampled, with the exact radius of each instant.
     """
-    scenario, tube, motion = plan.scenario, tube_of(plan.scenario), plan.motion()
+    scenario, tube, motion = plan.scenario, rho.error_tube(plan.scenario), plan.motion()
     fleet, grid = scenario.fleet, scenario.grid
     since = np.linspace(0.0, grid.duration, per_step * (grid.knots - 1) + 1)
     times = np.minimum(grid.start + since, grid.end)
@@ -118,7 +117,7 @@ def in_constant_tube(scenario: rho.Scenario, disturbance: rho.Disturbance) -> rh
     """Return the scenario in a converged tube: its radii are constant."""
     grid = scenario.grid
     gains = rho.error_tube(dataclasses.replace(scenario, disturbance=disturbance)).gains
-    tracking = Tracking(grid.start - 400.0 * grid.step, gains)
+    tracking = tracked(grid.start - 400.0 * grid.step, gains)
     around = dataclasses.replace(disturbance, tracking=tracking)
     return dataclasses.replace(scenario, disturbance=around)
 
@@ -192,7 +191,7 @@ def test_the_rest_of_a_plan_has_the_rest_of_its_tube() -> None:
     scenario = single(limits=rho.Limits(acceleration=box(3.0)))
     windy = dataclasses.replace(scenario, disturbance=rho.Disturbance(0.3, 0.01, 0.02, 0.1, 1))
     plan = rho.plan(windy)
-    whole, rest = tube_of(windy), tube_of(plan.tail(3).tail(2).scenario)
+    whole, rest = rho.error_tube(windy), rho.error_tube(plan.tail(3).tail(2).scenario)
     times = np.linspace(5 * windy.grid.step, windy.grid.end, 77)
     for quantity in ("position", "velocity", "acceleration"):
         ours, theirs = getattr(rest, quantity)(times), getattr(whole, quantity)(times)
@@ -223,7 +222,7 @@ def test_missing_slack_is_named_with_the_largest_tolerable_wind(
     bearable = caught.value.bearable
     assert bearable is not None
     gains = rho.error_tube(dataclasses.replace(scenario, disturbance=disturbance)).gains
-    tracking = Tracking(0.0, gains)
+    tracking = tracked(0.0, gains)
     for part, borne in ((0.98, True), (1.02, False)):
         around = dataclasses.replace(disturbance, acceleration=part * bearable, tracking=tracking)
         weaker = dataclasses.replace(scenario, disturbance=around)

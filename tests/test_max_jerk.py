@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -10,8 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import drake_rho as rho
-from drake_rho.planning.programs.backend import SolverName
-from drake_rho.scenario.fields import FloatArray
+from tests.arrays import FloatArray
 from tests.cones import TWIN, twin_cost
 from tests.disturbed import disturbed
 from tests.scenarios import acceleration_outside, box, examples, fleet, mapped, single, slow
@@ -50,7 +50,7 @@ def test_it_holds_and_costs_what_the_cones_cost(start: rho.State, most: float) -
 
 
 @pytest.mark.parametrize("solver", ["clarabel", *slow("daqp")])
-def test_it_binds_past_an_obstacle_at_every_instant(solver: SolverName) -> None:
+def test_it_binds_past_an_obstacle_at_every_instant(solver: Literal["clarabel", "daqp"]) -> None:
     free = single(obstacles=[SPHERE], between_knots=True)
     limited = dataclasses.replace(free, limits=rho.Limits(max_jerk=1.5))
     loose, tight = (rho.plan(each, solver=solver) for each in (free, limited))

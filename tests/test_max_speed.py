@@ -18,7 +18,7 @@ from drake_rho.planning.minimum_effort import MinimumEffort
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.scp.minimum_violation import minimum_violation
 from drake_rho.planning.scp.working_set import RowKeys, WorkingSet
-from drake_rho.scenario.fields import FloatArray
+from tests.arrays import FloatArray
 from tests.cones import TWIN, integrals, twin_cost
 from tests.scenarios import (
     box,

@@ -10,11 +10,11 @@ import pytest
 import drake_rho as rho
 from drake_rho.analysis.time_search import TimeSearch
 from drake_rho.planning.scp.timed import Timed
-from drake_rho.scenario.files import scenario_from_yaml, scenario_to_yaml
-from drake_rho.scenario.limits import GRAVITY
+from tests.requirements import GRAVITY
 from tests.scenarios import box, mapped, single, slow
 from tests.test_cli import run
 from tests.test_cli_json import read
+from tests.written import as_yaml, from_yaml
 
 FAST = rho.Limits(max_acceleration=4.0, max_speed=3.0)
 
@@ -297,8 +297,8 @@ def test_a_bad_guess_of_the_step_and_vehicles_that_stay_do_no_harm() -> None:
 
 def test_a_scenario_with_free_waypoints_is_saved_and_drawn() -> None:
     scenario = through(CUBOID, FAST, 61)
-    assert scenario_from_yaml(scenario_to_yaml(scenario)) == scenario
-    assert "time" not in scenario_to_yaml(scenario).split("waypoints")[1]
+    assert from_yaml(as_yaml(scenario)) == scenario
+    assert "time" not in as_yaml(scenario).split("waypoints")[1]
     assert rho.paths_figure(scenario) is not None
 
 

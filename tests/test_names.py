@@ -17,7 +17,6 @@ from drake_rho.display.common.drawable import drawn
 from drake_rho.display.common.names import as_path, brief
 from drake_rho.display.plots import curves, space
 from drake_rho.display.plots.figures import write_figures
-from drake_rho.motion.flight import Window
 from tests.browser import open_page
 from tests.scenarios import slow, straight
 
@@ -46,7 +45,7 @@ def test_figures_show_names_literally() -> None:
     plan = straight(len(NAMES), NAMES)
     for figure in (rho.paths_figure(plan), rho.velocities_figure(plan)):
         assert _shown(figure) == [*NAMES[:-1], LONG[:40], LONG[40:]]
-    flown = rho.Flight(plan, (Window(0, plan, plan),))
+    flown = rho.Flight(plan, (rho.Window(0, plan, plan),))
     assert _shown(rho.paths_figure(flown)) == [*NAMES[:-1], LONG[:40], LONG[40:]]
 
 

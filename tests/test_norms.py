@@ -15,9 +15,8 @@ import drake_rho as rho
 from drake_rho.analysis.trials import PRECISION, is_monotone
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.scp.minimum_violation import minimum_violation
-from drake_rho.scenario.fields import FloatArray
-from drake_rho.scenario.files import scenario_from_yaml, scenario_to_yaml
 from drake_rho.scenario.norms import NORMS, Norm
+from tests.arrays import FloatArray
 from tests.cones import TWIN, twin_cost
 from tests.scenarios import (
     box,
@@ -30,6 +29,7 @@ from tests.scenarios import (
     through_the_middle,
 )
 from tests.tolerances import INDEX, MOTION
+from tests.written import as_yaml, from_yaml
 
 G = 9.81
 """Gravity [m/s²], independent of the package's constant."""
@@ -388,7 +388,7 @@ def test_files_and_schema_preserve_the_limits() -> None:
     limits = rho.Limits(max_speed=3.0, max_acceleration=4.0, max_thrust=15.0, max_tilt=0.6)
     own = rho.Vehicle("own", rho.State([0, 0, 0]), rho.State([1, 0, 0]), rho.Limits(max_tilt=0.2))
     scenario = dataclasses.replace(single(limits=limits), vehicles=(own,))
-    assert scenario_from_yaml(scenario_to_yaml(scenario)) == scenario
+    assert from_yaml(as_yaml(scenario)) == scenario
     merged = scenario.limits_of(own)
     assert merged == dataclasses.replace(limits, max_tilt=0.2)
     fields = rho.scenario_schema()["$defs"]["Limits"]["properties"]

@@ -14,15 +14,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import drake_rho as rho
-from drake_rho.scenario.fields import FloatArray
-from drake_rho.scenario.files import (
-    scenario_from_json,
-    scenario_from_yaml,
-    scenario_to_json,
-    scenario_to_yaml,
-)
+from tests.arrays import FloatArray
 from tests.scenarios import single
 from tests.shapes import KINDS, random_shape
+from tests.written import as_yaml, from_yaml, in_plan_file
 
 seeds = st.integers(0, 2**32 - 1)
 BALL = rho.Sphere([5.0, 5.0, 5.0], 1.0)
@@ -80,7 +75,7 @@ def test_a_report_mentions_a_track_that_ends_in_motion(after: Any) -> None:
         p = rho.plan(asked).motion().at("position", times)[0]
         bird = np.stack([np.full(2001, 5.0), -9.0 + 2.0 * times, np.zeros(2001)], axis=-1)
         assert np.linalg.norm(p - bird, axis=1).min() > 1.0 - 1e-6
-    assert scenario_from_yaml(scenario_to_yaml(asked)) == asked
+    assert from_yaml(as_yaml(asked)) == asked
 
 
 def test_a_track_of_one_time_is_a_position() -> None:
@@ -320,9 +315,9 @@ def test_files_preserve_every_number_and_match_the_schema(seed: int) -> None:
     start = max(float(rng.normal()) + 1.0, -1.5)  # so that obstacles are known before the end
     grid = rho.Grid(0.7, 5, start)
     scenario = rho.Scenario("s", grid, (vehicle,), obstacles=obstacles)
-    assert scenario_from_yaml(scenario_to_yaml(scenario)) == scenario
-    text = scenario_to_json(scenario)
-    assert scenario_from_json(text) == scenario
+    assert from_yaml(as_yaml(scenario)) == scenario
+    text, read = in_plan_file(scenario)
+    assert read == scenario
     SCHEMA.validate(json.loads(text))
 
 
@@ -354,9 +349,9 @@ obstacles:
     ],
 )
 def test_keys_identify_the_shape(obstacle: str, shape: Any) -> None:
-    assert scenario_from_yaml(asked(obstacle)).obstacles == (shape,)
+    assert from_yaml(asked(obstacle)).obstacles == (shape,)
     late = f"{{shape: {obstacle}, known_from: 3, name: it}}"
-    (found,) = scenario_from_yaml(asked(late)).obstacles
+    (found,) = from_yaml(asked(late)).obstacles
     assert found == rho.Obstacle(shape, known_from=3.0, name="it")
 
 
@@ -389,7 +384,7 @@ def test_the_error_of_a_mistyped_obstacle_suggests_the_key(
     obstacle: str, field: str, words: str
 ) -> None:
     with pytest.raises(rho.ScenarioError) as caught:
-        scenario_from_yaml(asked(obstacle))
+        from_yaml(asked(obstacle))
     assert caught.value.field == "obstacles[0]" + field
     assert words in str(caught.value)
 
@@ -407,13 +402,13 @@ def test_the_error_of_a_mistyped_key_at_any_level_suggests_the_key(
     old: str, new: str, field: str, meant: str
 ) -> None:
     with pytest.raises(rho.ScenarioError, match=rf"did you mean {meant}\?") as caught:
-        scenario_from_yaml(asked().replace(old, new))
+        from_yaml(asked().replace(old, new))
     assert caught.value.field == field
 
 
 def test_the_schema_has_bounds_and_distinguishes_shapes() -> None:
     schema = rho.scenario_schema()
-    content = json.loads(scenario_to_json(scenario_from_yaml(asked())))
+    content = json.loads(in_plan_file(from_yaml(asked()))[0])
     jsonschema.validate(content, schema)
     bad: list[tuple[str, Any]] = [
         ("obstacles", [{"center": [0, 0, 0], "radius": -1.0}]),

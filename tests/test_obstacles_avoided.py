@@ -17,11 +17,10 @@ import drake_rho as rho
 from drake_rho.motion.dynamics import Motion
 from drake_rho.motion.penetration import deepest, pieces_near
 from drake_rho.planning.programs.backend import Solver
-from drake_rho.scenario.fields import FloatArray
-from drake_rho.scenario.shapes.base import Shape
+from tests.arrays import FloatArray
 from tests.motions import from_start
 from tests.scenarios import slow
-from tests.shapes import KINDS, random_shape
+from tests.shapes import KINDS, Shape, random_shape
 
 seeds = st.integers(0, 2**32 - 1)
 
@@ -171,7 +170,7 @@ def test_a_turned_shifted_and_scaled_scenario_has_the_same_plan(kind: str, scale
 
 
 def test_the_order_of_obstacles_does_not_matter() -> None:
-    shapes = [rho.Box([2, -1, -2], [3, 0.9, 1]), rho.Cylinder([7, 3.5, 0], 0.5)]
+    shapes: list[Shape] = [rho.Box([2, -1, -2], [3, 0.9, 1]), rho.Cylinder([7, 3.5, 0], 0.5)]
     one, other = rho.plan(flight(*shapes)), rho.plan(flight(*reversed(shapes)))
     np.testing.assert_allclose(one.positions, other.positions, atol=1e-6)
 

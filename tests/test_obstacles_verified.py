@@ -10,8 +10,9 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 import drake_rho as rho
-from drake_rho.scenario.fields import FloatArray, unchecked
+from drake_rho.scenario.fields import unchecked
 from drake_rho.scenario.fleet import Fleet
+from tests.arrays import FloatArray
 from tests.scenarios import box, examples, fleet, single
 from tests.shapes import KINDS, random_shape
 

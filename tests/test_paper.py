@@ -9,7 +9,7 @@ import pytest
 from pydrake.solvers import SolverInterface
 
 import drake_rho as rho
-from drake_rho.paper.study import Study
+from tests.conftest import Study
 from tests.tolerances import INDEX, MOTION
 
 # Found with three implementations that share nothing with this one.

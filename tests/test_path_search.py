@@ -10,9 +10,9 @@ import pytest
 
 import drake_rho as rho
 from drake_rho.planning.path_search.initial_guesses import find_paths
-from drake_rho.scenario.fields import FloatArray
-from drake_rho.scenario.shapes.base import Shape
+from tests.arrays import FloatArray
 from tests.scenarios import slow
+from tests.shapes import Shape
 
 PARTS = 16
 """Samples of each step of a reference."""
@@ -93,7 +93,7 @@ def test_paths_are_clear_of_shapes_of_all_kinds(seed: int) -> None:
     rng = np.random.default_rng(seed)
     centers = rng.uniform([1.5, -3, -2], [8.5, 3, 2], (20, 3))
     sizes = rng.uniform(0.3, 0.8, (20, 3))
-    obstacles = (
+    obstacles: tuple[Shape, ...] = (
         *(rho.Sphere(c, s[0]) for c, s in zip(centers[:5], sizes, strict=False)),
         *(rho.Box(c - s, c + s) for c, s in zip(centers[5:10], sizes, strict=False)),
         *(rho.Cylinder(c, s[0], s[1]) for c, s in zip(centers[10:13], sizes, strict=False)),

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from itertools import product
 from typing import Any
 
 import jsonschema
 import numpy as np
 import pytest
+import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydrake.math import RollPitchYaw
@@ -16,14 +16,9 @@ from pydrake.math import RollPitchYaw
 import drake_rho as rho
 from drake_rho.display.common.obstacle_snapshots import truncated, truncated_centers
 from drake_rho.display.common.shape_faces import surface
-from drake_rho.scenario.fields import FloatArray
-from drake_rho.scenario.files import (
-    scenario_from_json,
-    scenario_from_yaml,
-    scenario_to_json,
-    scenario_to_yaml,
-)
+from tests.arrays import FloatArray
 from tests.shapes import KINDS, random_shape
+from tests.written import as_yaml, from_yaml, in_plan_file
 
 seeds = st.integers(0, 2**32 - 1)
 SCHEMA = jsonschema.Draft202012Validator(rho.scenario_schema())
@@ -36,7 +31,7 @@ obstacles:
 
 
 def read(obstacle: str) -> rho.Scenario:
-    return scenario_from_yaml(YAML % obstacle)
+    return from_yaml(YAML % obstacle)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -132,10 +127,9 @@ def test_drawn_faces_are_on_the_surface_and_look_outwards(kind: str) -> None:
 def test_keys_tell_a_posed_shape_from_an_obstacle(text: str, kind: type) -> None:
     scenario = read(text)
     assert type(scenario.obstacles[0]) is kind
-    assert scenario_from_yaml(scenario_to_yaml(scenario)) == scenario
-    as_json = scenario_to_json(scenario)
-    assert scenario_from_json(as_json) == scenario
-    SCHEMA.validate(json.loads(as_json))
+    assert from_yaml(as_yaml(scenario)) == scenario
+    assert in_plan_file(scenario)[1] == scenario
+    SCHEMA.validate(yaml.safe_load(as_yaml(scenario)))
 
 
 @pytest.mark.parametrize(
@@ -168,10 +162,10 @@ def test_a_posed_set_is_kept_in_and_found_in_files() -> None:
     kept = [rho.KeepIn(corridor, name="corridor")]
     asked = rho.Scenario("s", rho.Grid.lasting(8.0, step=0.5), [flight], requirements=kept)
     assert rho.verify(rho.plan(asked)).ok
-    back = scenario_from_yaml(scenario_to_yaml(asked))
+    back = from_yaml(as_yaml(asked))
     assert back == asked
-    text = scenario_to_yaml(asked)
-    assert scenario_from_yaml(text.replace("translation: [0.0, 0.0, 0.0]", "")) == asked
+    text = as_yaml(asked)
+    assert from_yaml(text.replace("translation: [0.0, 0.0, 0.0]", "")) == asked
 
 
 def _flight(turn: FloatArray) -> rho.Scenario:

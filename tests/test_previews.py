@@ -23,7 +23,6 @@ from drake_rho.display.common.drawable import drawn
 from drake_rho.display.common.style import CONFLICT
 from drake_rho.display.meshcat.animation import Stage
 from drake_rho.display.viewer.payload import payload
-from drake_rho.simulation.closed_loop import fly
 from tests.disturbed import disturbed
 from tests.scenarios import single, through_the_middle
 from tests.test_cli import run
@@ -128,7 +127,7 @@ def test_figures_draw_in_given_axes() -> None:
     figure, axes = plt.subplots(3)
     assert rho.velocities_figure(plan, ax=axes) is figure
     assert rho.accelerations_figure(plan, ax=list(axes)) is figure
-    simulation = fly(disturbed(3))
+    simulation = rho.simulate(disturbed(3))
     assert rho.errors_figure(simulation, ax=plt.subplots(3)[1]) is not figure
     figure.savefig(io.BytesIO())
     plt.close("all")
@@ -192,7 +191,7 @@ def test_reports_and_certificates_show_the_printed_cells_in_a_notebook() -> None
 def test_plans_and_scenarios_show_themselves_in_a_notebook() -> None:
     scenario = single()
     plan = rho.plan(scenario)
-    for record in (scenario, plan, rho.plan_rho(scenario), fly(disturbed(3))):
+    for record in (scenario, plan, rho.plan_rho(scenario), rho.simulate(disturbed(3))):
         html = str(record._repr_html_())
         (encoded,) = re.findall(r"base64,([^\"]+)\"", html)
         assert min(Image.open(io.BytesIO(base64.b64decode(encoded))).size) > 200

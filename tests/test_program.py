@@ -12,7 +12,7 @@ from pydrake.solvers import ClarabelSolver, MathematicalProgram, SolverInterface
 from scipy.optimize import LinearConstraint, minimize
 
 import drake_rho as rho
-from drake_rho.scenario.fields import FloatArray
+from tests.arrays import FloatArray
 from tests.scenarios import acceleration_outside, box, scenarios, single
 from tests.tolerances import INDEX, MOTION
 

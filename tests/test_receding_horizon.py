@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 import drake_rho as rho
-from drake_rho.motion.scenario_tube import tube_of
-from drake_rho.scenario.fields import FloatArray
+from tests.arrays import FloatArray
 from tests.scenarios import box, random_fleet, random_scenario, single, slow, through_the_middle
 from tests.test_margins import disturbed, least_margin
 
@@ -18,7 +17,7 @@ from tests.test_margins import disturbed, least_margin
 def within(window: rho.Window, knot: int, rng: np.random.Generator) -> FloatArray:
     """Return estimated states anywhere in the tube of a window at one of its knots."""
     scenario = window.plan.scenario
-    tube, time = tube_of(scenario), scenario.grid.times[knot]
+    tube, time = rho.error_tube(scenario), scenario.grid.times[knot]
     around, count = tube.disturbance, len(scenario.vehicles)
     error, estimate = rng.normal(size=(2, count, 3)), rng.normal(size=(2, count, 3))
     error /= np.linalg.norm(error, axis=2, keepdims=True)
@@ -58,11 +57,11 @@ def test_a_new_plan_begins_at_the_measured_state_with_a_new_tube() -> None:
     windy = dataclasses.replace(scenario, disturbance=around)
     horizon = rho.RecedingHorizon(windy)
     first = horizon.step(windy.fleet.start_states, 0.0)
-    assert tube_of(first.plan.scenario).initial == (0.0, 0.0)
+    assert rho.error_tube(first.plan.scenario).initial == (0.0, 0.0)
     states = first.plan.states(5) + 0.02
     window = horizon.step(states, 2.5)
     np.testing.assert_allclose(window.plan.states(0), states, atol=1e-12)
-    tube = tube_of(window.plan.scenario)
+    tube = rho.error_tube(window.plan.scenario)
     assert tube.gains == rho.error_tube(windy).gains
     assert tube.initial == pytest.approx((0.01 + 0.2 * 0.02 + 0.2 * 0.2**2 / 2, 0.02 + 0.2 * 0.2))
     assert tube.position(2.5) == pytest.approx(tube.initial[0])
@@ -77,13 +76,15 @@ def test_the_previous_plan_is_kept_where_the_start_has_no_slack() -> None:
     horizon = rho.RecedingHorizon(windy)
     first = horizon.step(windy.fleet.start_states, 0.0)
     states = first.plan.states(8)
-    tube = tube_of(first.plan.scenario)
+    tube = rho.error_tube(first.plan.scenario)
     states[0, 1] = -0.05 + 0.03  # nearer to the wall than the error of estimates
     kept = horizon.step(states, 4.0)
     assert kept.kept
     assert "obstacle 1" in kept.infeasible
     np.testing.assert_array_equal(kept.plan.positions, first.plan.positions[:, 8:])
-    assert tube_of(kept.plan.scenario).position(5.0) == pytest.approx(float(tube.position(5.0)))
+    assert rho.error_tube(kept.plan.scenario).position(5.0) == pytest.approx(
+        float(tube.position(5.0))
+    )
     assert horizon.step(kept.plan.states(5), 6.5).infeasible == ""
 
 
@@ -169,11 +170,11 @@ def test_the_first_window_is_exact_at_the_starts_and_nowhere_else() -> None:
     starts = windy.fleet.start_states
     window = rho.RecedingHorizon(windy).step(starts, 0.0)
     assert window.plan.scenario is windy
-    assert tube_of(windy).initial == (0.0, 0.0)
+    assert rho.error_tube(windy).initial == (0.0, 0.0)
     for off in (1e-6, 0.02, 0.5):
         window = rho.RecedingHorizon(windy).step(starts + off, 0.0)
         np.testing.assert_allclose(window.plan.states(0), starts + off, atol=1e-12)
-        assert tube_of(window.plan.scenario).initial == (0.05, 0.05)
+        assert rho.error_tube(window.plan.scenario).initial == (0.05, 0.05)
 
 
 @pytest.mark.parametrize("windy", [False, True])
@@ -258,16 +259,16 @@ def test_a_vehicle_without_a_measurement_is_predicted_and_its_tube_continues() -
     states, now = first.plan.states(5), float(scenario.grid.times[5])
     states[0] += 0.003
     states[1] = np.nan
-    window, tube = horizon.step(states, now), tube_of(first.plan.scenario)
+    window, tube = horizon.step(states, now), rho.error_tube(first.plan.scenario)
     assert window.infeasible == ""
     assert window.off_tube == ()
     np.testing.assert_allclose(window.plan.states(0)[0], states[0], atol=1e-12)
     np.testing.assert_allclose(window.plan.states(0)[1], first.plan.states(5)[1], atol=1e-12)
     expected = float(tube.position(now)), float(tube.velocity(now))
-    assert tube_of(window.plan.scenario).initial == pytest.approx(expected)
+    assert rho.error_tube(window.plan.scenario).initial == pytest.approx(expected)
     assert expected[0] > around.position_error
     seen = horizon.step(window.plan.states(2), float(scenario.grid.times[7]))
-    assert tube_of(seen.plan.scenario).initial == pytest.approx((0.01, 0.02))
+    assert rho.error_tube(seen.plan.scenario).initial == pytest.approx((0.01, 0.02))
 
 
 @pytest.mark.parametrize("far", [1e3, 1e6, 1e11, 1e30, 1e300])

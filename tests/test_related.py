@@ -9,7 +9,6 @@ import pytest
 
 import drake_rho as rho
 from benchmarks.gap_scenes import KINDS, GapScene, gap_scene
-from drake_rho.planning.errors import SolverError
 from drake_rho.planning.planners.first_plan import FirstPlan
 from drake_rho.planning.planners.related import can_be_slower, fitted, rescaled
 from drake_rho.planning.problem import Problem
@@ -42,7 +41,7 @@ def test_a_known_plan_is_a_plan_of_every_relaxed_scenario(
     name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def around(*_: object) -> rho.Plan:
-        raise SolverError("none")
+        raise rho.SolverError("none")
 
     monkeypatch.setattr(Subproblem, "solve_around", around)
     plan = rho.plan(RELATED[name], reference=DOOR.known)

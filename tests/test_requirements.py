@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from pydrake.solvers import ClarabelSolver, MathematicalProgram
 
 import drake_rho as rho
-from drake_rho.scenario.fields import FloatArray
+from tests.arrays import FloatArray
 from tests.cones import integrals
 from tests.requirements import Egg, outside, random_scene
 from tests.scenarios import examples, fleet, single, slow

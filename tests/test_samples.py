@@ -8,8 +8,6 @@ import numpy as np
 import pytest
 
 import drake_rho as rho
-from drake_rho.motion.flown import Flown
-from drake_rho.simulation.closed_loop import fly
 from tests.disturbed import disturbed
 from tests.scenarios import through_the_middle
 
@@ -56,7 +54,7 @@ def test_a_flight_is_its_flown_plan_and_a_simulation_its_true_motion() -> None:
     times = np.linspace(flight.plan.times[0], flight.plan.times[-1], 33)
     np.testing.assert_array_equal(flight.at(times).states, flight.plan.at(times).states)
     scenario = disturbed(3)
-    flown = fly(scenario, wind=rho.winds.constant(scenario, [1.0, 0.0, 0.0]))
+    flown = rho.simulate(scenario, wind=rho.winds.constant(scenario, [1.0, 0.0, 0.0]))
     found = flown.at(flown.times)
     np.testing.assert_allclose(found.positions, np.swapaxes(flown.positions, 0, 1), atol=1e-12)
     np.testing.assert_allclose(found.velocities, np.swapaxes(flown.velocities, 0, 1), atol=1e-12)
@@ -102,7 +100,9 @@ def test_columns_are_the_rows_of_a_table() -> None:
 def test_a_time_outside_the_flight_and_an_unknown_vehicle_are_refused(
     flown: str, arguments: tuple[object, ...], words: str
 ) -> None:
-    found: Flown = plan_from(0.0) if flown == "plan" else fly(disturbed(3))
+    found: rho.Plan | rho.Simulation = (
+        plan_from(0.0) if flown == "plan" else rho.simulate(disturbed(3))
+    )
     with pytest.raises(ValueError, match=words):
         found.at(*arguments)  # type: ignore[arg-type]
 

@@ -10,8 +10,8 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 import drake_rho as rho
-from drake_rho.scenario.shapes.base import TOLERANCE
 from tests.scenarios import random_fleet, random_scenario
+from tests.tolerances import TOLERANCE
 
 FAR = (0.1, 1e3, 1e6)
 """Distances by which scenes are moved [m]."""

@@ -17,8 +17,8 @@ from hypothesis import given
 
 import drake_rho as rho
 from drake_rho.scenario.fields import unchecked
-from drake_rho.scenario.files import scenario_from_yaml, scenario_to_yaml
 from tests.scenarios import fleet, scenarios, single, slow
+from tests.written import as_yaml, from_yaml
 
 
 def as_any(value: Any) -> Any:
@@ -145,10 +145,10 @@ def test_bad_input_names_field_value_and_expectation(
     ],
 )
 def test_bad_yaml_is_refused_by_name(old: str, new: str, field: str, paper: rho.Scenario) -> None:
-    text = scenario_to_yaml(paper)
+    text = as_yaml(paper)
     assert old in text
     with pytest.raises(rho.ScenarioError) as caught:
-        scenario_from_yaml(text.replace(old, new, 1))
+        from_yaml(text.replace(old, new, 1))
     assert caught.value.field == field
 
 
@@ -161,7 +161,7 @@ def test_bad_yaml_is_refused_by_name(old: str, new: str, field: str, paper: rho.
 )
 def test_text_that_is_no_scenario_is_refused(text: str) -> None:
     with pytest.raises(rho.ScenarioError) as caught:
-        scenario_from_yaml(text)
+        from_yaml(text)
     assert "\n" not in str(caught.value)
     assert len(str(caught.value)) < 250
 
@@ -169,21 +169,21 @@ def test_text_that_is_no_scenario_is_refused(text: str) -> None:
 @pytest.mark.parametrize("brackets", [*slow("["), "{", "{? ", "- "])
 def test_yaml_nested_too_deeply_is_refused_with_a_message(brackets: str) -> None:
     with pytest.raises(rho.ScenarioError, match="expected YAML that is less deeply nested"):
-        scenario_from_yaml(brackets * 20_000)
+        from_yaml(brackets * 20_000)
 
 
 def test_a_number_too_long_to_be_written_is_refused(paper: rho.Scenario) -> None:
-    text = scenario_to_yaml(paper).replace("knots: 50", "knots: 0x" + "f" * 9000)
+    text = as_yaml(paper).replace("knots: 50", "knots: 0x" + "f" * 9000)
     with pytest.raises(
         rho.ScenarioError, match=r"grid\.knots: got a number of thousands of digits"
     ):
-        scenario_from_yaml(text)
+        from_yaml(text)
 
 
 def test_the_error_of_a_duplicate_name_gives_its_place() -> None:
     names = [f"key{number}: {number}" for number in range(1000)]
     with pytest.raises(rho.ScenarioError, match=r"the key 'key7' once, not again .* line 1001"):
-        scenario_from_yaml("\n".join([*names, "key7: 0"]))
+        from_yaml("\n".join([*names, "key7: 0"]))
 
 
 def test_a_missing_file_and_a_wrong_name_are_named(tmp_path: Path) -> None:
@@ -198,7 +198,7 @@ def test_a_missing_file_and_a_wrong_name_are_named(tmp_path: Path) -> None:
 
 @given(scenario=scenarios())
 def test_yaml_preserves_a_scenario(scenario: rho.Scenario) -> None:
-    assert scenario_from_yaml(scenario_to_yaml(scenario)) == scenario
+    assert from_yaml(as_yaml(scenario)) == scenario
 
 
 def test_files_preserve_a_scenario(paper: rho.Scenario, tmp_path: Path) -> None:
@@ -260,7 +260,7 @@ def test_an_own_largest_speed_replaces_that_of_the_scenario() -> None:
     np.testing.assert_array_equal(speeds.limits, found)
     alone = dataclasses.replace(scenario, limits=rho.Limits()).fleet
     np.testing.assert_array_equal(alone.norms["max_speed"].limits, [2.0, 0.5, np.inf, np.inf])
-    assert scenario_from_yaml(scenario_to_yaml(scenario)) == scenario
+    assert from_yaml(as_yaml(scenario)) == scenario
     assert dataclasses.replace(scenario, vehicles=(VEHICLE,), limits=rho.Limits()) != scenario
 
 
@@ -282,7 +282,7 @@ def test_copies_and_pickles_are_equal_and_read_only(paper: rho.Scenario) -> None
 
 
 def test_yaml_merge_keys_work_and_alias_bombs_are_refused_at_once(paper: rho.Scenario) -> None:
-    text = scenario_to_yaml(paper)
+    text = as_yaml(paper)
     merged = text.replace(
         "  goal:\n    position: [5000.0, 4000.0, 3000.0]\n    velocity: [0.0, 0.0, 0.0]\n",
         "  goal: &goal\n    position: [5000.0, 4000.0, 3000.0]\n    velocity: [0.0, 0.0, 0.0]\n",
@@ -292,14 +292,14 @@ def test_yaml_merge_keys_work_and_alias_bombs_are_refused_at_once(paper: rho.Sce
         "  goal: {<<: *goal, velocity: [0.0, 0.0, 0.0]}\n",
     )
     assert merged.count("<<") == 3
-    assert scenario_from_yaml(merged) == paper
+    assert from_yaml(merged) == paper
     for leaf, node in (("[1, 1, 1]", "[{}]"), ("{x: 1, y: 2}", "{{<<: [{}]}}")):
         lines = [f"a0: &a0 {leaf}"]
         for n in range(1, 20):
             lines.append(f"a{n}: &a{n} " + node.format(", ".join([f"*a{n - 1}"] * 9)))
         bomb = "\n".join(lines) + "\ngrid: *a19\nname: *a19\nvehicles: [{start: {position: *a19}}]"
         with pytest.raises(rho.ScenarioError):
-            scenario_from_yaml(bomb)
+            from_yaml(bomb)
 
 
 def test_names_of_nested_merges_are_no_duplicates() -> None:
@@ -317,7 +317,7 @@ vehicles:
   limits: &other {<<: *one, velocity: {lower: [-2, -2, -2], upper: [2, 2, 2]}}
 limits: {<<: *other}
 """
-    scenario = scenario_from_yaml(text)
+    scenario = from_yaml(text)
     assert scenario.limits == scenario.vehicles[1].limits != scenario.vehicles[0].limits
 
 

@@ -12,13 +12,12 @@ from pydrake.solvers import SolverInterface
 
 import drake_rho as rho
 from drake_rho.planning.call.options import DEFAULTS
-from drake_rho.planning.constraints.coupling import decoupled
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.scp.patience import PATIENCE, DeadEnds
 from drake_rho.planning.scp.restoration import SoftRows, restore_feasibility
 from drake_rho.planning.scp.sequential_convex import sequential_convex
 from drake_rho.planning.scp.subproblem import Subproblem
-from drake_rho.scenario.fields import IntArray
+from tests.arrays import IntArray
 from tests.scenarios import fleet, independent, scenarios, through_the_middle
 from tests.tolerances import INDEX
 
@@ -222,7 +221,7 @@ def _colliding_and_separated() -> tuple[rho.Plan, rho.Plan]:
 def test_a_restoration_raises_penalties_until_the_pairs_are_separated() -> None:
     said: list[str] = []
     start, apart = _colliding_and_separated()
-    subproblem = Subproblem(Problem.of(start.scenario), decoupled)
+    subproblem = Subproblem(Problem.of(start.scenario), rho.decoupled)
     step = ScriptedSteps([start, apart, start])
     plan = restore_feasibility(subproblem, start, step=step, progress=said.append)
     first = step.penalties[0][0]
@@ -244,7 +243,7 @@ def test_a_restoration_raises_penalties_until_the_pairs_are_separated() -> None:
 
 def test_steps_may_count_as_taken_before_the_first() -> None:
     start, apart = _colliding_and_separated()
-    subproblem = Subproblem(Problem.of(start.scenario), decoupled)
+    subproblem = Subproblem(Problem.of(start.scenario), rho.decoupled)
     step, later = ScriptedSteps([apart]), ScriptedSteps([start, apart])
     restore_feasibility(subproblem, start, step=step)
     restore_feasibility(subproblem, start, step=later, offset=2)
@@ -255,7 +254,7 @@ def test_steps_may_count_as_taken_before_the_first() -> None:
 def test_penalties_of_a_restoration_triple_up_to_a_bound_until_patience_ends() -> None:
     start = independent(through_the_middle(2))
     step = ScriptedSteps(repeat(start))
-    subproblem = Subproblem(Problem.of(start.scenario), decoupled)
+    subproblem = Subproblem(Problem.of(start.scenario), rho.decoupled)
     with pytest.raises(rho.InfeasibleError, match="separation from v1 at 5 s") as caught:
         restore_feasibility(subproblem, start, step=step)
     assert set(caught.value.conflicts) == {"v0", "v1"}
@@ -282,7 +281,9 @@ def test_a_restoration_without_progress_is_given_up() -> None:
     start, ends = rho.plan(scenario.without_obstacles()), DeadEnds(scenario)
     for _ in range(2):
         with pytest.raises(rho.InfeasibleError) as caught:
-            restore_feasibility(Subproblem(Problem.of(scenario), decoupled), start, dead_ends=ends)
+            restore_feasibility(
+                Subproblem(Problem.of(scenario), rho.decoupled), start, dead_ends=ends
+            )
         assert caught.value.statistics.linearisations < PATIENCE
     assert len(ends) == 1  # the second time the dead end is known
     assert not ends.is_near(start)

@@ -21,7 +21,6 @@ from drake_rho.planning.path_search.resolution import resolutions
 from drake_rho.planning.path_search.space_time import TimeExpandedGraph
 from drake_rho.planning.planners.from_paths import plan_along_paths
 from drake_rho.planning.problem import Problem
-from drake_rho.scenario.files import load_scenario
 
 CASES = Path(__file__).parent / "cases"
 
@@ -54,7 +53,7 @@ FORWARD = rho.Box([0.5, -5, -5], [5, 5, 5])
     ("case", "most"), [("slow_climb", 1e7), ("forward_only", 1e8), ("fast_descent", 1e7)]
 )
 def test_a_search_respects_its_memory_limit(case: str, most: float) -> None:
-    scenario = load_scenario(CASES / f"{case}.yaml")
+    scenario = rho.load_scenario(CASES / f"{case}.yaml")
     find_paths(scenario, max_memory=most)  # loads and caches what is used once
     tracemalloc.start()
     try:
@@ -158,7 +157,7 @@ def test_no_path_leads_where_a_vehicle_cannot_be_in_time() -> None:
 
 def test_plans_stay_within_reach() -> None:
     for case in ("slow_climb", "forward_only"):
-        scenario = load_scenario(CASES / f"{case}.yaml")
+        scenario = rho.load_scenario(CASES / f"{case}.yaml")
         plan = rho.plan(scenario, options=rho.Options(max_iterations=1))
         times = np.linspace(0.0, scenario.grid.duration, 201)
         reach = reach_of(scenario)

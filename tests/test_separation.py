@@ -11,15 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import drake_rho as rho
-from drake_rho.scenario.files import (
-    scenario_from_json,
-    scenario_from_yaml,
-    scenario_to_json,
-    scenario_to_yaml,
-)
-from drake_rho.scenario.records import TOLERANCE
-from drake_rho.scenario.rest_of_flight import from_states
-from tests.tolerances import ROUNDING
+from tests.tolerances import ROUNDING, TOLERANCE
+from tests.written import as_yaml, from_yaml, in_plan_file
 
 GRID = rho.Grid(1.0, 5)
 
@@ -137,21 +130,21 @@ def test_refused_pairs_equal_a_visit_to_every_pair(seed: int, count: int, same: 
 
 def test_files_preserve_the_separation() -> None:
     scenario = swarm(apart(3), apart(3)[::-1], rho.Separation(0.1 + 0.2, downwash=2.0))
-    assert scenario_from_yaml(scenario_to_yaml(scenario)) == scenario
-    assert scenario_from_json(scenario_to_json(scenario)) == scenario
-    text = scenario_to_yaml(scenario).replace(", downwash: 2.0", "")
-    read = scenario_from_yaml(text)
+    assert from_yaml(as_yaml(scenario)) == scenario
+    assert in_plan_file(scenario)[1] == scenario
+    text = as_yaml(scenario).replace(", downwash: 2.0", "")
+    read = from_yaml(text)
     assert read.separation == rho.Separation(0.1 + 0.2)
     assert read != scenario
     with pytest.raises(rho.ScenarioError, match=r"separation\.gap: .* no field of this name"):
-        scenario_from_yaml(scenario_to_yaml(scenario).replace("downwash:", "gap:"))
+        from_yaml(as_yaml(scenario).replace("downwash:", "gap:"))
 
 
 def test_states_reached_by_a_plan_are_not_checked_again() -> None:
     scenario = swarm(apart(2), apart(2)[::-1], rho.Separation(5.0))
-    middle = np.full((2, 3), 5.0)
-    still = np.zeros((2, 3))
-    begun = from_states(scenario, rho.Grid(1.0, 3), middle, still, still)
+    middle = np.full((2, GRID.knots, 3), 5.0)
+    still = np.zeros_like(middle)
+    begun = rho.Plan(scenario, middle, still, still[:, 1:]).tail(2).scenario
     assert begun.separation == scenario.separation
     with pytest.raises(rho.ScenarioError, match="a1 at least 5 m from a0"):
         begun.check_ends()

@@ -13,14 +13,13 @@ from hypothesis import strategies as st
 from scipy.optimize import minimize
 
 import drake_rho as rho
-from drake_rho.scenario.fields import FloatArray
-from drake_rho.scenario.files import scenario_from_yaml, scenario_to_yaml
-from drake_rho.scenario.sets import ConvexSet
+from tests.arrays import FloatArray
 from tests.requirements import Egg, random_set
 from tests.scenarios import single
 from tests.tolerances import ROUNDING
+from tests.written import as_yaml, from_yaml
 
-SETS: dict[str, ConvexSet] = {
+SETS: dict[str, rho.ConvexSet] = {
     "ball": rho.Ball([1, 2, 3], 2.0),
     "box": rho.Box([0, 0, 0], [1, 2, 3]),
     "ellipsoid": rho.Ellipsoid([4, 1, 0], [3, 2, 1]),
@@ -35,7 +34,7 @@ each_set = pytest.mark.parametrize("convex_set", SETS.values(), ids=SETS)
 
 
 @each_set
-def test_the_functions_of_every_set_agree(convex_set: ConvexSet) -> None:
+def test_the_functions_of_every_set_agree(convex_set: rho.ConvexSet) -> None:
     for near, size in (((0.0, 0.0, 0.0), 1.0), ((50.0, -20.0, 7.0), 30.0), ((1, 2, 3), 1e-2)):
         rho.check_set(convex_set, near=near, size=size)
 
@@ -47,7 +46,7 @@ def test_the_functions_of_random_sets_agree(seed: int) -> None:
 
 
 @each_set
-def test_the_distance_outside_is_that_of_the_nearest_point(convex_set: ConvexSet) -> None:
+def test_the_distance_outside_is_that_of_the_nearest_point(convex_set: rho.ConvexSet) -> None:
     """A search for the nearest point uses membership alone."""
     rng = np.random.default_rng(3)
     x = rng.uniform(-8.0, 8.0, (40, 3))
@@ -196,7 +195,7 @@ def test_bad_arguments_of_the_check_are_named(arguments: dict[str, Any], field: 
 def test_every_set_of_the_package_is_in_files(name: str) -> None:
     asked = rho.KeepIn(SETS[name], of="velocity", active=(1.0, 2.0), name="kept")
     scenario = dataclasses.replace(single(), requirements=(asked,))
-    assert scenario_from_yaml(scenario_to_yaml(scenario)) == scenario
+    assert from_yaml(as_yaml(scenario)) == scenario
 
 
 def test_no_file_holds_a_users_own_set(tmp_path: Any) -> None:

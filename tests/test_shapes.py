@@ -11,16 +11,16 @@ from hypothesis import strategies as st
 from scipy.optimize import minimize
 
 import drake_rho as rho
-from drake_rho.scenario.fields import FloatArray
-from drake_rho.scenario.shapes.base import Quadric
-from drake_rho.scenario.shapes.quadrics import Ellipsoid
+from tests.arrays import FloatArray
 from tests.scenarios import slow
 from tests.tolerances import ROUNDING
 
 SEMI_AXES = [[3.0, 2.0, 1.0], [1.0, 1.0, 2.0], [2.0, 2.0, 1.0], [1.0, 1.0, 1.0], [20.0, 0.5, 0.5]]
+Quadric = rho.Sphere | rho.Ellipsoid
+
 SHAPES: list[Quadric] = [
     rho.Sphere([0, 0, 0], 1.7),
-    *(Ellipsoid([0, 0, 0], semi_axes) for semi_axes in SEMI_AXES),
+    *(rho.Ellipsoid([0, 0, 0], semi_axes) for semi_axes in SEMI_AXES),
 ]
 named = pytest.mark.parametrize("shape", SHAPES, ids=str)
 
@@ -161,7 +161,7 @@ def test_the_distance_is_lipschitz_continuous(shape: Quadric) -> None:
 
 
 def test_an_ellipsoid_of_equal_axes_is_a_sphere() -> None:
-    sphere, ellipsoid = rho.Sphere([0, 0, 0], 1.7), Ellipsoid([0, 0, 0], [1.7, 1.7, 1.7])
+    sphere, ellipsoid = rho.Sphere([0, 0, 0], 1.7), rho.Ellipsoid([0, 0, 0], [1.7, 1.7, 1.7])
     assert sphere.radius == ellipsoid.radius
     assert sphere.tolerance == ellipsoid.tolerance
     for x in (special_points(sphere), random_points(sphere)):
@@ -177,8 +177,8 @@ def test_an_ellipsoid_of_equal_axes_is_a_sphere() -> None:
 def test_permuting_the_axes_permutes_all_results(order: tuple[int, ...], points: object) -> None:
     turned = list(order)
     for semi_axes in SEMI_AXES:
-        one = Ellipsoid([0, 0, 0], semi_axes)
-        other = Ellipsoid([0, 0, 0], np.array(semi_axes)[turned])
+        one = rho.Ellipsoid([0, 0, 0], semi_axes)
+        other = rho.Ellipsoid([0, 0, 0], np.array(semi_axes)[turned])
         x = points(one)  # type: ignore[operator]  # one of the two
         # else either of two nearest points may be found after turning
         x = x[np.all(np.abs(x) > 0.0, axis=1)]
@@ -210,7 +210,7 @@ def test_arrays_of_any_leading_shape(shape: Quadric, leading: tuple[int, ...]) -
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_deep_inside_near_the_plane_of_the_shortest_axis(above: float, sign: float) -> None:
     """There y lies above x: x = (1 - (m / a)²) y gives the nearest point y and the distance."""
-    shape, known = Ellipsoid([0, 0, 0], [3.0, 2.0, 1.0]), np.array([0.5, 0.3, 0.0])
+    shape, known = rho.Ellipsoid([0, 0, 0], [3.0, 2.0, 1.0]), np.array([0.5, 0.3, 0.0])
     x = known * (1.0 - 1.0 / np.array([9.0, 4.0, 1.0]))
     height = np.sqrt(1.0 - np.sum((known / [3.0, 2.0, 1.0]) ** 2))
     y = np.array([0.5, 0.3, height])
@@ -226,7 +226,7 @@ def test_deep_inside_near_the_plane_of_the_shortest_axis(above: float, sign: flo
 
 @pytest.mark.parametrize("semi_axes", SEMI_AXES, ids=str)
 def test_at_the_centre_the_surface_is_as_near_as_the_shortest_axis(semi_axes: list[float]) -> None:
-    shape = Ellipsoid([0, 0, 0], semi_axes)
+    shape = rho.Ellipsoid([0, 0, 0], semi_axes)
     n = shape.local_outward(np.zeros(3))
     assert shape.local_distance(np.zeros(3)) == -min(semi_axes)
     assert np.count_nonzero(n) == 1
@@ -246,7 +246,7 @@ def test_at_the_centre_of_a_sphere_any_direction_is_valid() -> None:
 def test_flat_and_long_ellipsoids(logs: tuple[float, ...], place: tuple[float, ...]) -> None:
     """Semi-axes differ by up to twelve orders of magnitude."""
     a = 10.0 ** np.array(logs)
-    shape = Ellipsoid([0, 0, 0], a)
+    shape = rho.Ellipsoid([0, 0, 0], a)
     x = a * np.array(place)
     distance, n = float(shape.local_distance(x)), shape.local_outward(x)
     assert np.isfinite(distance)
@@ -261,5 +261,5 @@ def test_flat_and_long_ellipsoids(logs: tuple[float, ...], place: tuple[float, .
 @pytest.mark.parametrize("semi_axes", [[1, 1, 0], [1, -1, 1], [1, 1, 1e-16], [1, 1, np.inf]])
 def test_semi_axes_without_extent_are_refused(semi_axes: list[float]) -> None:
     with pytest.raises(rho.ScenarioError) as caught:
-        Ellipsoid([0, 0, 0], semi_axes)
+        rho.Ellipsoid([0, 0, 0], semi_axes)
     assert caught.value.field == "ellipsoid.semi_axes"

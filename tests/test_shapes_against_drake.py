@@ -23,9 +23,8 @@ from pydrake.geometry import (
 from pydrake.math import RigidTransform, RotationMatrix
 
 import drake_rho as rho
-from drake_rho.scenario.fields import FloatArray
-from drake_rho.scenario.shapes.base import Shape
-from tests.shapes import KINDS, random_shape
+from tests.arrays import FloatArray
+from tests.shapes import KINDS, Shape, random_shape
 from tests.tolerances import ROUNDING
 
 every_kind = pytest.mark.parametrize("kind", KINDS)

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import dataclasses
 import subprocess
 import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, get_type_hints
 
 import numpy as np
 import pytest
@@ -13,13 +17,20 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
 
 import drake_rho as rho
+from drake_rho.planning.horizon.settings import Windows
 from drake_rho.simulation.attitude import AttitudeController
 from drake_rho.simulation.closed_loop import fly, fly_plan
 from drake_rho.simulation.quadrotors import quadrotors
 from drake_rho.simulation.systems import WindSource
+from drake_rho.simulation.timeline import Timeline
 from tests.disturbed import KINDS, disturbed, winds_for
 from tests.scenarios import single, slow
+from tests.studies import small, table
+from tests.test_free_final_time import WIND, arrivals, crossing
+from tests.test_latency import scene, windy
+from tests.test_windows import EVERYTHING, MISSION, assert_same_flight, settings_of
 from tests.tolerances import ROUNDING
+from tests.written import from_yaml
 
 ARRAYS = ("times", "positions", "velocities", "wind", "commands")
 
@@ -42,18 +53,47 @@ def test_the_simulator_and_the_loop_give_the_same_flight(kind: str, seed: int) -
         np.testing.assert_allclose(window.plan.accelerations, twin.plan.accelerations, atol=1e-6)
 
 
-def test_a_simulation_is_reproduced_bit_by_bit_with_the_windows_of_plan_rho() -> None:
-    scenario = disturbed(3)
-    one, again = (
-        rho.simulate(
+def test_the_simulator_and_the_loop_arrive_alike() -> None:
+    scenario = dataclasses.replace(crossing(knots=21, step=0.4), disturbance=WIND)
+    wind = rho.winds.constant(scenario, [0, 1, 0])
+    one, other = (
+        each(scenario, replan_every=5, free_final_time=True, fallback=None, wind=wind)
+        for each in (fly, rho.simulate)
+    )
+    assert arrivals(one) == arrivals(other)
+    assert np.abs(one.positions - other.positions).max() < 1e-5  # solvers amplify rounding
+
+
+def test_the_simulator_and_the_loop_plan_ahead_alike() -> None:
+    scenario = scene(windy(1, 1))
+    wind = rho.winds.constant(scenario, [0, 1, 0])
+    one, other = (
+        fly_it(scenario, replan_every=4, latency=0.5, wind=wind, rng=np.random.default_rng(3))
+        for fly_it in (rho.simulate, fly)
+    )
+    np.testing.assert_allclose(other.positions, one.positions, atol=1e-9)
+
+
+@pytest.mark.parametrize("fly_it", [rho.simulate, fly])
+def test_a_simulation_is_reproduced_bit_by_bit_from_its_seed(
+    fly_it: Callable[..., rho.Simulation],
+) -> None:
+    scenario = disturbed(7)
+    one, again, other = (
+        fly_it(
             scenario,
-            wind=rho.winds.coloured_noise(scenario, np.random.default_rng(1)),
-            rng=np.random.default_rng(2),
+            wind=rho.winds.coloured_noise(scenario, np.random.default_rng(seed)),
+            rng=np.random.default_rng([seed, 1]),
         )
-        for _ in range(2)
+        for seed in (3, 3, 4)
     )
     for name in ARRAYS:
         np.testing.assert_array_equal(getattr(one, name), getattr(again, name))
+    assert not np.array_equal(one.positions, other.positions)
+
+
+def test_without_wind_windows_are_those_of_plan_rho() -> None:
+    scenario = disturbed(3)
     still, flight = rho.simulate(scenario), rho.plan_rho(scenario)
     for window, twin in zip(still.flight.windows, flight.windows, strict=True):
         np.testing.assert_allclose(window.plan.accelerations, twin.plan.accelerations, atol=1e-9)
@@ -188,6 +228,30 @@ def _diagram(
     return Simulator(builder.Build()), controller, plant
 
 
+def test_the_loop_refuses_what_the_simulator_refuses() -> None:
+    scenario = disturbed(1)
+    plan, shape = rho.plan(scenario), rf"shape \(3,\) at .* \({len(scenario.vehicles)}, 3\)$"
+    with pytest.raises(ValueError, match="^wind: got " + shape):
+        fly_plan(scenario, plan, wind=lambda t, p, v: np.zeros(3))
+    with pytest.raises(ValueError, match=r"^wind: got \[\[nan.* at .* s, expected finite"):
+        fly_plan(scenario, plan, wind=lambda t, p, v: p * np.nan)
+    with pytest.raises(ValueError, match=r"^rng: got 3, expected a numpy.random.Generator"):
+        fly_plan(scenario, plan, rng=3)  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match=r"^plan: got one for 1 on "):
+        fly_plan(scenario, rho.plan(single()))
+    with pytest.raises(ValueError, match=r"^replan_every: got 0"):
+        fly(scenario, replan_every=0)
+
+
+def test_a_time_with_rounding_is_that_of_the_record() -> None:
+    scenario = disturbed(4)
+    wind = rho.worst_case(scenario, [1, 0, 0], scenario.grid.start + 0.77 * scenario.grid.duration)
+    timeline = Timeline.of(scenario, wind)
+    for elapsed, time in zip(timeline.elapsed, timeline.times, strict=True):
+        for rounded in (np.nextafter(elapsed, -1.0), elapsed, elapsed + 1e-12):
+            assert timeline.nearest(float(rounded)) == time
+
+
 def test_a_custom_diagram_flies_like_simulate() -> None:
     scenario = disturbed(12)
     wind = rho.winds.constant(scenario, [1, 2, 0])
@@ -298,3 +362,40 @@ def test_drakes_systems_are_loaded_only_to_fly() -> None:
         [sys.executable, "-c", code], capture_output=True, text=True, check=True
     )
     assert printed.stdout.strip() == "False"
+
+
+def test_the_settings_of_the_loop_are_those_of_a_receding_horizon() -> None:
+    assert settings_of(fly) == settings_of(rho.RecedingHorizon)
+    hints = get_type_hints(rho.RecedingHorizon.__init__)
+    assert get_type_hints(Windows) == {name: hints[name] for name in settings_of(rho.plan_rho)}
+
+
+@pytest.mark.slow
+def test_the_loop_with_every_setting_is_the_simulator() -> None:
+    scenario = from_yaml(MISSION)
+    wind = rho.winds.constant(scenario, [0, 1, 0])
+    own, other = (
+        fly_it(scenario, wind=wind, rng=np.random.default_rng(5), **EVERYTHING)
+        for fly_it in (fly, rho.simulate)
+    )
+    assert all(window.contingency or window.no_contingency for window in own.windows)
+    np.testing.assert_allclose(own.positions, other.positions, atol=1e-9)
+
+
+@pytest.mark.slow
+def test_methods_of_studies_take_the_settings(tmp_path: Path) -> None:
+    scenario = from_yaml(MISSION)
+    settings: dict[str, Any] = {"reference": "tail", "solver": "osqp", "windows": "convex"}
+    settings |= {name: EVERYTHING[name] for name in ("replan_every", "contingencies", "latency")}
+    settings |= {"bounded_cost": True, "options": {"max_memory": 1e8}}
+    methods = [{"name": kind, "planner": kind, **settings} for kind in ("plan_rho", "simulate")]
+    methods[1]["estimates"] = False
+    source = {"name": "gap", "scenario": scenario}
+    study = small(1, scenarios=[source], methods=methods, plans=True)
+    results = rho.campaign(study, tmp_path / "runs.sqlite")
+    keys = dict(table(tmp_path / "runs.sqlite", ("method", "key")))
+    assert_same_flight(results.plan(keys["plan_rho"]).flight, rho.plan_rho(scenario, **EVERYTHING))
+    flown = results.plan(keys["simulate"])
+    assert isinstance(flown, rho.Simulation)
+    np.testing.assert_array_equal(flown.positions, fly(scenario, **EVERYTHING).positions)
+    assert_same_flight(flown.flight, fly(scenario, **EVERYTHING).flight)

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 import drake_rho as rho
-from drake_rho.simulation.closed_loop import fly
 from tests.disturbed import disturbed, winds_for
 
 ARRAYS = ("times", "positions", "velocities", "wind", "commands")
@@ -20,7 +19,7 @@ def _flown(seed: int) -> rho.Simulation:
     """Return a flight with errors, so that windows begin off the plan."""
     scenario = disturbed(seed)
     wind = winds_for(scenario, seed)["noise"]
-    return fly(scenario, wind=wind, rng=np.random.default_rng(seed), replan_every=3)
+    return rho.simulate(scenario, wind=wind, rng=np.random.default_rng(seed), replan_every=3)
 
 
 @pytest.mark.parametrize("seed", range(4))

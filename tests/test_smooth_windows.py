@@ -11,11 +11,6 @@ import numpy as np
 import pytest
 
 import drake_rho as rho
-from drake_rho.motion.scenario_tube import error_tube
-from drake_rho.simulation.closed_loop import fly
-from drake_rho.verification.averages import averaged
-from drake_rho.verification.holds import first_violation
-from drake_rho.verification.trajectory import PiecewiseTrajectory
 from tests.scenarios import single, slow
 from tests.test_smoothing import (
     LIMITS,
@@ -55,11 +50,7 @@ def test_the_rest_of_a_plan_goes_on_from_what_was_flown(smoothing: rho.Smoothing
             drake = same.trajectory("solo")
             assert drake.start_time() == pytest.approx(start)
             assert np.abs(drake.vector_values(times).T - whole.positions[0]).max() < 1e-12
-        checked = averaged(PiecewiseTrajectory.of(rest.scenario, rest.motion()))
-        again = rest.sampled(np.maximum(checked.elapsed, -lead))
-        assert np.abs(checked.positions - again.positions).max() < 1e-12
-        assert np.abs(checked.velocities - again.velocities).max() < 1e-12
-        assert first_violation(rest) is None
+        assert rho.verify(rest).ok
 
 
 @pytest.mark.parametrize("smoothing", [*slow(*SMOOTHINGS[:-1]), SMOOTHINGS[-1]], ids=str)
@@ -154,7 +145,7 @@ def test_options_of_windows() -> None:
     assert rho.verify(ready).ok
     for window in ready.windows:
         assert window.contingency is not None
-        assert first_violation(window.contingency) is None
+        assert rho.verify(window.contingency).ok
         begin = window.plan.scenario.grid.start - scenario.lead
         follows = np.linspace(begin, min(begin + 2.5, 8.0), 50)
         apart = window.contingency.at(follows).positions - window.plan.at(follows).positions
@@ -206,13 +197,13 @@ def test_windows_in_wind_stay_in_one_tube_around_a_smooth_motion(
     scenario = _windy(smoothing)
     flight = rho.plan_rho(scenario, replan_every=4)
     assert rho.verify(flight).ok
-    tubes = [error_tube(window.plan.scenario) for window in flight.windows]
-    whole = error_tube(scenario)
+    tubes = [rho.error_tube(window.plan.scenario) for window in flight.windows]
+    whole = rho.error_tube(scenario)
     for tube in tubes:
         assert tube.grid.start == pytest.approx(-scenario.lead)
         assert tube.position(4.3) == pytest.approx(whole.position(4.3))
     wind = rho.winds.constant(scenario, [0, 1, 0])
-    flown = fly(scenario, replan_every=4, wind=wind, rng=np.random.default_rng(3))
+    flown = rho.simulate(scenario, replan_every=4, wind=wind, rng=np.random.default_rng(3))
     assert rho.verify(flown).ok
     assert np.all(flown.errors().max(axis=1) <= flown.radii() + 1e-9)
     assert not any(window.off_tube or window.infeasible for window in flown.windows)
@@ -233,7 +224,7 @@ def test_vehicles_off_their_tube_are_named_and_fly_on_smoothly() -> None:
     def strong(t: float, p: Any, v: Any) -> Any:
         return np.broadcast_to([0.0, 0.0, 0.8 * (1.0 < t < 3.0)], p.shape)
 
-    flown = fly(scenario, replan_every=2, wind=strong)
+    flown = rho.simulate(scenario, replan_every=2, wind=strong)
     assert [bool(window.off_tube) for window in flown.windows][:2] == [False, False]
     assert any(window.off_tube for window in flown.windows)
     steepest = 2.0 * 2.6 / 0.5 * flown.scenario.grid.step

@@ -19,12 +19,13 @@ import drake_rho as rho
 from drake_rho.display.common.drawable import drawn
 from drake_rho.motion.dynamics import Motion, roll_out
 from drake_rho.motion.smooth import SmoothMotion
-from drake_rho.scenario.disturbance import Tracking
 from drake_rho.scenario.fleet import Fleet
 from drake_rho.scenario.smoothing import largest_accelerations
-from drake_rho.simulation.closed_loop import fly_plan
 from drake_rho.simulation.small_steps import in_small_steps
+from drake_rho.verification.averages import averaged
 from drake_rho.verification.holds import first_violation
+from drake_rho.verification.trajectory import PiecewiseTrajectory
+from tests.disturbed import tracked
 from tests.sampled import _center, _signed_distance
 from tests.scenarios import box, fleet, single, slow
 
@@ -618,7 +619,7 @@ def test_the_worst_wind_reaches_the_radius_around_the_smooth_motion(
     most = smoothing.width**2 * 2.6 / 12_000.0
     for time in (0.1 - lead / 2.0, 4.1, 8.0 + lead):
         worst = rho.worst_case(scenario, [0.0, 1.0, 0.0], time)
-        flown = fly_plan(scenario, plan, wind=worst)
+        flown = rho.simulate(plan, wind=worst)
         assert rho.verify(flown).ok
         assert np.all(flown.errors()[:, 0] <= flown.radii() + 1e-9)
         reached = np.linalg.norm(flown.at(time).positions - plan.at(time).positions)
@@ -655,7 +656,7 @@ REFUSED: dict[str, dict[str, Any]] = {
     "smoothing.width": {"smoothing": rho.Smoothing(0.6)},
     "between_knots": {"between_knots": False},
     "disturbance.tracking.since": {
-        "disturbance": rho.Disturbance(0.1, tracking=Tracking(-3.0, (1.0, 1.0)))
+        "disturbance": rho.Disturbance(0.1, tracking=tracked(-3.0, (1.0, 1.0)))
     },
     "vehicles[0].start.velocity": {"vehicles": _vehicle({"velocity": [1, 0, 0]}, {})},
     "vehicles[0].start.acceleration": {"vehicles": _vehicle({"acceleration": [1, 0, 0]}, {})},
@@ -818,3 +819,16 @@ def test_a_certificate_says_of_which_plans_it_is() -> None:
     certificate = rho.certify(plan)
     assert certificate.lower_bound <= plan.cost * (1.0 + 1e-6)
     assert "before they are averaged" in str(certificate)
+
+
+@pytest.mark.parametrize(
+    "smoothing", [SMOOTHINGS[0], *slow(*SMOOTHINGS[1:-1]), SMOOTHINGS[-1]], ids=str
+)
+def test_the_verifier_averages_the_rest_of_a_plan_alike(smoothing: rho.Smoothing) -> None:
+    plan = rho.plan(smooth(smoothing))
+    for knot in (1, 2, 3, 9):
+        rest = plan.tail(knot)
+        checked = averaged(PiecewiseTrajectory.of(rest.scenario, rest.motion()))
+        again = rest.sampled(np.maximum(checked.elapsed, -plan.scenario.lead))
+        assert np.abs(checked.positions - again.positions).max() < 1e-12
+        assert np.abs(checked.velocities - again.velocities).max() < 1e-12

@@ -11,7 +11,6 @@ import drake_rho as rho
 from drake_rho.motion.dynamics import Motion
 from drake_rho.planning.constraints.base import HalfSpaces, about
 from drake_rho.planning.constraints.boxes import KeepInBox, boxes_of
-from drake_rho.planning.constraints.coupling import coupled
 from drake_rho.planning.constraints.margins import margins_of
 from drake_rho.planning.minimum_effort import MinimumEffort
 from drake_rho.planning.problem import Problem
@@ -48,7 +47,7 @@ def _rows(scenario: rho.Scenario, kinds: set[str]) -> list[HalfSpaces]:
     constraints = [
         *boxes_of(scenario, margins_of(scenario)),
         *Problem.of(scenario).obstacles_around(reference),
-        Problem.of(scenario).pairs_around(reference, coupled),
+        Problem.of(scenario).pairs_around(reference, rho.coupled),
     ]
     found = []
     for place, constraint in enumerate(constraints):

@@ -24,11 +24,9 @@ from drake_rho.campaigns.study import (
     example_study,
     study_from_yaml,
     study_schema,
-    study_to_json,
 )
-from drake_rho.scenario.files import save_scenario
 from tests.scenarios import single
-from tests.studies import small
+from tests.studies import small, text_of
 
 
 @pytest.mark.parametrize(
@@ -162,7 +160,7 @@ def test_an_extended_study_has_all_runs_of_the_original(
     )
     keys = [{run.key for run in each.runs()} for each in (before, grown)]
     assert keys[0] <= keys[1]
-    texts = [study_to_json(each.resolved()) for each in (before, grown)]
+    texts = [text_of(each.resolved()) for each in (before, grown)]
     assert continues(texts[1], texts[0])
     assert continues(texts[0], texts[1]) == (not (more or scenario or method))
 
@@ -172,7 +170,7 @@ _CIRCLE = {"n": 3, "radius": 2.0, "duration": 4.0, "step": 0.5}
 
 @pytest.mark.parametrize("other", [small(2, seed=8), small(2, plans=True), small(1)])
 def test_a_different_study_does_not_resume_a_campaign(other: rho.Study) -> None:
-    assert not continues(study_to_json(other), study_to_json(small(2)))
+    assert not continues(text_of(other), text_of(small(2)))
 
 
 def test_the_example_is_a_study_that_its_schema_accepts() -> None:
@@ -182,7 +180,7 @@ def test_the_example_is_a_study_that_its_schema_accepts() -> None:
 
 
 def test_files_of_a_study_are_relative_to_it(tmp_path: Path) -> None:
-    save_scenario(single(), tmp_path / "own.yaml")
+    rho.save_scenario(single(), tmp_path / "own.yaml")
     text = (
         "name: s\nscenarios: [{name: a, file: own.yaml}, {name: b, file: paper}]\n"
         "methods: [{name: m, planner: plan}]\n"

@@ -12,10 +12,8 @@ import pytest
 import drake_rho as rho
 from drake_rho.motion.close_pairs import CloseApproaches
 from drake_rho.motion.dynamics import Motion
-from drake_rho.motion.statistics import Statistics
 from drake_rho.planning.constraints.base import Constraint
 from drake_rho.planning.constraints.close_pairs import separation_of, violating_pairs
-from drake_rho.planning.constraints.coupling import coupled, decoupled
 from drake_rho.planning.constraints.separation import KeepApart
 from drake_rho.planning.planners.first_plan import brought_apart
 from drake_rho.planning.problem import Problem
@@ -27,7 +25,7 @@ from drake_rho.planning.scp.minimum_violation import minimum_violation
 from drake_rho.planning.scp.restoration import SoftRows
 from drake_rho.planning.scp.subproblem import Subproblem, plan_around
 from drake_rho.planning.scp.violations import violations_of
-from drake_rho.scenario.fields import IntArray
+from tests.arrays import IntArray
 from tests.scenarios import box, fleet, independent, single, through_the_middle
 from tests.tolerances import INDEX, MOTION
 
@@ -40,9 +38,9 @@ def test_a_warm_start_changes_the_work_and_not_the_plan() -> None:
         obstacles=(rho.Sphere([5.0, 2.6, -1.0], 1.2),),
     )
     reference = rho.plan_convex(scenario)
-    warm = Subproblem(Problem.of(scenario), coupled)
+    warm = Subproblem(Problem.of(scenario), rho.coupled)
     first, second = warm.solve_around(reference), warm.solve_around(reference)
-    cold = Subproblem(Problem.of(scenario), coupled).solve_around(reference)
+    cold = Subproblem(Problem.of(scenario), rho.coupled).solve_around(reference)
     largest = np.abs(cold.accelerations).max()
     for each in (first, second):
         np.testing.assert_allclose(each.accelerations, cold.accelerations, atol=MOTION * largest)
@@ -68,7 +66,7 @@ def test_vehicles_without_violation_fly_the_reference_while_others_are_separated
     starts = np.array([[-5, 0, 0], [0, 30, 0], [5, 0, 0]])
     scenario = fleet(starts, np.array([[5, 0, 0], [9, 30, 0], [-5, 0, 0]]))
     start = independent(scenario)
-    subproblem = Subproblem(Problem.of(scenario), decoupled)
+    subproblem = Subproblem(Problem.of(scenario), rho.decoupled)
     assert not subproblem.holds(start)
     after = SoftRows(subproblem)(start, 1e3, 0)
     np.testing.assert_array_equal(after.accelerations[1], start.accelerations[1])
@@ -111,7 +109,7 @@ def test_a_coupled_fleet_without_a_solution_has_reasons_for_each_vehicle() -> No
     scenario = through_the_middle(2, grid=rho.Grid(5.0, 3))
     alone = rho.plan(scenario.without_separation())
     with pytest.raises(rho.InfeasibleError) as caught:
-        Subproblem(Problem.of(scenario), coupled).solve_around(
+        Subproblem(Problem.of(scenario), rho.coupled).solve_around(
             dataclasses.replace(alone, scenario=scenario)
         )
     for vehicle, partner in (("v0", "v1"), ("v1", "v0")):
@@ -191,7 +189,7 @@ def test_the_first_restoration_has_one_normal_per_encounter_and_later_ones_searc
 
     monkeypatch.setattr(Subproblem, "solve_with", noted)
     for number in range(4):
-        SoftRows(Subproblem(Problem.of(scenario), decoupled))(start, 7.0, number)
+        SoftRows(Subproblem(Problem.of(scenario), rho.decoupled))(start, 7.0, number)
     assert [each.one_normal for each in made] == [True, False, False, False]
     assert [each.rounds for each in made] == [1, 1, 2, 2]
     assert {each.penalty for each in made} == {7.0}
@@ -205,12 +203,12 @@ def test_pairs_are_separated_by_references_that_guarantee_nothing(
     made: list[dict[str, Any]] = []
     around = InGroups.solve_around
 
-    def noted(self: InGroups, reference: Motion, **options: Any) -> tuple[Motion, Statistics]:
+    def noted(self: InGroups, reference: Motion, **options: Any) -> tuple[Motion, rho.Statistics]:
         made.append(options)
         return around(self, reference, **options)
 
     monkeypatch.setattr(InGroups, "solve_around", noted)
-    subproblem = Subproblem(Problem.of(scenario), decoupled)
+    subproblem = Subproblem(Problem.of(scenario), rho.decoupled)
     step = FleetSteps(subproblem)
     violations = [subproblem.violations(plan).worst]
     for number in range(20):
@@ -287,7 +285,7 @@ def test_an_infeasible_vehicle_is_planned_in_a_group_with_its_neighbours(
         names = [scenario.vehicles[each].name for each in stuck]
         raise rho.InfeasibleError({names[0]: ("separation",)}, scenario=scenario)
 
-    def noted(self: InGroups, reference: Motion, **options: Any) -> tuple[Motion, Statistics]:
+    def noted(self: InGroups, reference: Motion, **options: Any) -> tuple[Motion, rho.Statistics]:
         if stuck and beside.any():
             assert set(np.flatnonzero(beside)) <= set(options["vehicles"])
             assert self.groups is not None
@@ -309,7 +307,7 @@ def test_where_groups_fail_soft_rows_are_used(monkeypatch: pytest.MonkeyPatch) -
     scenario = rho.random_transitions(12, np.random.default_rng(5), duration=5.0)
     around, fails = InGroups.solve_around, [False, True]
 
-    def at_times(self: InGroups, *args: Any, **options: Any) -> tuple[Motion, Statistics]:
+    def at_times(self: InGroups, *args: Any, **options: Any) -> tuple[Motion, rho.Statistics]:
         if fails and fails.pop(0):
             raise rho.SolverError("the multipliers of a group were not found")
         return around(self, *args, **options)
@@ -331,7 +329,7 @@ def test_all_vehicles_have_hard_rows_even_where_no_reference_is_better(
         return kept(self, reference, vehicles)
 
     def none_better(self: InGroups, plan: rho.Plan, tolerance: float) -> rho.Plan:
-        return plan.with_statistics(Statistics())
+        return plan.with_statistics(rho.Statistics())
 
     monkeypatch.setattr(Subproblem, "solve_around", noted)
     monkeypatch.setattr(InGroups, "reference", none_better)

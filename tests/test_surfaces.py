@@ -9,7 +9,7 @@ import pytest
 
 import drake_rho as rho
 from drake_rho.display.common.shape_faces import Surface, surface
-from drake_rho.scenario.shapes.base import Shape
+from tests.shapes import Shape
 
 _CUBE = np.array(list(np.ndindex(2, 2, 2)), dtype=np.float64)
 SHAPES = [

@@ -7,6 +7,7 @@ import math
 import pickle
 import signal
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ import pytest
 
 import drake_rho as rho
 from drake_rho.cli.console import stopping_early
+from drake_rho.cli.failures import status_of
 from drake_rho.planning.call import time_limit
 from drake_rho.planning.call.time_limit import check_time, seconds_left, stoppable, within_time
 from drake_rho.planning.call.work_limit import count_work, within_work, work_left
@@ -204,3 +206,17 @@ def test_a_first_window_out_of_time_names_the_limit_of_the_horizon() -> None:
     horizon = rho.RecedingHorizon(HURRY, options=rho.Options(time_limit=1e-9))
     with pytest.raises(rho.OutOfTimeError, match="the time limit of 1e-09 s was over"):
         horizon.step(HURRY.fleet.start_states, HURRY.grid.start)
+
+
+def test_ctrl_c_that_a_package_turns_into_another_error_is_reported_as_ctrl_c(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """pybind11 does this where Ctrl-C arrives while a module of Drake is imported."""
+
+    def command(cause: BaseException | None) -> int:
+        raise ImportError("initialization failed") from cause
+
+    assert status_of(partial(command, KeyboardInterrupt())) == 130
+    assert capsys.readouterr().err == "drake-rho: interrupted\n"
+    with pytest.raises(ImportError, match="initialization failed"):
+        status_of(partial(command, None))

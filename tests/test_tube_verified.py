@@ -16,11 +16,11 @@ from hypothesis import strategies as st
 
 import drake_rho as rho
 from drake_rho.motion.sampled_loop import is_stable
-from drake_rho.motion.scenario_tube import tube_of
 from drake_rho.scenario.disturbance import Tracking
-from drake_rho.scenario.fields import FloatArray, unchecked
-from drake_rho.scenario.limits import GRAVITY
+from drake_rho.scenario.fields import unchecked
 from drake_rho.scenario.rest_of_flight import from_states
+from tests.arrays import FloatArray
+from tests.requirements import GRAVITY
 from tests.scenarios import box, examples, single, slow
 from tests.shapes import KINDS, random_shape
 from tests.test_obstacles_verified import by_hand, places, random_case
@@ -50,11 +50,11 @@ def stretches(flown: rho.Plan | rho.Flight) -> list[Stretch]:
     """Return the interval of a plan, or those of a flight's windows."""
     if isinstance(flown, rho.Plan):
         grid = flown.scenario.grid
-        return [Stretch(tube_of(flown.scenario), grid.start, grid.end)]
+        return [Stretch(rho.error_tube(flown.scenario), grid.start, grid.end)]
     ends = [window.plan.scenario.grid.start for window in flown.windows[1:]]
     ends.append(flown.scenario.grid.end)
     return [
-        Stretch(tube_of(window.plan.scenario), window.plan.scenario.grid.start, end)
+        Stretch(rho.error_tube(window.plan.scenario), window.plan.scenario.grid.start, end)
         for window, end in zip(flown.windows, ends, strict=True)
     ]
 

@@ -12,13 +12,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import drake_rho as rho
-from drake_rho.motion.obstacle_clearances import closest
-from drake_rho.scenario.shapes.base import Shape
-from drake_rho.verification.holds import first_violation
 from tests.disturbed import disturbed, leaning
 from tests.maps import wall_with_gap
 from tests.sampled import least_clearances, least_from_truths
 from tests.scenarios import mapped, single, slow
+from tests.shapes import Shape
 from tests.test_active_scenes import scene as certain_scene
 from tests.tolerances import INDEX
 
@@ -84,8 +82,6 @@ def test_what_stands_still_beside_what_grows_is_nearest_at_the_end(shape: Shape)
     assert clearance is not None
     assert clearance.value == pytest.approx(value, abs=1e-9)
     assert clearance.time == 8.0
-    found = closest(plan, scenario.bodies[0])
-    assert found.distances[0] == pytest.approx(value, abs=1e-9)
 
 
 def test_an_error_of_the_position_is_a_larger_obstacle() -> None:
@@ -120,13 +116,19 @@ def test_no_truth_is_met(seed: int) -> None:
     assert least_from_truths(plan, np.random.default_rng(seed), 501) >= -2e-6
 
 
-@pytest.mark.parametrize("seed", [1, 3, 4, 5, *slow(0, 2, *range(6, 60))])
-def test_reports_measure_what_samples_do(seed: int) -> None:
-    """Of motions that avoid nothing: the least value is found, and it occurs."""
+def pushed(seed: int) -> rho.Plan:
+    """Return a motion through a scene that avoids nothing."""
     scenario, rng = scene(seed), np.random.default_rng(seed)
     free = rho.plan_convex(scenario.without_obstacles().without_separation())
     push = rng.standard_normal(free.accelerations.shape)
-    plan = rho.Plan.from_accelerations(scenario, free.accelerations + 0.3 * push)
+    return rho.Plan.from_accelerations(scenario, free.accelerations + 0.3 * push)
+
+
+@pytest.mark.parametrize("seed", [1, 3, 4, 5, *slow(0, 2, *range(6, 60))])
+def test_reports_measure_what_samples_do(seed: int) -> None:
+    """Of motions that avoid nothing: the least value is found, and it occurs."""
+    plan = pushed(seed)
+    scenario = plan.scenario
     sampled = least_clearances(plan, 20001)
     rows = [each for each in rho.verify(plan).checks if each.kind == "obstacles" and each.asked]
     for number in range(1, len(scenario.bodies) + 1):
@@ -137,9 +139,6 @@ def test_reports_measure_what_samples_do(seed: int) -> None:
             inside = isinstance(shape, rho.Ellipsoid) and min(left) < 0.0  # sampled by sign only
             assert min(left) <= sampled[number - 1] + (1e-2 if inside else 1e-6)
             assert min(left) >= sampled[number - 1] - 1e-3 or inside  # flown between two samples
-    good = all(each.holds for each in rows)
-    found = first_violation(plan, range(1, len(scenario.bodies) + 1))
-    assert (found is None) == good
 
 
 @given(

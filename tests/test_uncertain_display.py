@@ -16,9 +16,10 @@ from drake_rho.display.common.obstacle_snapshots import approaches, snapshots
 from drake_rho.display.common.shape_faces import around
 from drake_rho.display.meshcat.obstacles import _halos
 from drake_rho.display.meshcat.scene import Scene
-from drake_rho.scenario.shapes.base import Shape
+from drake_rho.motion.obstacle_clearances import closest
 from tests.browser import open_page
 from tests.maps import wall_with_gap
+from tests.shapes import Shape
 from tests.test_animation_obstacles import _open, _seek, _visible
 
 INTRUDER = rho.Obstacle(
@@ -152,3 +153,17 @@ def test_halos_grow_in_the_scene() -> None:
                     seen = _visible(page, "obstacles", str(number), "halo", str(k))
                     assert seen == (begin <= time < end)
         assert errors == []
+
+
+def test_the_closest_approach_is_while_an_obstacle_is_active_and_to_where_it_may_be() -> None:
+    zone = rho.Obstacle(rho.Sphere([5.0, 0.2, 1.0], 1.5), active=(3.0, 5.0))
+    plan = _plan(zone)
+    assert 3.0 <= closest(plan, plan.scenario.bodies[0]).times[0] <= 5.0
+    shape = rho.Box([4.0, 1.2, 0.0], [6.0, 2.4, 2.0])
+    grown = rho.Obstacle(shape, position_error=0.2, velocity_error=0.1, seen_at=3.1)
+    still = rho.Vehicle("v", rho.State([0, 0, 1]), rho.State([0, 0, 1]))
+    scenario = rho.Scenario("still", rho.Grid(0.5, 17), [still], obstacles=[grown])
+    waits = rho.Plan.from_accelerations(scenario, np.zeros((1, 16, 3)))
+    value = float(shape.signed_distance(np.array([0.0, 0.0, 1.0]))) - 0.2 - 0.1 * (8.0 - 3.1)
+    found = closest(waits, scenario.bodies[0])
+    assert found.distances[0] == pytest.approx(value, abs=1e-9)

@@ -4,13 +4,13 @@ import itertools
 import pickle
 import time
 from collections.abc import Callable, Iterator
+from pathlib import Path
 
-import numpy as np
 import pytest
 
 import drake_rho as rho
-from drake_rho.campaigns.methods import ByPlan, ByPlanConvex, ByPlanRho, Method
 from tests.scenarios import single, through_the_middle
+from tests.studies import small, table
 
 ASKED = single(obstacles=(rho.Sphere([5.0, 2.1, -1.0], 1.0),))
 FLEET = through_the_middle(4)
@@ -118,15 +118,14 @@ def _failing(scenario: rho.Scenario, **options: object) -> rho.Plan:
     raise rho.SolverError("for a test")
 
 
-@pytest.mark.parametrize(
-    "method",
-    [
-        ByPlan(name="at once", planner="plan"),
-        ByPlanConvex(name="once", planner="plan_convex"),
-        ByPlanRho(name="in windows", planner="plan_rho"),
-    ],
-)
-def test_campaigns_record_the_seconds_of_planners(method: Method) -> None:
-    found = method.run(ASKED, np.random.default_rng(0))
-    assert isinstance(found.planned, rho.Plan | rho.Flight)
-    assert found.seconds == found.planned.statistics.seconds > 0.0
+def test_campaigns_record_the_seconds_of_planners(tmp_path: Path) -> None:
+    methods = [{"name": each, "planner": each} for each in ("plan", "plan_convex", "plan_rho")]
+    source = {"name": "asked", "scenario": ASKED}
+    path = tmp_path / "runs.sqlite"
+    results = rho.campaign(small(1, scenarios=[source], methods=methods, plans=True), path)
+    found = table(path, ("key", "plan_seconds"))
+    assert len(found) == 3
+    for key, seconds in found:
+        planned = results.plan(key)
+        assert isinstance(planned, rho.Plan | rho.Flight)
+        assert seconds == planned.statistics.seconds > 0.0

@@ -15,9 +15,8 @@ from drake_rho.analysis.trials import is_monotone
 from drake_rho.planning.path_search.initial_guesses import find_paths
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.scp.minimum_violation import minimum_violation
-from drake_rho.scenario.fields import FloatArray
-from drake_rho.scenario.files import scenario_from_yaml, scenario_to_yaml
 from drake_rho.scenario.waypoints import in_order
+from tests.arrays import FloatArray
 from tests.cones import TWIN, twin_cost
 from tests.scenarios import (
     box,
@@ -29,6 +28,7 @@ from tests.scenarios import (
     through_the_middle,
 )
 from tests.tolerances import INDEX, MOTION
+from tests.written import as_yaml, from_yaml
 
 HALF_WAY = rho.Waypoint(3.3, [4.0, 4.0, 1.0])
 """Waypoint between two knots, off the path."""
@@ -223,7 +223,7 @@ def test_windows_include_a_waypoint_until_it_has_passed(
             each for each in waypoints if each.time is not None and each.time > asked.grid.start
         ]
         assert list(asked.vehicles[0].waypoints) == left
-        assert scenario_from_yaml(scenario_to_yaml(asked)) == asked
+        assert from_yaml(as_yaml(asked)) == asked
 
 
 @pytest.mark.parametrize("coupling", [*slow(rho.coupled), rho.decoupled])
@@ -427,14 +427,14 @@ def test_invalid_numbers_are_refused(values: tuple[float, list[float], float], f
 
 
 def test_files_and_schema_preserve_the_waypoints() -> None:
-    text = scenario_to_yaml(single())
+    text = as_yaml(single())
     added = text.replace(
         "waypoints: []", "waypoints: [{time: 5, position: [5, 2, 1.5], within: 0.2}]"
     )
     assert added != text
-    read = scenario_from_yaml(added)
+    read = from_yaml(added)
     assert read.vehicles[0].waypoints == (rho.Waypoint(5.0, [5.0, 2.0, 1.5], 0.2),)
-    assert scenario_from_yaml(scenario_to_yaml(read)) == read
+    assert from_yaml(as_yaml(read)) == read
     fields = rho.scenario_schema()["$defs"]["Waypoint"]["properties"]
     for field, unit in (("time", "[s]"), ("position", "[m]"), ("within", "[m]")):
         assert unit in fields[field]["description"]

@@ -11,7 +11,6 @@ import pytest
 from pydrake.solvers import ClarabelSolver, MathematicalProgram
 
 import drake_rho as rho
-from drake_rho.planning.constraints.coupling import coupled
 from drake_rho.planning.problem import Problem
 from tests.cones import integrals
 from tests.scenarios import single
@@ -90,7 +89,9 @@ def _cost_of_a_program(scenario: rho.Scenario, plan: rho.Plan) -> float:
         a.append(u)
     starts = [each.start.position + 0.0 * times for each in scenario.vehicles]
     (pairs,) = (
-        each for each in Problem.of(scenario).linearized(plan, coupled) if each.kind == "separation"
+        each
+        for each in Problem.of(scenario).linearized(plan, rho.coupled)
+        if each.kind == "separation"
     )
     motion = plan.motion()
     rows = [

@@ -15,7 +15,7 @@ import drake_rho as rho
 from drake_rho.motion.costs import cost_of
 from drake_rho.motion.dynamics import Motion
 from drake_rho.planning.constraints.base import HalfSpaces, about
-from drake_rho.planning.constraints.coupling import CouplingName, coupled
+from drake_rho.planning.constraints.coupling import CouplingName
 from drake_rho.planning.constraints.keep_in import KeepInSets
 from drake_rho.planning.minimum_effort import Changes
 from drake_rho.planning.problem import Problem
@@ -26,7 +26,7 @@ from drake_rho.planning.programs.group_duals import GroupDuals
 from drake_rho.planning.programs.parallel import solve_all
 from drake_rho.planning.scp import curved_sets
 from drake_rho.planning.scp.minimum_violation import minimum_violation
-from drake_rho.scenario.fields import FloatArray, IntArray
+from tests.arrays import FloatArray, IntArray
 from tests.scenarios import box, fleet, independent, single, slow, through_the_middle
 from tests.test_cli import run
 from tests.tolerances import INDEX
@@ -282,7 +282,7 @@ def test_every_form_finds_the_least_weighted_cost_with_its_penalties(
     """A penalty is the price of a unit of violation, whatever the weights of the vehicles are."""
     problem = Problem.of(weighted(crossing(), [0.3, 1.0, 40.0, 5.0]))
     reference = rho.plan(crossing(), coupling="decoupled").motion()
-    pairs = [problem.pairs_around(reference, coupled)] if together else []
+    pairs = [problem.pairs_around(reference, rho.coupled)] if together else []
     price = penalty if together else 0.01 * penalty  # boxes alone are cheaper
     parts = list[HalfSpaces]()
     for constraint in (*problem.convex, *pairs):
@@ -308,7 +308,7 @@ def test_a_program_with_cones_finds_the_least_weighted_cost_with_its_penalties(
     problem, both = Problem.of(scenario), np.arange(2)
     effort = problem.effort
     (limit,) = (each for each in problem.convex if isinstance(each, KeepInSets))
-    pairs = problem.pairs_around(rho.plan(swap(), coupling="decoupled").motion(), coupled)
+    pairs = problem.pairs_around(rho.plan(swap(), coupling="decoupled").motion(), rho.coupled)
     rows = pairs.violated_rows(effort.motion, both)
     known, violated = written_out(problem, [rows], (1.45, penalty))
     assert (violated > 0.1) == np.isfinite(penalty)

@@ -6,7 +6,7 @@ import inspect
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Any, get_type_hints
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,10 +14,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
 import drake_rho as rho
-from drake_rho.planning.horizon.settings import Windows
-from drake_rho.simulation.closed_loop import fly
 from tests.scenarios import slow
-from tests.studies import small, table
 from tests.test_cli import run
 
 MISSION = """
@@ -112,15 +109,10 @@ def settings_of(function: Callable[..., object]) -> dict[str, inspect.Parameter]
     return {name: each for name, each in shown.items() if name in SETTINGS}
 
 
-@pytest.mark.parametrize("door", [rho.plan_rho, rho.simulate, rho.RecedingHorizonController, fly])
+@pytest.mark.parametrize("door", [rho.plan_rho, rho.simulate, rho.RecedingHorizonController])
 def test_every_setting_is_shown_with_its_default(door: Callable[..., object]) -> None:
     assert settings_of(door) == settings_of(rho.RecedingHorizon)
     assert list(SETTINGS) == list(settings_of(door))
-
-
-def test_the_typed_settings_are_those_of_a_receding_horizon() -> None:
-    hints = get_type_hints(rho.RecedingHorizon.__init__)
-    assert get_type_hints(Windows) == {name: hints[name] for name in settings_of(rho.plan_rho)}
 
 
 def test_a_flight_with_every_setting_is_a_horizon_stepped_with_planned_states(
@@ -143,19 +135,14 @@ def test_a_setting_has_an_effect_on_a_flight(name: str, scenario: rho.Scenario) 
         assert known == [[4], [8]]
 
 
-@pytest.mark.parametrize("fly_by", [rho.simulate, *slow(fly)])
-def test_a_simulation_with_every_setting_is_that_of_a_horizon(
-    fly_by: Callable[..., rho.Simulation], scenario: rho.Scenario
-) -> None:
+def test_a_simulation_with_every_setting_is_that_of_a_horizon(scenario: rho.Scenario) -> None:
     given, noise = rho.RecedingHorizon(scenario, **EVERYTHING), partial(np.random.default_rng, 5)
     wind = rho.winds.constant(scenario, [0, 1, 0])
-    own = fly_by(scenario, wind=wind, rng=noise(), **EVERYTHING)
+    own = rho.simulate(scenario, wind=wind, rng=noise(), **EVERYTHING)
     other = rho.simulate(given, wind=wind, rng=noise())
     assert all(window.contingency or window.no_contingency for window in own.windows)
-    np.testing.assert_allclose(own.positions, other.positions, atol=1e-9)
-    if fly_by is rho.simulate:
-        np.testing.assert_array_equal(own.positions, other.positions)
-        assert_same_flight(own.flight, other.flight)
+    np.testing.assert_array_equal(own.positions, other.positions)
+    assert_same_flight(own.flight, other.flight)
 
 
 def test_a_controller_of_a_scenario_has_every_setting(scenario: rho.Scenario) -> None:
@@ -260,21 +247,3 @@ def test_a_plan_of_a_file_takes_no_options_of_windows(
     assert (status, out) == (2, "")
     assert f"{option}: got " in err
     assert "expected a scenario with it: the plan in" in err
-
-
-@pytest.mark.slow
-def test_methods_of_studies_take_the_settings(scenario: rho.Scenario, tmp_path: Path) -> None:
-    settings: dict[str, Any] = {"reference": "tail", "solver": "osqp", "windows": "convex"}
-    settings |= {name: EVERYTHING[name] for name in ("replan_every", "contingencies", "latency")}
-    settings |= {"bounded_cost": True, "options": {"max_memory": 1e8}}
-    methods = [{"name": kind, "planner": kind, **settings} for kind in ("plan_rho", "simulate")]
-    methods[1]["estimates"] = False
-    source = {"name": "gap", "scenario": scenario}
-    study = small(1, scenarios=[source], methods=methods, plans=True)
-    results = rho.campaign(study, tmp_path / "runs.sqlite")
-    keys = dict(table(tmp_path / "runs.sqlite", ("method", "key")))
-    assert_same_flight(results.plan(keys["plan_rho"]).flight, rho.plan_rho(scenario, **EVERYTHING))
-    flown = results.plan(keys["simulate"])
-    assert isinstance(flown, rho.Simulation)
-    np.testing.assert_array_equal(flown.positions, fly(scenario, **EVERYTHING).positions)
-    assert_same_flight(flown.flight, fly(scenario, **EVERYTHING).flight)

@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 import drake_rho as rho
 from drake_rho.motion.dynamics import Motion
 from drake_rho.planning.constraints.base import Constraint, HalfSpaces, about
-from drake_rho.planning.constraints.coupling import coupled
 from drake_rho.planning.minimum_effort import MinimumEffort
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs.reduced import rows_of
@@ -248,7 +247,7 @@ def test_multipliers_of_a_coupled_group_balance_the_cost_of_all_of_it() -> None:
     """Two crossing vehicles share a program; a distant third one has none."""
     starts = np.array([[-5, 0.3, 0], [0, 50, 0], [0, -5, 0]])
     scenario = fleet(starts, np.array([[5, 0, 0], [9, 50, 0], [0, 5, 0.2]]))
-    subproblem = Subproblem(Problem.of(scenario), coupled)
+    subproblem = Subproblem(Problem.of(scenario), rho.coupled)
     subproblem.solve_around(rho.plan_scp(scenario))
     planes = subproblem.planes
     assert planes is not None

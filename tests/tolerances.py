@@ -1,5 +1,8 @@
 """Tolerances, one for each kind of comparison, and their origin."""
 
+TOLERANCE = 1e-6
+"""Relative, of all constraints: a violation that counts as rounding, as documented."""
+
 INDEX = 1e-6
 """Relative, for the index: agreement required of the published figures and of two solvers."""
 
