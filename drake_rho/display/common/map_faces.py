@@ -7,7 +7,7 @@ from functools import cached_property, singledispatch
 
 import numpy as np
 
-from drake_rho.display.common.shape_faces import clipped
+from drake_rho.display.common.shape_faces import clipped, fan
 from drake_rho.display.common.style import height_colours
 from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.maps.cells import exposed, joined, unique
@@ -171,9 +171,7 @@ def _(solid: Mesh, between: tuple[float, float]) -> tuple[FloatArray, float]:
     lower, upper = np.array([[-np.inf] * 3, [np.inf] * 3])
     lower[2], upper[2] = between
     polygons = [clipped(triangle, lower, upper) for triangle in corners[through]]
-    fans = [
-        each[[[0, k, k + 1] for k in range(1, len(each) - 1)]] for each in polygons if len(each) > 2
-    ]
+    fans = [fan(each) for each in polygons if len(each) > 2]
     caps = [] if high.max() <= between[1] else [_cap(solid, between[1])]
     return np.concatenate([corners[whole], *fans, *caps]), merged
 

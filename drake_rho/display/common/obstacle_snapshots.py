@@ -116,6 +116,11 @@ def as_obstacles(obstacles: Sequence[Solid | Obstacle]) -> tuple[Obstacle, ...]:
     return tuple(each if isinstance(each, Obstacle) else Obstacle(each) for each in obstacles)
 
 
+def has_halo(obstacle: Obstacle) -> bool:
+    """Return whether the space where an obstacle may be is drawn, which it is not around maps."""
+    return obstacle.is_uncertain and not isinstance(obstacle.shape, Map)
+
+
 def short_label(number: int, obstacle: Obstacle) -> str:
     """Return a short label of an obstacle: its number, and its shortened name if it has one."""
     name = "" if obstacle.name is None else as_text(brief(obstacle.name))
@@ -226,7 +231,7 @@ def obstacle_notes(plan: Drawn, obstacles: Sequence[Obstacle]) -> list[str]:
         notes.append(
             "moving obstacles: at the closest approach (black line); faint: at the start and end"
         )
-    if any(each.is_uncertain and not isinstance(each.shape, Map) for each in obstacles):
+    if any(map(has_halo, obstacles)):
         notes.append("halos: where obstacles may be at that time, or at the closest approach")
     never = [
         str(number)
