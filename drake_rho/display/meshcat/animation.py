@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 from pydrake.geometry import Meshcat, MeshcatParams
 
-from drake_rho.display.common.drawable import Drawn, drawn
+from drake_rho.display.common.drawable import Drawn, Prediction, drawn
 from drake_rho.display.meshcat.obstacles import add_obstacles
 from drake_rho.display.meshcat.playback import Playback
 from drake_rho.display.meshcat.ports import address_of, on_free_port
@@ -26,6 +26,7 @@ from drake_rho.display.meshcat.tree import ROOT, Tree
 from drake_rho.display.meshcat.tubes_and_wind import add_disturbed
 from drake_rho.display.meshcat.vehicles import Vehicles, add_vehicles
 from drake_rho.motion.flown import Flown
+from drake_rho.motion.simulation import Simulation
 from drake_rho.planning.errors import InfeasibleError
 from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.records import Scenario
@@ -72,6 +73,16 @@ class Stage:
         playback = Playback.of(shown, rate, _OBJECTS_PER_VEHICLE if disturbed else 1)
         vehicles = Vehicles.of(scene, shown, playback)
         return cls(shown, scene, playback, vehicles, conflicts)
+
+    @property
+    def windows(self) -> tuple[Prediction, ...]:
+        """Predictions of windows that are drawn; none in a light scene."""
+        return () if self.scene.light else self.shown.windows
+
+    @property
+    def simulation(self) -> Simulation | None:
+        """Simulation whose ghosts, tubes and wind are drawn, if any; none in a light scene."""
+        return None if self.scene.light else self.shown.simulation
 
     @property
     def few_enough_for_trails(self) -> bool:
@@ -170,9 +181,9 @@ def draw(meshcat: Meshcat, stage: Stage, *, trails: bool) -> None:
         add_ends(tree, scene, scenario)
         if trails:
             add_trails(tree, scene, plan)
-        add_predictions(tree, plan.windows)
-        if plan.simulation is not None:
-            add_disturbed(tree, scene, plan, plan.simulation, stage.vehicles)
+    add_predictions(tree, stage.windows)
+    if stage.simulation is not None:
+        add_disturbed(tree, scene, plan, stage.simulation, stage.vehicles)
     meshcat.StopRecording()
     meshcat.PublishRecording()
 

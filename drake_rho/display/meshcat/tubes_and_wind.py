@@ -51,6 +51,7 @@ def add_disturbed(
     wind, radii = _wind(simulation, times), _radii(simulation, times)
     blown = poses(plan.motion().at("position", elapsed), headings(wind))
     along, strongest = arrow(_arrow_length(vehicles, scene)), strongest_wind(simulation)
+    with_tube = largest_tube(simulation) > 0.0
     for i, (vehicle, colour) in enumerate(coloured(simulation.scenario)):
         name = as_path(vehicle.name)
         ghost = body(vehicles.kinds[i], float(vehicles.radii[i]), light=scene.light)
@@ -58,7 +59,7 @@ def add_disturbed(
         tree.move(f"planned/{name}", planned[i])
         if np.any(vehicles.scales[i] < 1.0):
             tree.scale(f"planned/{name}", uniform(vehicles.scales[i]))
-        if has_tube(simulation):
+        if with_tube:
             tree.add_ball(f"tube/{name}", 1.0, faint(colour, _BALL))
             tree.set_see_through(f"tube/{name}")
             tree.move(f"tube/{name}", planned[i])
@@ -68,21 +69,23 @@ def add_disturbed(
             tree.add_mesh(f"wind/{name}", along, _DARK)
             tree.move(f"wind/{name}", blown[i])
             tree.scale(f"wind/{name}", uniform(np.maximum(parts, _MIN_SCALE)))
-    if has_tube(simulation):
+    if with_tube:
         _add_tubes(tree, plan, simulation)
         show_in_force(tree, "tubes", plan.windows)
 
 
-def has_tube(simulation: Simulation) -> bool:
-    """Return whether the scenario's disturbance lets vehicles deviate from their plans."""
-    return bool(np.any(simulation.radii() > 0.0))
+def largest_tube(simulation: Simulation | None) -> float:
+    """Return the largest radius of the tubes around positions [m]; 0 without a simulation."""
+    return 0.0 if simulation is None else float(simulation.radii().max())
 
 
-def strongest_wind(simulation: Simulation) -> float:
-    """Return the wind of an arrow of full length [m/s²]; 0 without wind.
+def strongest_wind(simulation: Simulation | None) -> float:
+    """Return the wind of an arrow of full length [m/s²]; 0 without a simulation or wind.
 
     It is the scenario's bound on the disturbance, or the strongest simulated wind if stronger.
     """
+    if simulation is None:
+        return 0.0
     around = simulation.scenario.disturbance
     blew = float(np.linalg.norm(simulation.wind, axis=2).max())
     return blew if around is None or blew == 0.0 else max(blew, around.acceleration)

@@ -59,10 +59,10 @@ class Vehicles:
         return cls(airframes(shown), true, radii, scales)
 
     @property
-    def note(self) -> str | None:
-        """Note on the drawn size of the vehicles; None if it is their true size."""
+    def note(self) -> str:
+        """Note on the drawn size of the vehicles; empty if it is their true size."""
         if np.all(self.radii <= self.true):
-            return None
+            return ""
         near = "; smaller, and circled, near obstacles and each other" if self.shrink else ""
         if not np.all(self.true > 0.0):
             return f"vehicles are point masses, drawn enlarged{near}"
