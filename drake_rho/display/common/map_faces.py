@@ -88,11 +88,8 @@ class MapFaces:
 def _same(rows: FloatArray) -> IntArray:
     """Return a number for each row (M, D), the same for rows equal up to rounding."""
     size = float(np.abs(rows).max()) or 1.0
-    numbers = np.zeros(len(rows), dtype=np.int64)
-    for column in np.rint(rows / size * 2.0**30).astype(np.int64).T:
-        values = np.unique(column, return_inverse=True)[1]
-        pairs = numbers * (int(values.max()) + 1) + values
-        numbers = np.unique(pairs, return_inverse=True)[1].reshape(-1)
+    rounded = np.rint(rows / size * 2.0**30).astype(np.int64)
+    numbers: IntArray = np.unique(rounded, axis=0, return_inverse=True)[1].reshape(-1)
     return numbers
 
 

@@ -73,42 +73,46 @@ class Snapshot:
 
     def truncated(self, lower: FloatArray, upper: FloatArray) -> Snapshot:
         """Return the snapshot with an infinite shape cut off at these coordinates [m]."""
-        if np.all(np.isfinite(self.shape.extent)):
-            return self
-        center = truncated_centers(self.shape, self.center, lower, upper)
-        return dataclasses.replace(self, shape=truncated(self.shape, lower, upper), center=center)
+        shape, center = truncated(self.shape, self.center, lower, upper)
+        return dataclasses.replace(self, shape=shape, center=center)
 
 
-def truncated(shape: Solid, lower: FloatArray, upper: FloatArray) -> Solid:
-    """Return the shape, with an infinite cylinder cut off at these coordinates [m].
-
-    `truncated_centers` returns the new centre. A posed cylinder extends beyond the coordinates.
-    """
-    if isinstance(shape, Posed) and not np.all(np.isfinite(shape.extent)):
-        half = np.full(3, np.linalg.norm(upper - lower))
-        inner = truncated(shape.shape, -half, half)
-        return Posed(cast(Shape, inner), shape.rotation, shape.translation)
-    if not isinstance(shape, Cylinder) or shape.height is not None:
-        return shape
-    return dataclasses.replace(shape, height=float((upper - lower)["xyz".index(shape.axis)]))
-
-
-def truncated_centers(
+def truncated(
     shape: Solid, centers: FloatArray, lower: FloatArray, upper: FloatArray
-) -> FloatArray:
-    """Return the centres of a shape cut off at these coordinates [m], shape (..., 3)."""
-    if isinstance(shape, Posed) and not np.all(np.isfinite(shape.extent)):
-        along = _endless_along(shape)
-        return centers + (((lower + upper) / 2.0 - centers) @ along)[..., None] * along
-    return np.where(np.isinf(shape.extent), (lower + upper) / 2.0, centers)
+) -> tuple[Solid, FloatArray]:
+    """Return a shape with its infinite direction cut off at coordinates [m], and its new centres.
+
+    A posed shape extends beyond the coordinates.
+
+    Args:
+        shape: shape of an obstacle.
+        centers: its centres [m], shape (..., 3).
+        lower: least coordinates [m], shape (3,).
+        upper: greatest coordinates [m], shape (3,).
+    """
+    if np.all(np.isfinite(shape.extent)):
+        return shape, centers
+    along = _endless_along(shape)
+    moved = centers + (((lower + upper) / 2.0 - centers) @ along)[..., None] * along
+    posed = isinstance(shape, Posed)
+    height = 2.0 * np.linalg.norm(upper - lower) if posed else (upper - lower) @ along
+    return _with_height(shape, float(height)), moved
 
 
 def _endless_along(shape: Solid) -> FloatArray:
-    """Return the direction in which a posed shape is infinite, shape (3,)."""
+    """Return the direction in which a shape is infinite, shape (3,)."""
     if isinstance(shape, Posed):
         along: FloatArray = shape.rotation @ _endless_along(shape.shape)
         return along
     return np.isinf(shape.extent).astype(np.float64)
+
+
+def _with_height(shape: Solid, height: float) -> Solid:
+    """Return an infinite cylinder, in its pose, with a height [m]."""
+    if isinstance(shape, Posed):
+        inner = cast(Shape, _with_height(shape.shape, height))
+        return Posed(inner, shape.rotation, shape.translation)
+    return dataclasses.replace(cast(Cylinder, shape), height=height)
 
 
 def as_obstacles(obstacles: Sequence[Solid | Obstacle]) -> tuple[Obstacle, ...]:

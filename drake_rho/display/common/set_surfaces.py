@@ -13,7 +13,7 @@ from itertools import pairwise
 import numpy as np
 
 from drake_rho.display.common.drawable import Drawn
-from drake_rho.display.common.obstacle_snapshots import AROUND, Snapshot
+from drake_rho.display.common.obstacle_snapshots import AROUND, truncated
 from drake_rho.display.common.requirements import kept_positions
 from drake_rho.display.common.shape_faces import (
     Surface,
@@ -108,11 +108,8 @@ def _whole(convex_set: ConvexSet, lower: FloatArray, upper: FloatArray) -> Surfa
 @_whole.register
 def _(convex_set: Shape, lower: FloatArray, upper: FloatArray) -> Surface:
     beyond = upper - lower  # so that the cut ends of an infinite shape are outside
-    cut = Snapshot(convex_set, convex_set.center, 0).truncated(lower - beyond, upper + beyond)
-    found = surface(cut.shape)
-    return Surface(
-        [cut.center + face for face in found.faces], [cut.center + edge for edge in found.edges]
-    )
+    shape, center = truncated(convex_set, convex_set.center, lower - beyond, upper + beyond)
+    return surface(shape).moved(center)
 
 
 @_whole.register

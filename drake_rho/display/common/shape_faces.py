@@ -32,6 +32,10 @@ class Surface:
     edges: list[FloatArray]
     """polylines where faces meet at an angle, each of shape (n, 3); none on smooth surfaces"""
 
+    def moved(self, by: FloatArray) -> Surface:
+        """Return the surface, displaced [m], shape (3,)."""
+        return Surface([each + by for each in self.faces], [each + by for each in self.edges])
+
 
 @singledispatch
 def surface(shape: Solid) -> Surface:
@@ -124,10 +128,8 @@ def _(shape: Capsule) -> Surface:
 def _(shape: Posed) -> Surface:
     inner = surface(shape.shape)
     shift = shape.rotation @ shape.shape.center + shape.translation - shape.center
-    faces, edges = (
-        [each @ shape.rotation.T + shift for each in part] for part in (inner.faces, inner.edges)
-    )
-    return Surface(faces, edges)
+    faces, edges = ([each @ shape.rotation.T for each in x] for x in (inner.faces, inner.edges))
+    return Surface(faces, edges).moved(shift)
 
 
 def unit_sphere() -> FloatArray:

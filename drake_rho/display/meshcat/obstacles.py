@@ -19,7 +19,6 @@ from drake_rho.display.common.obstacle_snapshots import (
     has_halo,
     obstacle_paths,
     truncated,
-    truncated_centers,
 )
 from drake_rho.display.common.shape_faces import around, surface
 from drake_rho.display.common.style import CONFLICT
@@ -54,7 +53,9 @@ def add_obstacles(
     marked = frozenset[int]().union(*conflicts.obstacles.values()) if conflicts else frozenset()
     for number, obstacle in enumerate(bodies, start=1):
         path = f"obstacles/{number}"
-        shape = truncated(obstacle.shape, scene.lower, scene.upper)
+        times = tree.playback.times if obstacle.moves else np.zeros(1)
+        centers = obstacle.centers(grid.start + times)
+        shape, places = truncated(obstacle.shape, centers, *scene.bounds)
         _add_solid(tree, path, shape, rgba(CONFLICT, 0.5) if number in marked else None)
         if obstacle.is_late(grid):
             known = obstacle.known_from - grid.start
@@ -66,9 +67,6 @@ def add_obstacles(
         if obstacle.active is not None:
             first, last = obstacle.active
             tree.show_between(path, first - grid.start, last - grid.start)
-        times = tree.playback.times if obstacle.moves else np.zeros(1)
-        centers = obstacle.centers(grid.start + times)
-        places = truncated_centers(obstacle.shape, centers, scene.lower, scene.upper)
         if obstacle.moves:
             tree.move(path, unturned(places), _turns(times, places))
         else:

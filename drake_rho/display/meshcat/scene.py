@@ -155,8 +155,7 @@ def add_surroundings(tree: Tree, scene: Scene, scenario: Scenario) -> None:
     meshcat.SetProperty("/Background/<object>", "bottom_color", [1.0, 1.0, 1.0])
     boxes = flyable_boxes(scenario)
     for number, box in enumerate(boxes, start=1):
-        edges = [box.center + edge for edge in surface(box).edges]
-        tree.add_lines(f"flyable/{number}", edges, _BOX)
+        tree.add_lines(f"flyable/{number}", surface(box).moved(box.center).edges, _BOX)
     lower = np.min([box.lower for box in boxes], axis=0) if boxes else scene.lower
     upper = np.max([box.upper for box in boxes], axis=0) if boxes else scene.upper
     tree.add_lines("ground", ground_grid(lower, upper), _GROUND)

@@ -70,9 +70,9 @@ def draw_obstacles(ax: Axes3D, shown: Sequence[Snapshot]) -> list[Poly3DCollecti
         if each.faces is not None:
             bodies.append(draw_map(ax, each))
             continue
-        skin = surface(each.shape)
+        skin = surface(each.shape).moved(each.center)
         body = Poly3DCollection(
-            [each.center + face for face in skin.faces],
+            skin.faces,
             facecolors=to_rgba(FORBIDDEN),
             shade=True,
             alpha=0.1 if each.faint else 0.25,
@@ -82,13 +82,12 @@ def draw_obstacles(ax: Axes3D, shown: Sequence[Snapshot]) -> list[Poly3DCollecti
         ax.add_collection3d(body)
         bodies.append(body)
         if each.halo > 0.0:
-            halo = [each.center + face for face in surface_around(each.shape, each.halo).faces]
+            halo = surface_around(each.shape, each.halo).moved(each.center).faces
             style = {"alpha": 0.04 if each.faint else 0.1, "linewidth": 0}
             ax.add_collection3d(Poly3DCollection(halo, facecolors=FORBIDDEN, **style))
         if skin.edges:
-            edges = [each.center + edge for edge in skin.edges]
             alpha = 0.3 if each.faint else 0.7
-            lines = Line3DCollection(edges, colors=FORBIDDEN, linewidths=0.6, alpha=alpha)
+            lines = Line3DCollection(skin.edges, colors=FORBIDDEN, linewidths=0.6, alpha=alpha)
             ax.add_collection3d(lines)
     return bodies
 
