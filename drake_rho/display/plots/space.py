@@ -181,8 +181,7 @@ def draw_conflicts(
             skin = surface(each.shape).faces if each.faces is None else each.faces.corners
             faces = [each.center + face for face in skin]
             body = Poly3DCollection(faces, facecolors=CONFLICT, alpha=0.25, linewidth=0)
-            ax.add_collection3d(body)
-            artists.append(body)
+            artists.append(ax.add_collection3d(body))
     return artists
 
 
@@ -248,33 +247,16 @@ def draw_ends(ax: Axes3D, scenario: Scenario, colours: Sequence[str] | None = No
     artists: list[Artist] = []
     colours = colours or vehicle_colours(len(scenario.vehicles))
     size = 5.5 if len(scenario.vehicles) <= _MAX_LARGE else 3.0
+    # open marks, so that the ends of paths remain visible
+    style: dict[str, Any] = {"fillstyle": "none", "linestyle": "none", "zorder": _TOP}
     for vehicle, colour in zip(scenario.vehicles, colours, strict=True):
         start, goal = vehicle.start.position, vehicle.goal.position
-        artists += ax.plot(
-            *start[:, None],
-            marker="o",
-            markersize=size,
-            fillstyle="none",
-            color=colour,
-            zorder=_TOP,
-        )
-        artists += ax.plot(
-            *goal[:, None],
-            marker="*",
-            markersize=1.5 * size,
-            fillstyle="none",  # the end of the path remains visible
-            color="black",
-            zorder=_TOP,
-        )
+        own = style | {"color": colour, "markersize": size}
+        artists += ax.plot(*start[:, None], marker="o", **own)
+        star = own | {"color": "black", "markersize": 1.5 * size}
+        artists += ax.plot(*goal[:, None], marker="*", **star)
         for waypoint in vehicle.waypoints:
-            artists += ax.plot(
-                *waypoint.position[:, None],
-                marker="D",
-                markersize=size,
-                markerfacecolor="none",
-                color=colour,
-                zorder=_TOP,
-            )
+            artists += ax.plot(*waypoint.position[:, None], marker="D", **own)
         if len(scenario.vehicles) <= MAX_LABELLED:
             name = as_text(brief(vehicle.name))
             artists.append(Labels.of(ax).add(name, around(ax, *start)))
