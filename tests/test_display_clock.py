@@ -104,7 +104,7 @@ def test_meshcat_receives_the_same_calls() -> None:
     for start in (0.0, LATE):
         shown, meshcat = drawn(_flight(start)), _Recorder()
         playback, scene = Playback.of(shown, None), Scene.of(shown)
-        tree = Tree(meshcat, playback)  # type: ignore[arg-type]
+        tree = Tree(meshcat, playback)
         add_trails(tree, scene, shown)
         add_light_trails(tree, shown)
         add_predictions(tree, shown.windows)
