@@ -11,7 +11,7 @@ from pydrake.geometry import Meshcat
 
 import drake_rho as rho
 from drake_rho.display.common.drawable import drawn
-from drake_rho.display.common.obstacle_snapshots import truncated_centers
+from drake_rho.display.common.obstacle_snapshots import truncated
 from drake_rho.display.meshcat.obstacles import _turns
 from drake_rho.display.meshcat.scene import Scene
 from tests.browser import open_page
@@ -121,7 +121,7 @@ def test_moving_obstacles_are_in_place_and_transparent_until_known(start: float)
             for number, obstacle in enumerate(plan.scenario.bodies, start=1):
                 corners = _corners(page, "obstacles", str(number), "known")
                 (center,) = obstacle.centers(np.array([start + time]))
-                center = truncated_centers(obstacle.shape, center, scene.lower, scene.upper)
+                _, center = truncated(obstacle.shape, center, *scene.bounds)
                 middle = (corners.min(axis=0) + corners.max(axis=0)) / 2.0
                 np.testing.assert_allclose(middle, center, atol=1e-3)
             assert _visible(page, "obstacles", "2", "known") == (time >= 2.5)

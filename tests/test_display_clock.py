@@ -15,8 +15,9 @@ import drake_rho as rho
 from drake_rho.display.common.drawable import drawn
 from drake_rho.display.meshcat.playback import Playback
 from drake_rho.display.meshcat.scene import Scene
-from drake_rho.display.meshcat.trails import record_light_trails, record_predictions, record_trails
-from drake_rho.display.meshcat.vehicles import Vehicles, record_vehicles
+from drake_rho.display.meshcat.trails import add_light_trails, add_predictions, add_trails
+from drake_rho.display.meshcat.tree import Tree
+from drake_rho.display.meshcat.vehicles import Vehicles, add_vehicles
 from drake_rho.display.plots import space
 from tests.scenarios import straight
 
@@ -102,10 +103,11 @@ def test_meshcat_receives_the_same_calls() -> None:
     for start in (0.0, LATE):
         shown, meshcat = drawn(_flight(start)), _Recorder()
         playback, scene = Playback.of(shown, None), Scene.of(shown)
-        record_trails(meshcat, scene, shown, playback)
-        record_light_trails(meshcat, scene, shown, playback)
-        record_predictions(meshcat, shown.windows, playback)
-        record_vehicles(meshcat, shown, Vehicles.of(scene, shown, playback), playback)
+        tree = Tree(meshcat, playback)
+        add_trails(tree, scene, shown)
+        add_light_trails(tree, shown)
+        add_predictions(tree, shown.windows)
+        add_vehicles(tree, scene, shown, Vehicles.of(scene, shown, playback))
         reported.append(meshcat.told)
     for one, other in zip(*reported, strict=True):
         assert one[:2] == other[:2]

@@ -23,6 +23,7 @@ from drake_rho.display.common.obstacle_snapshots import Snapshot, as_obstacles
 from drake_rho.display.common.style import HIGHEST, LOWEST, STEEP_ELEVATION, height_colours, view
 from drake_rho.display.meshcat.animation import Stage, draw, start_meshcat
 from drake_rho.display.meshcat.obstacles import add_obstacles
+from drake_rho.display.meshcat.tree import Tree
 from drake_rho.display.plots.figures import write_figures
 from drake_rho.display.plots.lines3d import FAINT, draw_line
 from drake_rho.display.plots.maps import map_figure
@@ -292,7 +293,7 @@ def test_the_scene_has_one_mesh_for_each_map(meshcat: Meshcat) -> None:
     assert meshcat.HasPath("/flight/obstacles/3/unknown")
     error = rho.InfeasibleError({"one": ("obstacles",)}, obstacles={"one": frozenset({1})})
     plain = meshcat.StaticHtml()
-    add_obstacles(meshcat, stage.scene, drawn(plan), error)
+    add_obstacles(Tree(meshcat, stage.playback), stage.scene, drawn(plan), error)
     assert meshcat.StaticHtml() != plain  # red
     figure = rho.paths_figure(plan, conflicts=error)
     assert "red: in conflict" in " ".join(text.get_text() for text in figure.texts)

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from pydrake.math import RollPitchYaw
 
 import drake_rho as rho
-from drake_rho.display.common.obstacle_snapshots import truncated, truncated_centers
+from drake_rho.display.common.obstacle_snapshots import truncated
 from drake_rho.display.common.shape_faces import surface
 from tests.arrays import FloatArray
 from tests.shapes import KINDS, random_shape
@@ -78,9 +78,8 @@ def test_an_endless_cylinder_stays_endless_and_its_centre_finite() -> None:
     assert np.isfinite(leaning.center).all()
     assert (leaning.size, leaning.thickness) == (0.5, 0.5)
     lower, upper = np.full(3, -4.0), np.full(3, 6.0)
-    cut = truncated(leaning, lower, upper)
+    cut, center = truncated(leaning, leaning.center, lower, upper)
     assert np.isfinite(cut.extent).all()
-    center = truncated_centers(leaning, leaning.center, lower, upper)
     assert leaning.signed_distance(center) == pytest.approx(-0.5)
     assert np.linalg.norm(center - 1.0) < np.linalg.norm(leaning.center - 1.0)
 

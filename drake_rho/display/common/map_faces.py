@@ -7,7 +7,7 @@ from functools import cached_property, singledispatch
 
 import numpy as np
 
-from drake_rho.display.common.shape_faces import clipped
+from drake_rho.display.common.shape_faces import clipped, fan
 from drake_rho.display.common.style import height_colours
 from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.maps.cells import exposed, joined, unique
@@ -88,11 +88,8 @@ class MapFaces:
 def _same(rows: FloatArray) -> IntArray:
     """Return a number for each row (M, D), the same for rows equal up to rounding."""
     size = float(np.abs(rows).max()) or 1.0
-    numbers = np.zeros(len(rows), dtype=np.int64)
-    for column in np.rint(rows / size * 2.0**30).astype(np.int64).T:
-        values = np.unique(column, return_inverse=True)[1]
-        pairs = numbers * (int(values.max()) + 1) + values
-        numbers = np.unique(pairs, return_inverse=True)[1].reshape(-1)
+    rounded = np.rint(rows / size * 2.0**30).astype(np.int64)
+    numbers: IntArray = np.unique(rounded, axis=0, return_inverse=True)[1].reshape(-1)
     return numbers
 
 
@@ -171,9 +168,7 @@ def _(solid: Mesh, between: tuple[float, float]) -> tuple[FloatArray, float]:
     lower, upper = np.array([[-np.inf] * 3, [np.inf] * 3])
     lower[2], upper[2] = between
     polygons = [clipped(triangle, lower, upper) for triangle in corners[through]]
-    fans = [
-        each[[[0, k, k + 1] for k in range(1, len(each) - 1)]] for each in polygons if len(each) > 2
-    ]
+    fans = [fan(each) for each in polygons if len(each) > 2]
     caps = [] if high.max() <= between[1] else [_cap(solid, between[1])]
     return np.concatenate([corners[whole], *fans, *caps]), merged
 

@@ -14,7 +14,7 @@ from drake_rho.display.common.drawable import Drawn
 from drake_rho.display.common.map_faces import MapFaces, map_faces
 from drake_rho.display.common.names import as_text, brief
 from drake_rho.scenario.clock import clock_number, clock_time
-from drake_rho.scenario.fields import FloatArray
+from drake_rho.scenario.fields import BoolArray, FloatArray
 from drake_rho.scenario.maps.map import Map
 from drake_rho.scenario.obstacles import Obstacle
 from drake_rho.scenario.shapes.base import Shape, Solid
@@ -73,47 +73,56 @@ class Snapshot:
 
     def truncated(self, lower: FloatArray, upper: FloatArray) -> Snapshot:
         """Return the snapshot with an infinite shape cut off at these coordinates [m]."""
-        if np.all(np.isfinite(self.shape.extent)):
-            return self
-        center = truncated_centers(self.shape, self.center, lower, upper)
-        return dataclasses.replace(self, shape=truncated(self.shape, lower, upper), center=center)
+        shape, center = truncated(self.shape, self.center, lower, upper)
+        return dataclasses.replace(self, shape=shape, center=center)
 
 
-def truncated(shape: Solid, lower: FloatArray, upper: FloatArray) -> Solid:
-    """Return the shape, with an infinite cylinder cut off at these coordinates [m].
-
-    `truncated_centers` returns the new centre. A posed cylinder extends beyond the coordinates.
-    """
-    if isinstance(shape, Posed) and not np.all(np.isfinite(shape.extent)):
-        half = np.full(3, np.linalg.norm(upper - lower))
-        inner = truncated(shape.shape, -half, half)
-        return Posed(cast(Shape, inner), shape.rotation, shape.translation)
-    if not isinstance(shape, Cylinder) or shape.height is not None:
-        return shape
-    return dataclasses.replace(shape, height=float((upper - lower)["xyz".index(shape.axis)]))
-
-
-def truncated_centers(
+def truncated(
     shape: Solid, centers: FloatArray, lower: FloatArray, upper: FloatArray
-) -> FloatArray:
-    """Return the centres of a shape cut off at these coordinates [m], shape (..., 3)."""
-    if isinstance(shape, Posed) and not np.all(np.isfinite(shape.extent)):
-        along = _endless_along(shape)
-        return centers + (((lower + upper) / 2.0 - centers) @ along)[..., None] * along
-    return np.where(np.isinf(shape.extent), (lower + upper) / 2.0, centers)
+) -> tuple[Solid, FloatArray]:
+    """Return a shape with its infinite direction cut off at coordinates [m], and its new centres.
+
+    A posed shape extends beyond the coordinates.
+
+    Args:
+        shape: shape of an obstacle.
+        centers: its centres [m], shape (..., 3).
+        lower: least coordinates [m], shape (3,).
+        upper: greatest coordinates [m], shape (3,).
+    """
+    if np.all(np.isfinite(shape.extent)):
+        return shape, centers
+    along = _endless_along(shape)
+    moved = centers + (((lower + upper) / 2.0 - centers) @ along)[..., None] * along
+    posed = isinstance(shape, Posed)
+    height = 2.0 * np.linalg.norm(upper - lower) if posed else (upper - lower) @ along
+    return _with_height(shape, float(height)), moved
 
 
 def _endless_along(shape: Solid) -> FloatArray:
-    """Return the direction in which a posed shape is infinite, shape (3,)."""
+    """Return the direction in which a shape is infinite, shape (3,)."""
     if isinstance(shape, Posed):
         along: FloatArray = shape.rotation @ _endless_along(shape.shape)
         return along
     return np.isinf(shape.extent).astype(np.float64)
 
 
+def _with_height(shape: Solid, height: float) -> Solid:
+    """Return an infinite cylinder, in its pose, with a height [m]."""
+    if isinstance(shape, Posed):
+        inner = cast(Shape, _with_height(shape.shape, height))
+        return Posed(inner, shape.rotation, shape.translation)
+    return dataclasses.replace(cast(Cylinder, shape), height=height)
+
+
 def as_obstacles(obstacles: Sequence[Solid | Obstacle]) -> tuple[Obstacle, ...]:
     """Return each shape as an `Obstacle`, and obstacles unchanged."""
     return tuple(each if isinstance(each, Obstacle) else Obstacle(each) for each in obstacles)
+
+
+def has_halo(obstacle: Obstacle) -> bool:
+    """Return whether the space where an obstacle may be is drawn, which it is not around maps."""
+    return obstacle.is_uncertain and not isinstance(obstacle.shape, Map)
 
 
 def short_label(number: int, obstacle: Obstacle) -> str:
@@ -141,35 +150,25 @@ def snapshots(plan: Drawn, obstacles: Sequence[Obstacle]) -> list[Snapshot]:
     with the times as labels. A moving obstacle never near the rest of the scene while active is
     omitted.
     """
-    shown: list[Snapshot] = []
-    few = sum(obstacle.moves for obstacle in obstacles) <= MAX_FOLLOWED
+    start, near, shown = plan.scenario.grid.start, _near_scene(plan, obstacles), list[Snapshot]()
     numbered = 1 < len(obstacles) <= _MAX_NUMBERED
     for number, obstacle in enumerate(obstacles, start=1):
-        label = short_label(number, obstacle) if numbered or obstacle.name is not None else ""
-        if not obstacle.moves:
-            (center,) = obstacle.centers(np.array([plan.scenario.grid.start]))
-            words = ", ".join(filter(None, (label, active_in_words(obstacle.active))))
-            faint, halo = _is_never_active(plan, obstacle), obstacle.position_error
-            if obstacle.changes:
-                now = np.array([plan.scenario.grid.start + nearest(plan, obstacle).time])
-                halo = float(obstacle.uncertainty(now)[0])
-            shown.append(Snapshot(obstacle.shape, center, number, words, faint, halo))
+        if obstacle.moves and number not in near:
             continue
-        clock, near = _near_scene(plan, obstacle, obstacles)
-        if not np.any(near):
-            continue
-        times = np.array([plan.scenario.grid.start + nearest(plan, obstacle).time])
-        if few:
-            times = np.append(times, clock[near][[0, -1]])
+        followed = obstacle.moves and _few_move(obstacles)
+        times = np.array([start + nearest(plan, obstacle).time if obstacle.changes else start])
+        if followed:
+            clock, here = near[number]
+            times = np.append(times, clock[here][[0, -1]])
         centers, halos = obstacle.centers(times), obstacle.uncertainty(times).tolist()
-        for index, (time, center) in enumerate(zip(times, centers, strict=True)):
-            moved = np.linalg.norm(center - centers[0]) > _APART * _largest(obstacle)
-            when = clock_time(round(time, 2)) if few else ""
-            if index == 0:
-                words = ", ".join(filter(None, (label, when, active_in_words(obstacle.active))))
-                shown.append(Snapshot(obstacle.shape, center, number, words, halo=halos[0]))
-            elif moved:
-                shown.append(Snapshot(obstacle.shape, center, number, when, True, halos[index]))
+        whens = [clock_time(round(time, 2)) if followed else "" for time in times]
+        name = short_label(number, obstacle) if numbered or obstacle.name is not None else ""
+        words = ", ".join(filter(None, (name, whens[0], active_in_words(obstacle.active))))
+        faint = not obstacle.moves and _is_never_active(plan, obstacle)
+        shown.append(Snapshot(obstacle.shape, centers[0], number, words, faint, halos[0]))
+        for center, when, halo in zip(centers[1:], whens[1:], halos[1:], strict=True):
+            if np.linalg.norm(center - centers[0]) > _APART * _largest(obstacle):
+                shown.append(Snapshot(obstacle.shape, center, number, when, True, halo))
     return shown
 
 
@@ -180,11 +179,9 @@ def approaches(plan: Drawn, obstacles: Sequence[Obstacle]) -> list[FloatArray]:
         For each moving obstacle near the scene, the vehicle's position and the nearest possible
         point of the obstacle [m], shape (2, 3); nothing if many obstacles move.
     """
-    moving = [obstacle for obstacle in obstacles if obstacle.moves]
     found = []
-    for obstacle in moving if len(moving) <= MAX_FOLLOWED else []:
-        if not np.any(_near_scene(plan, obstacle, obstacles)[1]):
-            continue
+    for number in _near_scene(plan, obstacles) if _few_move(obstacles) else ():
+        obstacle = obstacles[number - 1]
         at = nearest(plan, obstacle)
         position = plan.motion().at("position", at.time)[at.vehicle]
         now = np.array([plan.scenario.grid.start + at.time])
@@ -197,18 +194,12 @@ def approaches(plan: Drawn, obstacles: Sequence[Obstacle]) -> list[FloatArray]:
 
 def obstacle_paths(plan: Drawn, obstacles: Sequence[Obstacle]) -> list[FloatArray]:
     """Return the paths of a few moving obstacles while near the scene [m], each of shape (M, 3)."""
-    moving = [obstacle for obstacle in obstacles if obstacle.moves]
     found = []
-    for obstacle in moving if len(moving) <= MAX_FOLLOWED else []:
-        times, near = _near_scene(plan, obstacle, obstacles)
-        runs = np.split(times, np.flatnonzero(np.diff(near)) + 1)
-        firsts = np.concatenate([near[:1], near[1:][np.diff(near)]])
-        found += [
-            obstacle.centers(run)
-            for run, shown in zip(runs, firsts, strict=True)
-            if shown and len(run) > 1
-        ]
-    return found
+    for number, (times, near) in _near_scene(plan, obstacles).items():
+        ends = np.flatnonzero(np.diff(near, prepend=False, append=False)).reshape(-1, 2)
+        runs = [times[first:last] for first, last in ends if last - first > 1]
+        found += [obstacles[number - 1].centers(run) for run in runs]
+    return found if _few_move(obstacles) else []
 
 
 def obstacle_notes(plan: Drawn, obstacles: Sequence[Obstacle]) -> list[str]:
@@ -219,20 +210,16 @@ def obstacle_notes(plan: Drawn, obstacles: Sequence[Obstacle]) -> list[str]:
         least, most = radii.min(), radii.max()
         far = f"{most:g}" if least == most else f"{least:g} to {most:g}"
         notes.append(f"vehicles keep {far} m from obstacles")
-    count = sum(obstacle.moves for obstacle in obstacles)
-    if count > MAX_FOLLOWED:
+    if not _few_move(obstacles):
         notes.append("moving obstacles: at the closest approach of a vehicle to each")
-    elif count > 0:
+    elif any(obstacle.moves for obstacle in obstacles):
         notes.append(
             "moving obstacles: at the closest approach (black line); faint: at the start and end"
         )
-    if any(each.is_uncertain and not isinstance(each.shape, Map) for each in obstacles):
+    if any(map(has_halo, obstacles)):
         notes.append("halos: where obstacles may be at that time, or at the closest approach")
-    never = [
-        str(number)
-        for number, obstacle in enumerate(obstacles, start=1)
-        if obstacle.moves and not np.any(_near_scene(plan, obstacle, obstacles)[1])
-    ]
+    moving = {number for number, each in enumerate(obstacles, start=1) if each.moves}
+    never = [str(number) for number in sorted(moving - {*_near_scene(plan, obstacles)})]
     if never:
         which = ", ".join(never) if len(never) <= MAX_FOLLOWED else f"{len(never)} of them"
         timed = " while active" if any(each.active for each in obstacles) else ""
@@ -253,22 +240,37 @@ def _is_never_active(plan: Drawn, obstacle: Obstacle) -> bool:
     return active is not None and not grid.clock.overlap(active, (grid.start, grid.end))
 
 
-def _near_scene(
-    plan: Drawn, obstacle: Obstacle, obstacles: Sequence[Obstacle]
-) -> tuple[FloatArray, np.ndarray]:
-    """Return times on the scenario's clock [s], and whether an obstacle is near at each.
+def _few_move(obstacles: Sequence[Obstacle]) -> bool:
+    """Return whether moving obstacles are drawn with their paths and their ends."""
+    return sum(obstacle.moves for obstacle in obstacles) <= MAX_FOLLOWED
 
-    Only obstacles near the scene are shown: distant ones would shrink everything else.
+
+def _near_scene(
+    plan: Drawn, obstacles: Sequence[Obstacle]
+) -> dict[int, tuple[FloatArray, BoolArray]]:
+    """Return the moving obstacles that are ever near the scene while active, by their numbers.
+
+    Only these are shown: distant ones would shrink everything else.
+
+    Returns:
+        Times on the scenario's clock [s], and whether the obstacle is near at each, (M,) each.
     """
-    resting = [
+    bounds = [(plan.positions.min(axis=(0, 1)), plan.positions.max(axis=(0, 1)))]
+    bounds += [
         Snapshot(each.shape, each.centers(np.zeros(1))[0], 0).bounds
         for each in obstacles
         if not each.moves
     ]
-    lower = np.min([plan.positions.min(axis=(0, 1)), *(low for low, _ in resting)], axis=0)
-    upper = np.max([plan.positions.max(axis=(0, 1)), *(high for _, high in resting)], axis=0)
+    lower = np.min([low for low, _ in bounds], axis=0)
+    upper = np.max([high for _, high in bounds], axis=0)
     margin = AROUND * float(np.max(upper - lower))
-    times = plan.scenario.grid.start + sample_times(plan, [obstacle])
-    centers, extent = obstacle.centers(times), obstacle.shape.extent
-    beyond = (centers + extent < lower - margin) | (centers - extent > upper + margin)
-    return times, obstacle.is_active(times) & ~np.any(beyond, axis=1)
+    found = dict[int, tuple[FloatArray, BoolArray]]()
+    for number, obstacle in enumerate(obstacles, start=1):
+        if obstacle.moves:
+            times = plan.scenario.grid.start + sample_times(plan, [obstacle])
+            centers, extent = obstacle.centers(times), obstacle.shape.extent
+            beyond = (centers + extent < lower - margin) | (centers - extent > upper + margin)
+            near = obstacle.is_active(times) & ~np.any(beyond, axis=1)
+            if np.any(near):
+                found[number] = times, near
+    return found

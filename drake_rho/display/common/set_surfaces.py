@@ -13,9 +13,16 @@ from itertools import pairwise
 import numpy as np
 
 from drake_rho.display.common.drawable import Drawn
-from drake_rho.display.common.obstacle_snapshots import AROUND, Snapshot
+from drake_rho.display.common.obstacle_snapshots import AROUND, truncated
 from drake_rho.display.common.requirements import kept_positions
-from drake_rho.display.common.shape_faces import Surface, clipped, from_inside, surface, unit_sphere
+from drake_rho.display.common.shape_faces import (
+    Surface,
+    across,
+    clipped,
+    from_inside,
+    surface,
+    unit_sphere,
+)
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.sets import ConvexSet
 from drake_rho.scenario.shapes.base import Shape
@@ -101,11 +108,8 @@ def _whole(convex_set: ConvexSet, lower: FloatArray, upper: FloatArray) -> Surfa
 @_whole.register
 def _(convex_set: Shape, lower: FloatArray, upper: FloatArray) -> Surface:
     beyond = upper - lower  # so that the cut ends of an infinite shape are outside
-    cut = Snapshot(convex_set, convex_set.center, 0).truncated(lower - beyond, upper + beyond)
-    found = surface(cut.shape)
-    return Surface(
-        [cut.center + face for face in found.faces], [cut.center + edge for edge in found.edges]
-    )
+    shape, center = truncated(convex_set, convex_set.center, lower - beyond, upper + beyond)
+    return surface(shape).moved(center)
 
 
 @_whole.register
@@ -113,14 +117,14 @@ def _(convex_set: HalfSpace, lower: FloatArray, upper: FloatArray) -> Surface:
     middle = (lower + upper) / 2.0
     normal = convex_set.outward(middle)
     foot = middle - convex_set.signed_distance(middle) * normal
-    one, other = (2.0 * np.linalg.norm(upper - lower) * each for each in _across(normal))
+    one, other = (2.0 * np.linalg.norm(upper - lower) * each for each in across(normal))
     return Surface([foot + np.array([one + other, other - one, -one - other, one - other])], [])
 
 
 @_whole.register
 def _(convex_set: Cone, lower: FloatArray, upper: FloatArray) -> Surface:
     along = convex_set.axis / np.linalg.norm(convex_set.axis)
-    one, other = _across(along)
+    one, other = across(along)
     far = float(np.linalg.norm(np.maximum(upper - convex_set.apex, convex_set.apex - lower)))
     angles = np.linspace(0.0, 2.0 * np.pi, _CIRCLE + 1)[:, None]
     ring = far * (
@@ -128,13 +132,6 @@ def _(convex_set: Cone, lower: FloatArray, upper: FloatArray) -> Surface:
     )
     apex = convex_set.apex
     return Surface([np.array([apex, apex + a, apex + b]) for a, b in pairwise(ring)], [])
-
-
-def _across(normal: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return two unit vectors that are orthogonal to a unit vector and to each other."""
-    one = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
-    one /= np.linalg.norm(one)
-    return one, np.cross(normal, one)
 
 
 def _pieces(edge: FloatArray, lower: FloatArray, upper: FloatArray) -> list[FloatArray]:

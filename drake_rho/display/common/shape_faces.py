@@ -32,6 +32,10 @@ class Surface:
     edges: list[FloatArray]
     """polylines where faces meet at an angle, each of shape (n, 3); none on smooth surfaces"""
 
+    def moved(self, by: FloatArray) -> Surface:
+        """Return the surface, displaced [m], shape (3,)."""
+        return Surface([each + by for each in self.faces], [each + by for each in self.edges])
+
 
 @singledispatch
 def surface(shape: Solid) -> Surface:
@@ -113,9 +117,7 @@ def _(shape: Polytope) -> Surface:
 def _(shape: Capsule) -> Surface:
     along = shape.half if shape.half.any() else np.eye(3)[2]
     up = along / np.linalg.norm(along)
-    side = np.cross(up, np.eye(3)[np.argmin(np.abs(up))])
-    side /= np.linalg.norm(side)
-    axes = np.stack([side, np.cross(up, side), up])  # of a ball whose poles are the capsule's
+    axes = np.stack([*across(up), up])  # of a ball whose poles are the capsule's
     # around its middle the faces of a ball with an odd number of rings reach from end to end
     ball = unit_sphere()
     ends = np.where(ball[..., 2:] > 0.0, shape.half, -shape.half)
@@ -126,10 +128,8 @@ def _(shape: Capsule) -> Surface:
 def _(shape: Posed) -> Surface:
     inner = surface(shape.shape)
     shift = shape.rotation @ shape.shape.center + shape.translation - shape.center
-    faces, edges = (
-        [each @ shape.rotation.T + shift for each in part] for part in (inner.faces, inner.edges)
-    )
-    return Surface(faces, edges)
+    faces, edges = ([each @ shape.rotation.T for each in x] for x in (inner.faces, inner.edges))
+    return Surface(faces, edges).moved(shift)
 
 
 def unit_sphere() -> FloatArray:
@@ -138,6 +138,18 @@ def unit_sphere() -> FloatArray:
     points = np.stack([np.cos(u) * np.sin(v), np.sin(u) * np.sin(v), np.cos(v)], axis=-1)
     corners = (points[:-1, :-1], points[:-1, 1:], points[1:, 1:], points[1:, :-1])
     return np.stack(corners, axis=2).reshape(-1, 4, 3)
+
+
+def fan(face: FloatArray) -> FloatArray:
+    """Split a convex polygon (n, 3) into triangles, shape (n - 2, 3, 3)."""
+    return np.stack([face[[0, k, k + 1]] for k in range(1, len(face) - 1)])
+
+
+def across(normal: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return two unit vectors that are orthogonal to a unit vector and to each other."""
+    one = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
+    one /= np.linalg.norm(one)
+    return one, np.cross(normal, one)
 
 
 def clipped(face: FloatArray, lower: FloatArray, upper: FloatArray) -> FloatArray:

@@ -85,17 +85,20 @@ def window_colours(count: int) -> list[str]:
 
 def reddened(part: float) -> str:
     """Return the colour of a link, from grey at 1, for a large margin, to red at 0."""
-    grey, red = (np.array(to_rgb(each)) for each in (PLENTY_LEFT, NOTHING_LEFT))
-    return to_hex(red + float(np.clip(part, 0.0, 1.0)) * (grey - red))
+    return to_hex(tuple(_between(NOTHING_LEFT, PLENTY_LEFT, np.array(part))))
 
 
 def height_colours(heights: FloatArray, lowest: float, highest: float) -> FloatArray:
     """Return colours of heights [m], shape (..., 3), the middle one where all heights are equal."""
-    low, high = (np.array(to_rgb(each)) for each in (LOWEST, HIGHEST))
-    parts = np.full(heights.shape, 0.5)
-    if highest > lowest:
-        parts = np.clip((heights - lowest) / (highest - lowest), 0.0, 1.0)
-    colours: FloatArray = low + parts[..., None] * (high - low)
+    flat = highest <= lowest
+    parts = np.full(heights.shape, 0.5) if flat else (heights - lowest) / (highest - lowest)
+    return _between(LOWEST, HIGHEST, parts)
+
+
+def _between(first: str, last: str, parts: FloatArray) -> FloatArray:
+    """Return colours between the first, at 0, and the last, at 1, interpolated in RGB, (..., 3)."""
+    low, high = (np.array(to_rgb(each)) for each in (first, last))
+    colours: FloatArray = low + np.clip(parts, 0.0, 1.0)[..., None] * (high - low)
     return colours
 
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 from itertools import pairwise
 
 import numpy as np
-import numpy.typing as npt
 
 from drake_rho.display.common.drawable import Drawn
-from drake_rho.display.meshcat.meshes import Mesh, columns
+from drake_rho.display.common.shape_faces import fan
+from drake_rho.display.meshcat.meshes import Mesh, faceted
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.limits import Limits
 from drake_rho.scenario.parts import Airframe
@@ -51,8 +51,7 @@ def body(airframe: Airframe, radius: float, *, light: bool) -> Mesh:
     """
     triangles = _aircraft(4 if light else 8) if airframe == "aircraft" else _quadrotor(light)
     triangles *= radius / np.linalg.norm(triangles, axis=2).max()
-    corners = triangles.reshape(-1, 3)  # no shared vertices: flat shading
-    return columns(corners, np.arange(len(corners)).reshape(-1, 3))
+    return faceted(triangles)
 
 
 def _aircraft(sides: int) -> FloatArray:
@@ -63,7 +62,9 @@ def _aircraft(sides: int) -> FloatArray:
     fin = [(-0.3, 0, 0.05), (-0.5, 0, 0.25), (-0.6, 0, 0.25), (-0.55, 0, 0.02)]
     mirror = np.array([1.0, -1.0, 1.0])
     plates = [plate for each in (wing, stabiliser) for plate in (each, mirror * each)]
-    return np.concatenate([_turned(stations, sides), *(_fan(plate) for plate in [*plates, fin])])
+    return np.concatenate(
+        [_turned(stations, sides), *(fan(np.array(plate)) for plate in [*plates, fin])]
+    )
 
 
 def _quadrotor(light: bool) -> FloatArray:
@@ -78,10 +79,14 @@ def _quadrotor(light: bool) -> FloatArray:
         sideways = np.array([-out[1], out[0], 0.0])
         for across in (sideways,) if light else (sideways, np.array([0.0, 0.0, 1.0])):
             parts.append(
-                _fan([0.04 * across, out + 0.03 * across, out - 0.03 * across, -0.04 * across])
+                fan(
+                    np.array(
+                        [0.04 * across, out + 0.03 * across, out - 0.03 * across, -0.04 * across]
+                    )
+                )
             )
         ring = 0.42 * np.stack([np.cos(angles), np.sin(angles), np.zeros(sides)], axis=1)
-        parts.append(_fan(ring + out + [0.0, 0.0, 0.08]))
+        parts.append(fan(ring + out + [0.0, 0.0, 0.08]))
     return np.concatenate(parts)
 
 
@@ -99,9 +104,3 @@ def _turned(stations: list[tuple[float, float]], sides: int) -> FloatArray:
             if other > 0.0:
                 found.append([near[after], far[corner], far[after]])
     return np.array(found)
-
-
-def _fan(corners: npt.ArrayLike) -> FloatArray:
-    """Split a convex polygon into triangles."""
-    ring = np.asarray(corners, dtype=np.float64)
-    return np.array([[ring[0], one, other] for one, other in pairwise(ring[1:])])

@@ -7,13 +7,12 @@ import dataclasses
 import numpy as np
 from pydrake.geometry import Meshcat, MeshcatParams
 
-from drake_rho.display.common.drawable import Drawn, drawn
-from drake_rho.display.meshcat.obstacles import add_obstacles, record_obstacles
+from drake_rho.display.common.drawable import Drawn, Prediction, drawn
+from drake_rho.display.meshcat.obstacles import add_obstacles
 from drake_rho.display.meshcat.playback import Playback
 from drake_rho.display.meshcat.ports import address_of, on_free_port
-from drake_rho.display.meshcat.requirements import add_requirements, record_requirements
+from drake_rho.display.meshcat.requirements import add_requirements
 from drake_rho.display.meshcat.scene import (
-    ROOT,
     Scene,
     add_conflicts,
     add_ends,
@@ -22,10 +21,12 @@ from drake_rho.display.meshcat.scene import (
     add_surroundings,
     set_camera,
 )
-from drake_rho.display.meshcat.trails import record_light_trails, record_predictions, record_trails
-from drake_rho.display.meshcat.tubes_and_wind import add_disturbed, record_disturbed
-from drake_rho.display.meshcat.vehicles import Vehicles, add_vehicles, record_vehicles
+from drake_rho.display.meshcat.trails import add_light_trails, add_predictions, add_trails
+from drake_rho.display.meshcat.tree import ROOT, Tree
+from drake_rho.display.meshcat.tubes_and_wind import add_disturbed
+from drake_rho.display.meshcat.vehicles import Vehicles, add_vehicles
 from drake_rho.motion.flown import Flown
+from drake_rho.motion.simulation import Simulation
 from drake_rho.planning.errors import InfeasibleError
 from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.records import Scenario
@@ -72,6 +73,16 @@ class Stage:
         playback = Playback.of(shown, rate, _OBJECTS_PER_VEHICLE if disturbed else 1)
         vehicles = Vehicles.of(scene, shown, playback)
         return cls(shown, scene, playback, vehicles, conflicts)
+
+    @property
+    def windows(self) -> tuple[Prediction, ...]:
+        """Predictions of windows that are drawn; none in a light scene."""
+        return () if self.scene.light else self.shown.windows
+
+    @property
+    def simulation(self) -> Simulation | None:
+        """Simulation whose ghosts, tubes and wind are drawn, if any; none in a light scene."""
+        return None if self.scene.light else self.shown.simulation
 
     @property
     def few_enough_for_trails(self) -> bool:
@@ -145,35 +156,34 @@ def animate(
 
 def draw(meshcat: Meshcat, stage: Stage, *, trails: bool) -> None:
     """Empty a Meshcat, then draw and record a stage in it."""
-    plan, scene, vehicles, playback = stage.shown, stage.scene, stage.vehicles, stage.playback
+    plan, scene, scenario = stage.shown, stage.scene, stage.shown.scenario
     meshcat.Delete(ROOT)
     meshcat.DeleteRecording()
-    set_camera(meshcat, scene)
-    add_surroundings(meshcat, scene, plan.scenario)
-    add_obstacles(meshcat, scene, plan, stage.conflicts)
-    add_requirements(meshcat, scene, plan)
-    if scene.light:
-        add_light_goals(meshcat, scene, plan.scenario)
-    else:
-        add_ends(meshcat, scene, plan.scenario)
-    if plan.kind == "scenario":
-        add_straight_lines(meshcat, plan)
-    if stage.conflicts is not None:
-        add_conflicts(meshcat, scene, plan.scenario, stage.conflicts)
-    add_vehicles(meshcat, scene, plan, vehicles)
     meshcat.StartRecording(
-        frames_per_second=playback.frames_per_second, set_visualizations_while_recording=False
+        frames_per_second=stage.playback.frames_per_second,
+        set_visualizations_while_recording=False,
     )
-    record_vehicles(meshcat, plan, vehicles, playback)
-    record_obstacles(meshcat, scene, plan, playback)
-    record_requirements(meshcat, scene, plan, playback)
-    if trails:
-        (record_light_trails if scene.light else record_trails)(meshcat, scene, plan, playback)
-    if not scene.light:
-        record_predictions(meshcat, plan.windows, playback)
-        if plan.simulation is not None:
-            add_disturbed(meshcat, scene, plan, plan.simulation, vehicles)
-            record_disturbed(meshcat, plan, plan.simulation, vehicles, playback)
+    tree = Tree(meshcat, stage.playback)
+    set_camera(meshcat, scene)
+    add_surroundings(tree, scene, scenario)
+    add_obstacles(tree, scene, plan, stage.conflicts)
+    add_requirements(tree, scene, plan)
+    if plan.kind == "scenario":
+        add_straight_lines(tree, plan)
+    if stage.conflicts is not None:
+        add_conflicts(tree, scene, scenario, stage.conflicts)
+    add_vehicles(tree, scene, plan, stage.vehicles)
+    if scene.light:
+        add_light_goals(tree, scene, scenario)
+        if trails:
+            add_light_trails(tree, plan)
+    else:
+        add_ends(tree, scene, scenario)
+        if trails:
+            add_trails(tree, scene, plan)
+    add_predictions(tree, stage.windows)
+    if stage.simulation is not None:
+        add_disturbed(tree, scene, plan, stage.simulation, stage.vehicles)
     meshcat.StopRecording()
     meshcat.PublishRecording()
 

@@ -6,6 +6,7 @@ the column-major order that Drake requires.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import product
 
 import numpy as np
@@ -23,6 +24,18 @@ def columns(vertices: npt.ArrayLike, faces: npt.ArrayLike) -> Mesh:
         np.asfortranarray(np.asarray(vertices, dtype=np.float64).T),
         np.asfortranarray(np.asarray(faces, dtype=np.int32).T),
     )
+
+
+def faceted(triangles: FloatArray) -> Mesh:
+    """Return the mesh of triangles (T, 3, 3) that share no vertices: they are shaded flat."""
+    return columns(triangles.reshape(-1, 3), np.arange(3 * len(triangles)).reshape(-1, 3))
+
+
+def segments(paths: Sequence[FloatArray] | FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the starts and ends of the segments of several polylines [m], each of shape (3, S)."""
+    begins = np.concatenate([path[:-1] for path in paths])
+    ends = np.concatenate([path[1:] for path in paths])
+    return np.asfortranarray(begins.T), np.asfortranarray(ends.T)
 
 
 def arrow(length: float) -> Mesh:
@@ -86,36 +99,17 @@ def tube(points: FloatArray, radius: float | FloatArray, sides: int = 3) -> Mesh
     return columns(vertices, faces)
 
 
-def box_edges(lower: FloatArray, upper: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the starts and ends of the twelve edges of a box [m], each of shape (3, 12)."""
-    corners = np.array(list(product((0, 1), repeat=3)))
-    pairs = [
-        (one, other)
-        for one, other in product(range(8), repeat=2)
-        if one < other and np.abs(corners[one] - corners[other]).sum() == 1
-    ]
-    places = lower + corners * (upper - lower)
-    first, second = np.array(pairs).T
-    return np.asfortranarray(places[first].T), np.asfortranarray(places[second].T)
+def ground_grid(lower: FloatArray, upper: FloatArray) -> FloatArray:
+    """Return the lines of a square grid on the floor of a box [m], shape (G, 2, 3).
 
-
-def ground_grid(lower: FloatArray, upper: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return a square grid on the floor of a box, spaced by 1, 2 or 5 times a power of ten [m].
-
-    Returns:
-        Starts and ends of the lines [m], each of shape (3, G).
+    They are spaced by 1, 2 or 5 times a power of ten.
     """
     spacing = nice_step(float(np.max(upper[:2] - lower[:2])) / 8)
     low, high = np.floor(lower / spacing) * spacing, np.ceil(upper / spacing) * spacing
-    starts, ends = [], []
-    for axis, other in ((0, 1), (1, 0)):
-        for value in np.arange(low[axis], high[axis] + spacing / 2, spacing):
-            start, end = np.full(3, lower[2]), np.full(3, lower[2])
-            start[axis] = end[axis] = value
-            start[other], end[other] = low[other], high[other]
-            starts.append(start)
-            ends.append(end)
-    return np.asfortranarray(np.array(starts).T), np.asfortranarray(np.array(ends).T)
+    x, y = (np.arange(low[k], high[k] + spacing / 2, spacing) for k in (0, 1))
+    lines = [[(each, low[1], lower[2]), (each, high[1], lower[2])] for each in x]
+    lines += [[(low[0], each, lower[2]), (high[0], each, lower[2])] for each in y]
+    return np.array(lines)
 
 
 def nice_step(least: float) -> float:

@@ -5,10 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from pydrake.geometry import Meshcat
-from pydrake.math import RigidTransform
 
-from drake_rho.display.meshcat.playback import Playback
 from drake_rho.motion.dynamics import Motion
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.limits import GRAVITY
@@ -89,15 +86,7 @@ def poses(
     return np.stack([np.cross(left, above), left, above, positions], axis=3)
 
 
-def record_poses(meshcat: Meshcat, path: str, values: FloatArray, playback: Playback) -> None:
-    """Record the poses of an object over a playback, and set the first of them.
-
-    Args:
-        meshcat: a Meshcat that is recording.
-        path: path of the object in the scene tree.
-        values: rotations, with positions [m] as last columns, shape (M, 3, 4).
-        playback: mapping of flight time to playback time.
-    """
-    meshcat.SetTransform(path, RigidTransform(values[0]))
-    for time, pose in zip(playback.times, values, strict=True):
-        meshcat.SetTransform(path, RigidTransform(pose), playback.time_at(time))
+def unturned(positions: FloatArray) -> FloatArray:
+    """Return poses at positions [m], (M, 3), without rotation, shape (M, 3, 4)."""
+    still = np.broadcast_to(np.eye(3), (len(positions), 3, 3))
+    return np.concatenate([still, positions[:, :, None]], axis=2)

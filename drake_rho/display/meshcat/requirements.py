@@ -10,8 +10,7 @@ single vehicles. All of them are visible only while the requirement is active.
 from __future__ import annotations
 
 import numpy as np
-from matplotlib.colors import to_rgb
-from pydrake.geometry import Meshcat, Rgba
+from pydrake.geometry import Rgba
 
 from drake_rho.display.common.drawable import Drawn
 from drake_rho.display.common.names import as_path
@@ -20,11 +19,11 @@ from drake_rho.display.common.set_surfaces import surface_within
 from drake_rho.display.common.style import ALLOWED, reddened
 from drake_rho.display.meshcat.meshes import octahedron, tube
 from drake_rho.display.meshcat.playback import Playback
-from drake_rho.display.meshcat.poses import headings, poses, record_poses
-from drake_rho.display.meshcat.scene import ROOT, Scene
+from drake_rho.display.meshcat.poses import headings, poses, unturned
+from drake_rho.display.meshcat.scene import Scene
 from drake_rho.display.meshcat.shape_objects import put_faces
-from drake_rho.display.meshcat.trails import segments, show_between
-from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
+from drake_rho.display.meshcat.tree import Tree, rgba
+from drake_rho.scenario.fields import FloatArray, IntArray
 
 COLOURS = 8
 """Number of colours of a line, from red to grey."""
@@ -36,51 +35,49 @@ _SIDES = 6
 """Number of sides of a line."""
 _MIN_LENGTH = 1e-6
 """Least length of a line over the size of the scene; Meshcat cannot show a length of zero."""
-_FACES, _EDGES = Rgba(*to_rgb(ALLOWED), 0.1), Rgba(*to_rgb(ALLOWED))
+_FACES, _EDGES = rgba(ALLOWED, 0.1), rgba(ALLOWED)
 _POINT = Rgba(0.15, 0.15, 0.18)
 
 
-def add_requirements(meshcat: Meshcat, scene: Scene, plan: Drawn) -> None:
-    """Add the sets of single vehicles, and marks of moving points."""
+def add_requirements(tree: Tree, scene: Scene, plan: Drawn) -> None:
+    """Add sets, moving points and links, and record when each requirement is active."""
     for kept in kept_positions(plan.scenario):
-        if kept.requirement.track is not None:
-            mark = octahedron(0.5 * scene.seen)
-            meshcat.SetTriangleMesh(f"{ROOT}/points/{kept.number}", *mark, rgba=_POINT)
         if kept.is_link:
-            continue
-        path = f"{ROOT}/sets/{kept.number}"
-        skin = surface_within(kept.requirement.set, scene.lower, scene.upper)
-        if skin.faces:
-            put_faces(skin.faces, meshcat, f"{path}/faces", _FACES)
-            meshcat.SetProperty(f"{path}/faces/<object>", "material.depthWrite", False)
-        if skin.edges:
-            meshcat.SetLineSegments(f"{path}/edges", *segments(skin.edges), rgba=_EDGES)
+            _add_links(tree, scene, plan, kept)
+        else:
+            _add_set(tree, scene, plan, kept)
 
 
-def record_requirements(meshcat: Meshcat, scene: Scene, plan: Drawn, playback: Playback) -> None:
-    """Record lines and moving points, and the times at which each requirement is active."""
-    times = playback.times
-    for kept in kept_positions(plan.scenario):
-        first, last = shown_interval(kept, plan, playback)
-        begin, end = playback.time_at(first), playback.time_at(last)
-        if not kept.is_link:
-            if kept.requirement.active is not None:
-                show_between(meshcat, f"{ROOT}/sets/{kept.number}", begin, end)
-            continue
-        others = kept.origins(plan, times)
-        if kept.requirement.track is not None:
-            still = np.broadcast_to(np.eye(3), (len(times), 3, 3))
-            path = f"{ROOT}/points/{kept.number}"
-            values = np.concatenate([still, others[..., None]], axis=2)
-            record_poses(meshcat, path, values, playback)
-            show_between(meshcat, path, begin, end)
-        positions = plan.motion().at("position", times)[kept.members]
-        colours = colours_of(left_while_shown(kept, plan, times, playback), kept.plenty(plan))
-        for member, place, own in zip(kept.members, positions, colours, strict=True):
-            name = as_path(plan.scenario.names[member])
-            path = f"{ROOT}/links/{kept.number}/{name}"
-            _record_line(meshcat, scene, path, (others, place), playback)
-            _record_colours(meshcat, scene, path, own, playback)
+def _add_set(tree: Tree, scene: Scene, plan: Drawn, kept: Kept) -> None:
+    """Add a set of single vehicles."""
+    path, skin = f"sets/{kept.number}", surface_within(kept.requirement.set, *scene.bounds)
+    if skin.faces:
+        put_faces(skin.faces, tree, f"{path}/faces", _FACES)
+        tree.set_see_through(f"{path}/faces")
+    if skin.edges:
+        tree.add_lines(f"{path}/edges", skin.edges, _EDGES)
+    if kept.requirement.active is not None:
+        tree.show_between(path, *shown_interval(kept, plan, tree.playback))
+
+
+def _add_links(tree: Tree, scene: Scene, plan: Drawn, kept: Kept) -> None:
+    """Add the moving point of a requirement, if it has one, and the lines to its vehicles."""
+    times = tree.playback.times
+    others = kept.origins(plan, times)
+    if kept.partner is None:
+        path = f"points/{kept.number}"
+        tree.add_mesh(path, octahedron(0.5 * scene.seen), _POINT)
+        tree.move(path, unturned(others))
+        tree.show_between(path, *shown_interval(kept, plan, tree.playback))
+    positions = plan.motion().at("position", times)[kept.members]
+    colours = colours_of(left_while_shown(kept, plan, times, tree.playback), kept.plenty(plan))
+    for member, place, own in zip(kept.members, positions, colours, strict=True):
+        path = f"links/{kept.number}/{as_path(plan.scenario.names[member])}"
+        along = place - others
+        tree.move(path, poses(others[None], headings(along[None]))[0])
+        lengths = np.maximum(np.linalg.norm(along, axis=1), _MIN_LENGTH * scene.size)
+        tree.scale(path, np.stack([lengths, np.ones_like(lengths), np.ones_like(lengths)], axis=1))
+        _add_colours(tree, scene, path, own)
 
 
 def shown_interval(kept: Kept, plan: Drawn, playback: Playback) -> tuple[float, float]:
@@ -115,32 +112,9 @@ def colours_of(left: FloatArray, plenty: float) -> IntArray:
     return np.where(np.isfinite(left), colours, -1)
 
 
-def _record_line(
-    meshcat: Meshcat,
-    scene: Scene,
-    path: str,
-    ends: tuple[FloatArray, FloatArray],
-    playback: Playback,
-) -> None:
-    """Record the pose and the length of a line between two moving ends, (T, 3) each."""
-    along = ends[1] - ends[0]
-    record_poses(meshcat, path, poses(ends[0][None], headings(along[None]))[0], playback)
-    lengths = np.maximum(np.linalg.norm(along, axis=1), _MIN_LENGTH * scene.size)
-    meshcat.SetProperty(path, "scale", [lengths[0], 1.0, 1.0])
-    for time, length in zip(playback.times, lengths, strict=True):
-        meshcat.SetProperty(path, "scale", [length, 1.0, 1.0], playback.time_at(time))
-
-
-def _record_colours(
-    meshcat: Meshcat, scene: Scene, path: str, colours: IntArray, playback: Playback
-) -> None:
+def _add_colours(tree: Tree, scene: Scene, path: str, colours: IntArray) -> None:
     """Add a line of length 1 in each colour that occurs, visible while it applies."""
     unit = tube(np.array([[0.0, 0, 0], [1, 0, 0]]), _THICK * scene.trail_radius, _SIDES)
     for colour in np.unique(colours[colours >= 0]):
-        rgba = Rgba(*to_rgb(reddened(colour / (COLOURS - 1))))
-        name = f"{path}/{colour}"
-        meshcat.SetTriangleMesh(name, *unit, rgba=rgba)
-        shown: BoolArray = colours == colour
-        for m in (0, *(np.flatnonzero(np.diff(shown)) + 1)):
-            time = playback.time_at(playback.times[m])
-            meshcat.SetProperty(name, "visible", bool(shown[m]), time)
+        tree.add_mesh(f"{path}/{colour}", unit, rgba(reddened(colour / (COLOURS - 1))))
+        tree.show_while(f"{path}/{colour}", colours == colour)

@@ -1,7 +1,4 @@
-"""Static objects of the scene in Meshcat, at visible sizes.
-
-All objects are under /flight in the scene tree, in the scenario's own coordinates and metres.
-"""
+"""Static objects of the scene in Meshcat, at visible sizes."""
 
 from __future__ import annotations
 
@@ -11,16 +8,14 @@ from collections.abc import Iterator
 from itertools import product
 
 import numpy as np
-from matplotlib.colors import to_rgb
 from pydrake.geometry import Meshcat, Rgba
-from pydrake.geometry import Sphere as Ball
-from pydrake.math import RigidTransform
 
 from drake_rho.display.common.drawable import Drawn
 from drake_rho.display.common.hidden import best_from_above
 from drake_rho.display.common.names import as_path
 from drake_rho.display.common.obstacle_snapshots import snapshots
 from drake_rho.display.common.set_surfaces import requirements_near
+from drake_rho.display.common.shape_faces import surface
 from drake_rho.display.common.style import (
     CONFLICT,
     STEEP_ELEVATION,
@@ -29,12 +24,12 @@ from drake_rho.display.common.style import (
     vehicle_colours,
     view,
 )
-from drake_rho.display.meshcat.meshes import box_edges, ground_grid, octahedron, scattered
+from drake_rho.display.meshcat.meshes import ground_grid, octahedron, scattered
+from drake_rho.display.meshcat.tree import Tree, rgba
 from drake_rho.planning.errors import InfeasibleError
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.records import Box, Scenario, Vehicle
 
-ROOT = "/flight"
 MAX_DETAILED = 24
 """Largest number of vehicles with starts, goals, trails and predictions as objects of their own.
 
@@ -92,6 +87,11 @@ class Scene:
         return cls(lower - margin, upper + margin, len(scenario.vehicles), outline, elevation)
 
     @property
+    def bounds(self) -> tuple[FloatArray, FloatArray]:
+        """Least and greatest coordinates of the scene [m], (3,) each."""
+        return self.lower, self.upper
+
+    @property
     def size(self) -> float:
         """Length of the diagonal [m]."""
         return float(np.linalg.norm(self.upper - self.lower))
@@ -140,8 +140,9 @@ def set_camera(meshcat: Meshcat, scene: Scene) -> None:
     meshcat.SetCameraPose(centre + distance * to_viewer, centre)
 
 
-def add_surroundings(meshcat: Meshcat, scene: Scene, scenario: Scenario) -> None:
+def add_surroundings(tree: Tree, scene: Scene, scenario: Scenario) -> None:
     """Add light, flyable boxes and a ground grid, and hide Meshcat's own grid and axes of 1 m."""
+    meshcat = tree.meshcat
     for name in ("/Grid", "/Axes"):
         meshcat.SetProperty(name, "visible", False)
     # Meshcat's lamps are a metre or two from the origin; distant light suits every scale.
@@ -152,63 +153,53 @@ def add_surroundings(meshcat: Meshcat, scene: Scene, scenario: Scenario) -> None
     meshcat.SetProperty("/Lights/FillLight/<object>", "position", _LIGHT)
     meshcat.SetProperty("/Background/<object>", "top_color", [0.90, 0.93, 0.97])
     meshcat.SetProperty("/Background/<object>", "bottom_color", [1.0, 1.0, 1.0])
-    for number, box in enumerate(flyable_boxes(scenario), start=1):
-        path = f"{ROOT}/flyable/{number}"
-        meshcat.SetLineSegments(path, *box_edges(box.lower, box.upper), rgba=_BOX)
     boxes = flyable_boxes(scenario)
+    for number, box in enumerate(boxes, start=1):
+        tree.add_lines(f"flyable/{number}", surface(box).moved(box.center).edges, _BOX)
     lower = np.min([box.lower for box in boxes], axis=0) if boxes else scene.lower
     upper = np.max([box.upper for box in boxes], axis=0) if boxes else scene.upper
-    meshcat.SetLineSegments(f"{ROOT}/ground", *ground_grid(lower, upper), rgba=_GROUND)
+    tree.add_lines("ground", ground_grid(lower, upper), _GROUND)
 
 
-def add_ends(meshcat: Meshcat, scene: Scene, scenario: Scenario) -> None:
+def add_ends(tree: Tree, scene: Scene, scenario: Scenario) -> None:
     """Add starts (small balls), goals (large balls) and waypoints (octahedra), coloured."""
     size = 2.0 * scene.seen
     shared = Counter(tuple(vehicle.goal.position) for vehicle in scenario.vehicles)
     for vehicle, colour in coloured(scenario):
-        unique = shared[tuple(vehicle.goal.position)] == 1
-        for kind, state, radius, shown in (
-            ("starts", vehicle.start, 0.13, colour),
-            ("goals", vehicle.goal, 0.25, colour if unique else Rgba(0.1, 0.1, 0.1)),
-        ):
-            path = f"{ROOT}/{kind}/{as_path(vehicle.name)}"
-            meshcat.SetObject(path, Ball(radius * size), shown)
-            meshcat.SetTransform(path, RigidTransform(state.position))
+        name, unique = as_path(vehicle.name), shared[tuple(vehicle.goal.position)] == 1
+        tree.add_ball(f"starts/{name}", 0.13 * size, colour)
+        tree.place(f"starts/{name}", vehicle.start.position)
+        tree.add_ball(f"goals/{name}", 0.25 * size, colour if unique else Rgba(0.1, 0.1, 0.1))
+        tree.place(f"goals/{name}", vehicle.goal.position)
         if vehicle.waypoints:
             passed = np.array([waypoint.position for waypoint in vehicle.waypoints])
-            marks = scattered(octahedron(0.16 * size), passed)
-            path = f"{ROOT}/waypoints/{as_path(vehicle.name)}"
-            meshcat.SetTriangleMesh(path, *marks, rgba=colour)
+            tree.add_mesh(f"waypoints/{name}", scattered(octahedron(0.16 * size), passed), colour)
 
 
-def add_straight_lines(meshcat: Meshcat, plan: Drawn) -> None:
+def add_straight_lines(tree: Tree, plan: Drawn) -> None:
     """Add the straight lines of a scenario, from starts through waypoints to goals."""
     for (vehicle, colour), positions in zip(coloured(plan.scenario), plan.positions, strict=True):
-        path = f"{ROOT}/lines/{as_path(vehicle.name)}"
-        meshcat.SetLine(path, np.asfortranarray(positions.T), 2.0, colour)
+        tree.add_lines(f"lines/{as_path(vehicle.name)}", [positions], colour)
 
 
-def add_conflicts(
-    meshcat: Meshcat, scene: Scene, scenario: Scenario, error: InfeasibleError
-) -> None:
+def add_conflicts(tree: Tree, scene: Scene, scenario: Scenario, error: InfeasibleError) -> None:
     """Mark starts and goals of the vehicles in conflict with translucent red balls."""
-    red = Rgba(*to_rgb(CONFLICT), 0.35)
     for vehicle in scenario.vehicles:
         if vehicle.name in error.conflicts:
             for kind, state in (("start", vehicle.start), ("goal", vehicle.goal)):
-                path = f"{ROOT}/conflicts/{as_path(vehicle.name)}/{kind}"
-                meshcat.SetObject(path, Ball(1.2 * scene.seen), red)
-                meshcat.SetTransform(path, RigidTransform(state.position))
+                path = f"conflicts/{as_path(vehicle.name)}/{kind}"
+                tree.add_ball(path, 1.2 * scene.seen, rgba(CONFLICT, 0.35))
+                tree.place(path, state.position)
 
 
-def add_light_goals(meshcat: Meshcat, scene: Scene, scenario: Scenario) -> None:
+def add_light_goals(tree: Tree, scene: Scene, scenario: Scenario) -> None:
     """Add goals as small octahedra in the vehicles' colours, one object per colour."""
     mark = octahedron(0.24 * scene.seen)
     goals = np.array([vehicle.goal.position for vehicle in scenario.vehicles])
     colours = palette(len(goals))
     for number, colour in enumerate(colours, start=1):
         marks = scattered(mark, goals[number - 1 :: len(colours)])
-        meshcat.SetTriangleMesh(f"{ROOT}/goals/{number}", *marks, rgba=Rgba(*to_rgb(colour)))
+        tree.add_mesh(f"goals/{number}", marks, rgba(colour))
 
 
 def flyable_boxes(scenario: Scenario) -> list[Box]:
@@ -225,4 +216,4 @@ def coloured(scenario: Scenario) -> Iterator[tuple[Vehicle, Rgba]]:
     """Yield the vehicles with their colours in the figures."""
     colours = vehicle_colours(len(scenario.vehicles))
     for vehicle, colour in zip(scenario.vehicles, colours, strict=True):
-        yield vehicle, Rgba(*to_rgb(colour))
+        yield vehicle, rgba(colour)

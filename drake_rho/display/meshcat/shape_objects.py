@@ -6,14 +6,15 @@ from collections.abc import Sequence
 from functools import singledispatch
 
 import numpy as np
-import numpy.typing as npt
 from pydrake import geometry
-from pydrake.geometry import Meshcat, Rgba
+from pydrake.geometry import Rgba
 from pydrake.math import RigidTransform, RotationMatrix
 
 from drake_rho.display.common.map_faces import map_faces
-from drake_rho.display.common.shape_faces import surface
-from drake_rho.scenario.fields import FloatArray, IntArray
+from drake_rho.display.common.shape_faces import fan, surface
+from drake_rho.display.meshcat.meshes import columns, faceted
+from drake_rho.display.meshcat.tree import ROOT, Tree
+from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.maps.map import Map
 from drake_rho.scenario.shapes.base import Shape, Solid
 from drake_rho.scenario.shapes.cylinders import Cylinder
@@ -21,27 +22,22 @@ from drake_rho.scenario.shapes.polyhedra import Box
 from drake_rho.scenario.shapes.quadrics import Ellipsoid, Sphere
 
 
-def put_map(solid: Map, meshcat: Meshcat, path: str) -> None:
+def put_map(solid: Map, tree: Tree, path: str) -> None:
     """Add the surface of a map at a path of the scene tree, coloured by height."""
     faces = map_faces(solid)
     vertices, triangles = faces.mesh()
-    colours = np.asfortranarray(faces.colours(vertices).T)
-    meshcat.SetTriangleColorMesh(path, *_columns(vertices, triangles), colours)
-    _shade_flat(meshcat, path)
+    mesh, colours = columns(vertices, triangles), np.asfortranarray(faces.colours(vertices).T)
+    tree.meshcat.SetTriangleColorMesh(f"{ROOT}/{path}", *mesh, colours)
+    _shade_flat(tree, path)
 
 
-def _columns(vertices: FloatArray, triangles: IntArray) -> tuple[FloatArray, npt.NDArray[np.int32]]:
-    """Return a mesh in the order that Drake requires."""
-    return np.asfortranarray(vertices.T), np.asfortranarray(triangles.T.astype(np.int32))
-
-
-def _shade_flat(meshcat: Meshcat, path: str) -> None:
+def _shade_flat(tree: Tree, path: str) -> None:
     """Shade an object's faces flat although they share vertices, for small pages."""
-    meshcat.SetProperty(f"{path}/<object>", "material.flatShading", True)
+    tree.meshcat.SetProperty(f"{ROOT}/{path}/<object>", "material.flatShading", True)
 
 
 @singledispatch
-def put(shape: Solid, meshcat: Meshcat, path: str, colour: Rgba) -> None:
+def put(shape: Solid, tree: Tree, path: str, colour: Rgba) -> None:
     """Add a bounded shape at a path of the scene tree, with its centre at the path's origin.
 
     Shapes that Drake does not have are drawn by the faces of their `surface`.
@@ -50,47 +46,43 @@ def put(shape: Solid, meshcat: Meshcat, path: str, colour: Rgba) -> None:
 
 
 @put.register
-def _(shape: Map, meshcat: Meshcat, path: str, colour: Rgba) -> None:
-    meshcat.SetTriangleMesh(path, *_columns(*map_faces(shape).mesh()), rgba=colour)
-    _shade_flat(meshcat, path)
+def _(shape: Map, tree: Tree, path: str, colour: Rgba) -> None:
+    tree.add_mesh(path, columns(*map_faces(shape).mesh()), colour)
+    _shade_flat(tree, path)
 
 
 @put.register
-def _(shape: Shape, meshcat: Meshcat, path: str, colour: Rgba) -> None:
-    put_faces(surface(shape).faces, meshcat, path, colour)
+def _(shape: Shape, tree: Tree, path: str, colour: Rgba) -> None:
+    put_faces(surface(shape).faces, tree, path, colour)
 
 
-def put_faces(faces: Sequence[FloatArray], meshcat: Meshcat, path: str, colour: Rgba) -> None:
+def put_faces(faces: Sequence[FloatArray], tree: Tree, path: str, colour: Rgba) -> None:
     """Add convex polygons [m], each of shape (n, 3), at a path of the scene tree."""
-    # no shared vertices, so that faces are shaded flat
-    corners = np.concatenate(
-        [face[[0, k, k + 1]] for face in faces for k in range(1, len(face) - 1)]
-    )
-    triangles = np.arange(len(corners), dtype=np.int32).reshape(-1, 3)
-    mesh = np.asfortranarray(corners.T), np.asfortranarray(triangles.T)
-    meshcat.SetTriangleMesh(path, *mesh, rgba=colour)
+    tree.add_mesh(path, faceted(np.concatenate([fan(face) for face in faces])), colour)
 
 
 @put.register
-def _(shape: Sphere, meshcat: Meshcat, path: str, colour: Rgba) -> None:
-    meshcat.SetObject(path, geometry.Sphere(shape.radius), colour)
+def _(shape: Sphere, tree: Tree, path: str, colour: Rgba) -> None:
+    tree.add_ball(path, shape.radius, colour)
 
 
 @put.register
-def _(shape: Ellipsoid, meshcat: Meshcat, path: str, colour: Rgba) -> None:
-    meshcat.SetObject(path, geometry.Ellipsoid(*shape.semi_axes), colour)
+def _(shape: Ellipsoid, tree: Tree, path: str, colour: Rgba) -> None:
+    tree.meshcat.SetObject(f"{ROOT}/{path}", geometry.Ellipsoid(*shape.semi_axes), colour)
 
 
 @put.register
-def _(shape: Box, meshcat: Meshcat, path: str, colour: Rgba) -> None:
-    meshcat.SetObject(path, geometry.Box(*(2.0 * shape.extent)), colour)
+def _(shape: Box, tree: Tree, path: str, colour: Rgba) -> None:
+    box = geometry.Box(*(2.0 * shape.extent))
+    tree.meshcat.SetObject(f"{ROOT}/{path}", box, colour)
 
 
 @put.register
-def _(shape: Cylinder, meshcat: Meshcat, path: str, colour: Rgba) -> None:
+def _(shape: Cylinder, tree: Tree, path: str, colour: Rgba) -> None:
     if shape.height is None:
         raise ValueError("shape: got an infinite cylinder, expected one with a height")
-    meshcat.SetObject(path, geometry.Cylinder(shape.radius, shape.height), colour)
+    drawn = geometry.Cylinder(shape.radius, shape.height)
+    tree.meshcat.SetObject(f"{ROOT}/{path}", drawn, colour)
     along = np.eye(3)["xyz".index(shape.axis)]  # Drake's cylinders lie along z
-    turn = RotationMatrix.MakeFromOneVector(along, 2)
-    meshcat.SetTransform(path, RigidTransform(turn, np.zeros(3)))
+    turn = RigidTransform(RotationMatrix.MakeFromOneVector(along, 2), np.zeros(3))
+    tree.meshcat.SetTransform(f"{ROOT}/{path}", turn)

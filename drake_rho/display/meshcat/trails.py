@@ -10,8 +10,6 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
-from matplotlib.colors import to_rgb
-from pydrake.geometry import Meshcat, Rgba
 
 from drake_rho.display.common.drawable import Drawn, Prediction
 from drake_rho.display.common.map_faces import has_map
@@ -23,8 +21,8 @@ from drake_rho.display.common.style import (
     window_colours,
 )
 from drake_rho.display.meshcat.meshes import tube
-from drake_rho.display.meshcat.playback import Playback
-from drake_rho.display.meshcat.scene import ROOT, Scene, coloured
+from drake_rho.display.meshcat.scene import Scene, coloured
+from drake_rho.display.meshcat.tree import Tree, rgba
 from drake_rho.scenario.fields import FloatArray, IntArray
 
 _MAX_PIECES, _MAX_PIECES_IN_MAPS = 1200, 600
@@ -35,56 +33,48 @@ _MAX_SEGMENTS_IN_MAPS = 7000
 """Largest number of segments of all trails in a scene with a map, but at least one per step."""
 
 
-def record_trails(meshcat: Meshcat, scene: Scene, plan: Drawn, playback: Playback) -> None:
+def add_trails(tree: Tree, scene: Scene, plan: Drawn) -> None:
     """Add trails as tubes of a few steps each, visible once flown."""
     per_step, steps = _PER_STEP, len(plan.positions) * (plan.scenario.grid.knots - 1)
     if has_map(plan.scenario):
         per_step = int(np.clip(_MAX_SEGMENTS_IN_MAPS // steps, 1, _PER_STEP))
     for first, last in _pieces(plan, len(plan.positions)):
-        for (vehicle, colour), path in zip(
-            coloured(plan.scenario), _paths(plan, first, last, per_step), strict=True
-        ):
-            name = f"{ROOT}/trails/{as_path(vehicle.name)}/{first}"
-            meshcat.SetTriangleMesh(name, *tube(path, scene.trail_radius), rgba=colour)
-            show_between(meshcat, name, _middle(plan, playback, first, last), None)
+        paths = _paths(plan, first, last, per_step)
+        for (vehicle, colour), path in zip(coloured(plan.scenario), paths, strict=True):
+            name = f"trails/{as_path(vehicle.name)}/{first}"
+            tree.add_mesh(name, tube(path, scene.trail_radius), colour)
+            tree.show_between(name, _middle(plan, first, last))
 
 
-def record_light_trails(meshcat: Meshcat, scene: Scene, plan: Drawn, playback: Playback) -> None:
+def add_light_trails(tree: Tree, plan: Drawn) -> None:
     """Add trails as lines, one object per colour, so that large fleets need few objects."""
     colours = palette(len(plan.positions))
     for first, last in _pieces(plan, len(colours)):
         paths = _paths(plan, first, last, 1)
         for number, colour in enumerate(colours, start=1):
-            name = f"{ROOT}/trails/{number}/{first}"
-            lines = segments(paths[number - 1 :: len(colours)])
-            meshcat.SetLineSegments(name, *lines, rgba=Rgba(*to_rgb(colour)))
-            show_between(meshcat, name, _middle(plan, playback, first, last), None)
+            name = f"trails/{number}/{first}"
+            tree.add_lines(name, paths[number - 1 :: len(colours)], rgba(colour))
+            tree.show_between(name, _middle(plan, first, last))
 
 
-def record_predictions(meshcat: Meshcat, windows: Sequence[Prediction], playback: Playback) -> None:
+def add_predictions(tree: Tree, windows: Sequence[Prediction]) -> None:
     """Add each window's prediction and contingency as lines, visible while it is in force."""
-    for number, (window, colour) in enumerate(
-        zip(windows, window_colours(len(windows)), strict=True), start=1
-    ):
-        paths = _paths(window.shown, 0, window.shown.scenario.grid.knots - 1, _PER_STEP)
-        name = f"{ROOT}/predictions/{number}"
-        meshcat.SetLineSegments(name, *segments(paths), rgba=Rgba(*to_rgb(colour)))
-        if (braking := window.braking) is not None:
-            paths = _paths(braking, 0, braking.scenario.grid.knots - 1, _PER_STEP)
-            name = f"{ROOT}/contingencies/{number}"
-            meshcat.SetLineSegments(name, *segments(paths), rgba=Rgba(*to_rgb(CONTINGENCY)))
-    record_windows(meshcat, f"{ROOT}/predictions", windows, playback)
+    colours = window_colours(len(windows))
+    for number, (window, colour) in enumerate(zip(windows, colours, strict=True), start=1):
+        predicted, contingency = f"predictions/{number}", f"contingencies/{number}"
+        tree.add_lines(predicted, _whole_paths(window.shown), rgba(colour))
+        if window.braking is not None:
+            tree.add_lines(contingency, _whole_paths(window.braking), rgba(CONTINGENCY))
+    show_in_force(tree, "predictions", windows)
     if any(window.braking is not None for window in windows):
-        record_windows(meshcat, f"{ROOT}/contingencies", windows, playback)
+        show_in_force(tree, "contingencies", windows)
 
 
-def record_windows(
-    meshcat: Meshcat, path: str, windows: Sequence[Prediction], playback: Playback
-) -> None:
+def show_in_force(tree: Tree, path: str, windows: Sequence[Prediction]) -> None:
     """Show the object at `path`/<number> only while that window, counted from 1, is in force."""
-    ends = [*(playback.time_at(window.begin) for window in windows[1:]), None]
-    for number, (window, end) in enumerate(zip(windows, ends, strict=False), start=1):
-        show_between(meshcat, f"{path}/{number}", playback.time_at(window.begin), end)
+    begins = [*(window.begin for window in windows), np.inf]
+    for number, (begin, end) in enumerate(pairwise(begins), start=1):
+        tree.show_between(f"{path}/{number}", begin, end)
 
 
 def _pieces(plan: Drawn, trails: int) -> list[tuple[int, int]]:
@@ -110,22 +100,12 @@ def _paths(plan: Drawn, first: int, last: int, per_step: int) -> FloatArray:
     return plan.motion().at("position", times)
 
 
-def segments(paths: Sequence[FloatArray] | FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the starts and ends of the segments of several polylines [m], each of shape (3, S)."""
-    begins = np.concatenate([path[:-1] for path in paths])
-    ends = np.concatenate([path[1:] for path in paths])
-    return np.asfortranarray(begins.T), np.asfortranarray(ends.T)
+def _whole_paths(plan: Drawn) -> FloatArray:
+    """Return points along all vehicles' whole paths [m], shape (N, M, 3)."""
+    return _paths(plan, 0, plan.scenario.grid.knots - 1, _PER_STEP)
 
 
-def _middle(plan: Drawn, playback: Playback, first: int, last: int) -> float:
+def _middle(plan: Drawn, first: int, last: int) -> float:
+    """Return the time midway between two knots, since the first knot [s]."""
     elapsed = plan.scenario.grid.elapsed
-    return playback.time_at((elapsed[first] + elapsed[last]) / 2)
-
-
-def show_between(meshcat: Meshcat, path: str, begin: float, end: float | None) -> None:
-    """Record that an object is visible only from `begin` to `end` [s of playback]."""
-    if begin > 0.0:
-        meshcat.SetProperty(path, "visible", False, 0.0)
-    meshcat.SetProperty(path, "visible", True, begin)
-    if end is not None:
-        meshcat.SetProperty(path, "visible", False, end)
+    return float(elapsed[first] + elapsed[last]) / 2

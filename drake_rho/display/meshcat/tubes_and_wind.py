@@ -9,18 +9,17 @@ its radius [m]. `tubes/<window>/<name>` is the tube of these balls along a windo
 from __future__ import annotations
 
 import numpy as np
-from pydrake.geometry import Meshcat, Rgba
-from pydrake.geometry import Sphere as Ball
+from pydrake.geometry import Rgba
 
 from drake_rho.display.common.drawable import Drawn
 from drake_rho.display.common.names import as_path
 from drake_rho.display.meshcat.airframes import body
 from drake_rho.display.meshcat.meshes import arrow, tube
-from drake_rho.display.meshcat.playback import Playback
-from drake_rho.display.meshcat.poses import headings, poses, record_poses, vehicle_poses
-from drake_rho.display.meshcat.scene import ROOT, Scene, coloured
-from drake_rho.display.meshcat.trails import record_windows
-from drake_rho.display.meshcat.vehicles import Vehicles, record_scale
+from drake_rho.display.meshcat.poses import headings, poses, vehicle_poses
+from drake_rho.display.meshcat.scene import Scene, coloured
+from drake_rho.display.meshcat.trails import show_in_force
+from drake_rho.display.meshcat.tree import Tree
+from drake_rho.display.meshcat.vehicles import Vehicles, faint, uniform
 from drake_rho.motion.simulation import Simulation
 from drake_rho.motion.tube import ErrorTube
 from drake_rho.scenario.fields import FloatArray
@@ -41,70 +40,58 @@ _MIN_SECTIONS = 8
 
 
 def add_disturbed(
-    meshcat: Meshcat, scene: Scene, plan: Drawn, simulation: Simulation, vehicles: Vehicles
+    tree: Tree, scene: Scene, plan: Drawn, simulation: Simulation, vehicles: Vehicles
 ) -> None:
-    """Add ghosts of the plans, error tubes and wind arrows to the scene."""
-    along = arrow(_arrow_length(vehicles, scene))
-    looks = zip(vehicles.kinds, vehicles.radii.tolist(), strict=True)
-    for (vehicle, colour), (kind, radius) in zip(coloured(simulation.scenario), looks, strict=True):
-        name = as_path(vehicle.name)
-        ghost = body(kind, radius, light=scene.light)
-        meshcat.SetTriangleMesh(f"{ROOT}/planned/{name}", *ghost, rgba=_faint(colour, _GHOST))
-        if has_tube(simulation):
-            meshcat.SetObject(f"{ROOT}/tube/{name}", Ball(1.0), _faint(colour, _BALL))
-            _disable_depth_write(meshcat, f"{ROOT}/tube/{name}")
-        if strongest_wind(simulation) > 0.0:
-            meshcat.SetTriangleMesh(f"{ROOT}/wind/{name}", *along, rgba=_DARK)
-    if has_tube(simulation):
-        _add_tubes(meshcat, plan, simulation)
-
-
-def record_disturbed(
-    meshcat: Meshcat, plan: Drawn, simulation: Simulation, vehicles: Vehicles, playback: Playback
-) -> None:
-    """Record the planned positions, the radii of their tubes, and the wind."""
-    times = np.minimum(simulation.scenario.grid.start + playback.times, simulation.times[-1])
+    """Add ghosts of the plans, error tubes and wind arrows, and record them."""
+    elapsed = tree.playback.times
+    times = np.minimum(simulation.scenario.grid.start + elapsed, simulation.times[-1])
     places = np.swapaxes(simulation.nominal("position", times), 0, 1)
     velocities = np.swapaxes(simulation.nominal("velocity", times), 0, 1)
     planned = vehicle_poses(vehicles.kinds, places, velocities, np.array([0.0, 0.0, 1.0]))
-    wind, radii, most = (
-        _wind(simulation, times),
-        _radii(simulation, times),
-        strongest_wind(simulation),
-    )
-    blown = poses(plan.motion().at("position", playback.times), headings(wind))
-    for i, vehicle in enumerate(simulation.scenario.vehicles):
+    wind, radii = _wind(simulation, times), _radii(simulation, times)
+    blown = poses(plan.motion().at("position", elapsed), headings(wind))
+    along, strongest = arrow(_arrow_length(vehicles, scene)), strongest_wind(simulation)
+    with_tube = largest_tube(simulation) > 0.0
+    for i, (vehicle, colour) in enumerate(coloured(simulation.scenario)):
         name = as_path(vehicle.name)
-        record_poses(meshcat, f"{ROOT}/planned/{name}", planned[i], playback)
+        ghost = body(vehicles.kinds[i], float(vehicles.radii[i]), light=scene.light)
+        tree.add_mesh(f"planned/{name}", ghost, faint(colour, _GHOST))
+        tree.move(f"planned/{name}", planned[i])
         if np.any(vehicles.scales[i] < 1.0):
-            record_scale(meshcat, f"{ROOT}/planned/{name}", vehicles.scales[i], playback)
-        if has_tube(simulation):
-            record_poses(meshcat, f"{ROOT}/tube/{name}", planned[i], playback)
-            record_scale(meshcat, f"{ROOT}/tube/{name}", np.maximum(radii, _MIN_SCALE), playback)
-        if most > 0.0:
-            record_poses(meshcat, f"{ROOT}/wind/{name}", blown[i], playback)
-            parts = np.linalg.norm(wind[i], axis=1) / most
-            record_scale(meshcat, f"{ROOT}/wind/{name}", np.maximum(parts, _MIN_SCALE), playback)
-    if has_tube(simulation):
-        record_windows(meshcat, f"{ROOT}/tubes", plan.windows, playback)
+            tree.scale(f"planned/{name}", uniform(vehicles.scales[i]))
+        if with_tube:
+            tree.add_ball(f"tube/{name}", 1.0, faint(colour, _BALL))
+            tree.set_see_through(f"tube/{name}")
+            tree.move(f"tube/{name}", planned[i])
+            tree.scale(f"tube/{name}", uniform(np.maximum(radii, _MIN_SCALE)))
+        if strongest > 0.0:
+            parts = np.linalg.norm(wind[i], axis=1) / strongest
+            tree.add_mesh(f"wind/{name}", along, _DARK)
+            tree.move(f"wind/{name}", blown[i])
+            tree.scale(f"wind/{name}", uniform(np.maximum(parts, _MIN_SCALE)))
+    if with_tube:
+        _add_tubes(tree, plan, simulation)
+        show_in_force(tree, "tubes", plan.windows)
 
 
-def has_tube(simulation: Simulation) -> bool:
-    """Return whether the scenario's disturbance lets vehicles deviate from their plans."""
-    return bool(np.any(simulation.radii() > 0.0))
+def largest_tube(simulation: Simulation | None) -> float:
+    """Return the largest radius of the tubes around positions [m]; 0 without a simulation."""
+    return 0.0 if simulation is None else float(simulation.radii().max())
 
 
-def strongest_wind(simulation: Simulation) -> float:
-    """Return the wind of an arrow of full length [m/s²]; 0 without wind.
+def strongest_wind(simulation: Simulation | None) -> float:
+    """Return the wind of an arrow of full length [m/s²]; 0 without a simulation or wind.
 
     It is the scenario's bound on the disturbance, or the strongest simulated wind if stronger.
     """
+    if simulation is None:
+        return 0.0
     around = simulation.scenario.disturbance
     blew = float(np.linalg.norm(simulation.wind, axis=2).max())
     return blew if around is None or blew == 0.0 else max(blew, around.acceleration)
 
 
-def _add_tubes(meshcat: Meshcat, plan: Drawn, simulation: Simulation) -> None:
+def _add_tubes(tree: Tree, plan: Drawn, simulation: Simulation) -> None:
     """Add the tube of every window, with fewer cross-sections for many windows and vehicles."""
     windows, vehicles = plan.windows, len(plan.positions)
     steps = sum(window.shown.scenario.grid.knots - 1 for window in windows)
@@ -112,10 +99,9 @@ def _add_tubes(meshcat: Meshcat, plan: Drawn, simulation: Simulation) -> None:
     for number, (window, around) in enumerate(zip(windows, simulation.tubes, strict=True), start=1):
         paths, radii = _sections(window.shown, around, per_step)
         for (vehicle, colour), path in zip(coloured(simulation.scenario), paths, strict=True):
-            name = f"{ROOT}/tubes/{number}/{as_path(vehicle.name)}"
-            mesh = tube(path, radii, _SIDES)
-            meshcat.SetTriangleMesh(name, *mesh, rgba=_faint(colour, _TUBE))
-            _disable_depth_write(meshcat, name)
+            name = f"tubes/{number}/{as_path(vehicle.name)}"
+            tree.add_mesh(name, tube(path, radii, _SIDES), faint(colour, _TUBE))
+            tree.set_see_through(name)
 
 
 def _sections(plan: Drawn, around: ErrorTube, per_step: float) -> tuple[FloatArray, FloatArray]:
@@ -125,11 +111,6 @@ def _sections(plan: Drawn, around: ErrorTube, per_step: float) -> tuple[FloatArr
     times = np.linspace(0.0, grid.duration, count)
     radii = around.position(np.minimum(grid.start + times, grid.end))
     return plan.motion().at("position", times), np.maximum(radii, _MIN_SCALE)
-
-
-def _disable_depth_write(meshcat: Meshcat, path: str) -> None:
-    """Keep a translucent object from hiding objects inside it or behind it."""
-    meshcat.SetProperty(f"{path}/<object>", "material.depthWrite", False)
 
 
 def _wind(simulation: Simulation, times: FloatArray) -> FloatArray:
@@ -148,7 +129,3 @@ def _radii(simulation: Simulation, times: FloatArray) -> FloatArray:
 def _arrow_length(vehicles: Vehicles, scene: Scene) -> float:
     """Return the length of the arrow of the strongest wind [m]."""
     return max(0.7 * scene.mark_length, 2.0 * float(vehicles.radii.max()))
-
-
-def _faint(colour: Rgba, alpha: float) -> Rgba:
-    return Rgba(colour.r(), colour.g(), colour.b(), alpha)

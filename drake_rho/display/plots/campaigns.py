@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ from drake_rho.display.common.names import as_text, brief, in_lines
 from drake_rho.display.common.style import LIMIT_STYLE, vehicle_colours, vehicle_marker
 from drake_rho.display.plots.formats import DOUBLE_COLUMN, check_format, check_width
 from drake_rho.display.plots.legends import add_below
-from drake_rho.display.plots.publish import save_figure, styled
+from drake_rho.display.plots.publish import save_figures, styled
 
 _LINE = 0.26
 """Height per line in a figure with names at its side [in]."""
@@ -56,47 +57,33 @@ def write_campaign_figures(
     if results.failures:
         draw["failures"] = failures_figure
     figures = {name: each(results, width=width) for name, each in draw.items()}
-    Path(folder).mkdir(parents=True, exist_ok=True)
-    return [
-        save_figure(figure, Path(folder) / f"{name}.{file_format}")
-        for name, figure in figures.items()
-    ]
+    return save_figures(figures, folder, file_format)
 
 
 @styled
 def success_figure(results: Results, *, width: float = DOUBLE_COLUMN) -> Figure:
     """Plot each method's success rate on each source of scenarios, with 95 % intervals."""
     lines = min(len(results.scenarios), _MAX_LINES) * len(results.methods) / 2 + 2
-    figure, ax = _figure_of_lines(lines, width)
-    draw_success(ax, results)
-    _legend(figure, ax)
-    return figure
+    return _figure_of_lines(lines, width, draw_success, results)
 
 
 @styled
 def times_figure(results: Results, *, width: float = DOUBLE_COLUMN) -> Figure:
     """Plot the percentage of runs that each method solves, over planning time."""
-    figure, ax = _figure_of_lines(8, width)
-    draw_times(ax, results)
-    _legend(figure, ax)
-    return figure
+    return _figure_of_lines(8, width, draw_times, results)
 
 
 @styled
 def costs_figure(results: Results, *, width: float = DOUBLE_COLUMN) -> Figure:
     """Plot the ratios of each method's costs to those of the first method, in ascending order."""
-    figure, ax = _figure_of_lines(8, width)
-    draw_cost_ratios(ax, results)
-    _legend(figure, ax)
-    return figure
+    return _figure_of_lines(8, width, draw_cost_ratios, results)
 
 
 @styled
 def failures_figure(results: Results, *, width: float = DOUBLE_COLUMN) -> Figure:
     """Plot the number of runs without a valid plan, by method and status."""
-    figure, ax = _figure_of_lines(min(len(results.failures), _MAX_LINES) + 2, width)
-    draw_failures(ax, results)
-    return figure
+    lines = min(len(results.failures), _MAX_LINES) + 2
+    return _figure_of_lines(lines, width, draw_failures, results)
 
 
 def draw_success(ax: Axes, results: Results) -> None:
@@ -210,14 +197,13 @@ def _sampled_indices(count: int) -> np.ndarray:
     return np.unique(np.linspace(0, count - 1, min(count, _MAX_POINTS)).astype(np.int64))
 
 
-def _figure_of_lines(count: float, width: float) -> tuple[Figure, Axes]:
+def _figure_of_lines(
+    count: float, width: float, draw: Callable[[Axes, Results], None], results: Results
+) -> Figure:
+    """Return a figure of results, as high as a number of lines, with a legend of the methods."""
     height = 0.7 + _LINE * max(count, 3)
     figure = Figure(figsize=(check_width(width), height), layout="constrained")
-    return figure, figure.add_subplot()
-
-
-def _legend(figure: Figure, ax: Axes) -> None:
-    """Add a legend of the methods below the axes, in as many columns as fit."""
-    handles, _ = ax.get_legend_handles_labels()
-    if handles:
-        add_below(figure, handles)
+    ax = figure.add_subplot()
+    draw(ax, results)
+    add_below(figure, ax.get_legend_handles_labels()[0])
+    return figure

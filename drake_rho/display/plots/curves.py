@@ -7,6 +7,7 @@ takes the axes first and returns the artists it has drawn.
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Sequence
 
@@ -14,23 +15,18 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
-from drake_rho.display.common.drawable import Drawn, Prediction
+from drake_rho.display.common.drawable import Drawn
 from drake_rho.display.common.names import as_text, brief
-from drake_rho.display.common.style import (
-    COLOURS,
-    EXTREMUM_STYLE,
-    FORBIDDEN,
-    LIMIT_STYLE,
-    MAX_NAMED,
-    PLANNED_STYLE,
-    dense_times,
-    vehicle_colours,
-    vehicle_marker,
-    with_gaps,
+from drake_rho.display.common.style import COLOURS, LIMIT_STYLE, dense_times, with_gaps
+from drake_rho.display.plots.panels import (
+    description,
+    draw_curve,
+    draw_limit,
+    draw_planned,
+    draw_ring,
+    finish,
+    mark_knots,
 )
-from drake_rho.display.plots.labels import Labels, along
-from drake_rho.display.plots.legends import add_above, width_of
-from drake_rho.display.plots.overlapping_curves import marks_every, show_overlapping
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.norms import Norm
 from drake_rho.scenario.parts import UNITS, Quantity
@@ -70,45 +66,45 @@ def draw_separation(ax: Axes, plan: Drawn) -> list[Line2D]:
     if separation is None or len(vehicles) < 2:
         got = "none" if separation is None else "one for a single vehicle"
         raise ValueError(f"separation: got {got}, expected one and at least two vehicles")
-    found = plan.closest_two(separation)
-    times = plan.scenario.grid.start + found.times
-    shown = with_gaps(plan, found.times, found.distances)
-    (curve,) = ax.plot(plan.scenario.grid.start + shown[0], shown[1], color=COLOURS[0])
+    found, start = plan.closest_two(separation), plan.scenario.grid.start
+    times, distances = with_gaps(plan, found.times, found.distances)
+    (curve,) = ax.plot(start + times, distances, color=COLOURS[0])
     for piece in plan.planned:
         near = piece.shown.closest_two(separation)
         draw_planned(ax, piece, near.times, near.distances[None])
     m = int(np.argmin(found.distances))
-    closest = (vehicles[index].name for index in (found.one[m], found.other[m]))
-    names = " and ".join(as_text(brief(name)) for name in closest)
-    label = f"{found.distances[m]:.4g} m at {times[m]:.4g} s: {names}"
-    (ring,) = ax.plot(times[m], found.distances[m], label=label, **EXTREMUM_STYLE)
-    add_above(ax, [ring])
+    time, closest = float(found.times[m]), float(found.distances[m])
+    words = description(plan, int(found.one[m]), time, closest)
+    words += f" and {as_text(brief(vehicles[found.other[m]].name))}"
+    ring = draw_ring(ax, (start + time, closest), words)
     scaled = "" if separation.downwash == 1.0 else f", z / {separation.downwash:g}"
-    ax.set(xlabel="time [s]", ylabel=f"minimum vehicle distance{scaled} [m]")
+    ax.set_ylabel(f"minimum vehicle distance{scaled} [m]")
     # A dense fleet is always close to its limit; on an axis from zero the curve would look flat.
-    low, high = min(separation.distance, found.distances[m]), float(found.distances.max())
+    low, high = min(separation.distance, closest), float(found.distances.max())
     span = max(high - low, 0.02 * separation.distance)
     bottom, top = max(0.0, low - 0.5 * span), high + 0.1 * span
     ax.set_ylim(bottom, top)
     draw_limit(ax, separation.distance, f"separation {separation.distance:g} m", bottom)
-    ax.set_xlim(plan.scenario.grid.start, plan.scenario.grid.end)
+    finish(ax, plan, [])
     return [curve, ring]
 
 
 def draw_components(axes: Sequence[Axes], plan: Drawn, quantity: Quantity) -> list[Line2D]:
     """Draw the components of velocities or accelerations over time with their bounds, one each."""
-    times, values, knots, marked = _values_of(plan, quantity)
-    values, marked = _rounded(values), _rounded(marked)
+    sampled = _values_of(plan, quantity)
+    values, marked = _rounded(sampled.values), _rounded(sampled.at_knots)
     lines = []
     for axis, ax in enumerate(axes):
-        lines += [
-            draw_curve(ax, plan, i, (times, values[i, :, axis]), (knots, marked[i, :, axis]))
-            for i in range(len(values))
-        ]
-        _finish_component(ax, plan, quantity, axis)
+        own = _draw(ax, plan, sampled, values[..., axis], marked[..., axis])
+        for vehicle in plan.scenario.vehicles:
+            box = getattr(plan.scenario.limits_of(vehicle), quantity)
+            if box is not None:
+                ax.axhline(box.lower[axis], **LIMIT_STYLE)
+                ax.axhline(box.upper[axis], **LIMIT_STYLE)
+        ax.set_ylabel(f"${quantity[0]}_{'xyz'[axis]}$ [{UNITS[quantity]}]")
         _widen_flat_range(ax, values)
-        _show_overlapping(ax, plan, lines[-len(values) :])
-    axes[-1].set_xlabel("time [s]")
+        finish(ax, plan, own)
+        lines += own
     return lines
 
 
@@ -123,37 +119,53 @@ def draw_norm(ax: Axes, plan: Drawn, norm: Norm) -> list[Line2D]:
     limit = plan.scenario.fleet.norms[norm]
     for most in np.unique(limit.limits[np.isfinite(limit.limits)]):
         ax.axhline(most, **LIMIT_STYLE)
-    times, values, knots, marked = _values_of(plan, limit.kind.quantity)
-    norms, at_knots = (_rounded(limit.kind.measured(each)) for each in (values, marked))
-    lines = [
-        draw_curve(ax, plan, index, (times, norms[index]), (knots, at_knots[index]))
-        for index in range(len(norms))
-    ]
-    ax.set(xlabel="time [s]", ylabel=_NORM_LABELS[norm], ylim=(0, None))
-    ax.set_xlim(plan.scenario.grid.start, plan.scenario.grid.end)
-    _show_overlapping(ax, plan, lines)
+    sampled = _values_of(plan, limit.kind.quantity)
+    measured = (limit.kind.measured(each) for each in (sampled.values, sampled.at_knots))
+    lines = _draw(ax, plan, sampled, *map(_rounded, measured))
+    ax.set(ylabel=_NORM_LABELS[norm], ylim=(0, None))
+    finish(ax, plan, lines)
     return lines
 
 
-def _values_of(
-    plan: Drawn, quantity: Quantity
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Return times [s] and values (N, M, 3) of a quantity, then the same at the knots.
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Sampled:
+    """Values of a quantity over time, on the scenario's clock."""
 
-    Accelerations, and jerks at the knots, are constant in steps.
-    """
+    times: FloatArray
+    """times [s], shape (M,)"""
+    values: FloatArray
+    """values, shape (N, M, 3)"""
+    knots: FloatArray
+    """times of marked knots [s], shape (K,)"""
+    at_knots: FloatArray
+    """values at these, shape (N, K, 3)"""
+
+
+def _values_of(plan: Drawn, quantity: Quantity) -> _Sampled:
+    """Return the values of a quantity. Accelerations, and jerks at knots, are constant in steps."""
     grid, begins = plan.scenario.grid, plan.times[:-1]
     if quantity == "velocity":
         times = dense_times(plan)
         exact = np.moveaxis(plan.motion().at("velocity", times), 1, 2)
         times, exact = with_gaps(plan, times, exact)
-        return grid.start + times, np.moveaxis(exact, 2, 1), plan.times, plan.velocities
+        return _Sampled(grid.start + times, np.moveaxis(exact, 2, 1), plan.times, plan.velocities)
     if quantity == "acceleration":
         ends, steps = plan.commands
     else:
         ends, steps = grid.start + grid.step * (np.arange(grid.knots + 1.0) - 0.5), plan.jerks
     marked = steps[:, grid.clock.last_begun(ends[1:-1], begins) + 1]
-    return np.repeat(ends, 2)[1:-1], np.repeat(steps, 2, axis=1), begins, marked
+    return _Sampled(np.repeat(ends, 2)[1:-1], np.repeat(steps, 2, axis=1), begins, marked)
+
+
+def _draw(
+    ax: Axes, plan: Drawn, sampled: _Sampled, values: FloatArray, marked: FloatArray
+) -> list[Line2D]:
+    """Draw each vehicle's values (N, M) at the sampled times, and marks (N, K) at the knots."""
+    lines = []
+    for index in range(len(values)):
+        lines.append(draw_curve(ax, plan, index, sampled.times, values[index]))
+        mark_knots(ax, plan, index, sampled.knots, marked[index])
+    return lines
 
 
 def _rounded(values: FloatArray) -> FloatArray:
@@ -164,62 +176,6 @@ def _rounded(values: FloatArray) -> FloatArray:
     """
     largest = float(np.nanmax(np.abs(values), initial=0.0))
     return np.round(values, _DIGITS - math.ceil(math.log10(largest))) if largest else values
-
-
-def draw_limit(ax: Axes, least: float, name: str, bottom: float = 0.0) -> None:
-    """Draw a required distance [m] with its name, and shade the range down to `bottom`."""
-    ax.axhspan(bottom, least, color=FORBIDDEN, alpha=0.18, linewidth=0)
-    ax.axhline(least, **LIMIT_STYLE)
-    Labels.of(ax).add(name, along(ax, least), bbox=None)
-
-
-def draw_curve(
-    ax: Axes,
-    plan: Drawn,
-    index: int,
-    exact: tuple[FloatArray, FloatArray],
-    knots: tuple[FloatArray, FloatArray],
-) -> Line2D:
-    """Draw a vehicle's curve in its colour, with marks at the knots if vehicles are named."""
-    colour = vehicle_colours(len(plan.positions))[index]
-    name = as_text(plan.scenario.vehicles[index].name)
-    (line,) = ax.plot(*exact, color=colour, label=name)
-    if len(plan.positions) <= MAX_NAMED:
-        every = marks_every(len(knots[0]), width_of(ax))
-        ax.plot(
-            *(each[::every] for each in knots),
-            color=colour,
-            linestyle="none",
-            marker=vehicle_marker(index),
-            markersize=2.4,
-            clip_on=False,  # whole marks at both ends of the flight
-        )
-    return line
-
-
-def draw_planned(
-    ax: Axes, piece: Prediction, times: FloatArray, values: FloatArray
-) -> list[Line2D]:
-    """Draw a window's planned values for each vehicle as dotted lines.
-
-    Args:
-        ax: axes to draw in.
-        piece: prediction whose part in force is drawn.
-        times: times since its first knot [s], shape (M,) or (N, M).
-        values: values of all vehicles at these times, shape (N, M).
-    """
-    start, colours = piece.shown.scenario.grid.start, vehicle_colours(len(values))
-    lines = []
-    for each, at, colour in zip(values, np.broadcast_to(times, values.shape), colours, strict=True):
-        shown = piece.in_force(at)
-        lines += ax.plot(start + at[shown], each[shown], color=colour, **PLANNED_STYLE)
-    return lines
-
-
-def _show_overlapping(ax: Axes, plan: Drawn, lines: Sequence[Line2D]) -> None:
-    """Make overlapping curves visible, if vehicles are named."""
-    if len(plan.positions) <= MAX_NAMED:
-        show_overlapping(ax, lines)
 
 
 def _widen_flat_range(ax: Axes, values: FloatArray) -> None:
@@ -234,13 +190,3 @@ def _widen_flat_range(ax: Axes, values: FloatArray) -> None:
     if high - low < _NO_CHANGE * largest:
         middle = (low + high) / 2.0
         ax.set_ylim(middle - _FLAT_RANGE * largest, middle + _FLAT_RANGE * largest)
-
-
-def _finish_component(ax: Axes, plan: Drawn, quantity: Quantity, axis: int) -> None:
-    for vehicle in plan.scenario.vehicles:
-        box = getattr(plan.scenario.limits_of(vehicle), quantity)
-        if box is not None:
-            ax.axhline(box.lower[axis], **LIMIT_STYLE)
-            ax.axhline(box.upper[axis], **LIMIT_STYLE)
-    ax.set_ylabel(f"${quantity[0]}_{'xyz'[axis]}$ [{UNITS[quantity]}]")
-    ax.set_xlim(plan.scenario.grid.start, plan.scenario.grid.end)

@@ -26,7 +26,7 @@ from drake_rho.display.plots.formats import DOUBLE_COLUMN, check_format, check_w
 from drake_rho.display.plots.given_axes import given_axes
 from drake_rho.display.plots.legends import add_below, figure_of, vehicle_handles
 from drake_rho.display.plots.path_figure import paths_figure
-from drake_rho.display.plots.publish import save_figure, styled
+from drake_rho.display.plots.publish import save_figures, styled
 from drake_rho.display.plots.requirements import draw_left
 from drake_rho.display.plots.tube_errors import LABELS, draw_errors, tube_handle
 from drake_rho.motion.flown import Flown
@@ -204,11 +204,7 @@ def write_figures(
     if flown.simulation is not None:
         draw["errors"] = errors_figure
     figures = {name: each(flown, width=width) for name, each in draw.items()}
-    folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
-    return [
-        save_figure(figure, folder / f"{name}.{file_format}") for name, figure in figures.items()
-    ]
+    return save_figures(figures, folder, file_format)
 
 
 def _components(

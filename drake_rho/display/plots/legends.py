@@ -33,9 +33,10 @@ def vehicle_handles(scenario: Scenario) -> list[Line2D]:
     if len(scenario.vehicles) > MAX_NAMED:
         return []
     colours = vehicle_colours(len(scenario.vehicles))
+    style: dict[str, Any] = {"markersize": 3.5}
     return [
-        _entry(vehicle.name, color=colours[index], marker=vehicle_marker(index), markersize=3.5)
-        for index, vehicle in enumerate(scenario.vehicles)
+        Line2D([], [], label=label, color=colours[index], marker=vehicle_marker(index), **style)
+        for index, label in enumerate(as_text(in_lines(name)) for name in scenario.names)
     ]
 
 
@@ -45,10 +46,6 @@ def start_handles(scenario: Scenario) -> list[Line2D]:
     for handle in handles:
         handle.set(linestyle="none", marker="o", markersize=5, fillstyle="none")
     return handles
-
-
-def _entry(name: str, **style: Any) -> Line2D:
-    return Line2D([], [], label=as_text(in_lines(name)), **style)
 
 
 def width_beside(figure: Figure, handles: Sequence[Line2D]) -> float | None:

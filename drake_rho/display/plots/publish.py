@@ -5,6 +5,7 @@ Equal drawings give equal files, byte for byte: no file contains a date or its a
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -54,3 +55,10 @@ def save_figure(figure: Figure, path: str | Path) -> Path:
     with atomic_write(path) as file:
         figure.savefig(file, format=ending, metadata=_METADATA[ending])
     return path
+
+
+def save_figures(figures: Mapping[str, Figure], folder: str | Path, file_format: str) -> list[Path]:
+    """Write figures into a folder, created if it does not exist, in files with their names."""
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    return [save_figure(each, folder / f"{name}.{file_format}") for name, each in figures.items()]

@@ -20,26 +20,20 @@ from drake_rho.display.common.names import as_text
 from drake_rho.display.common.obstacle_snapshots import Snapshot, active_in_words
 from drake_rho.display.common.requirements import Kept, kept_positions
 from drake_rho.display.common.set_surfaces import surface_within
-from drake_rho.display.common.style import (
-    ALLOWED,
-    EXTREMUM_STYLE,
-    dense_times,
-    reddened,
-    vehicle_colours,
-    with_gaps,
-)
-from drake_rho.display.plots.curves import draw_curve, draw_limit, draw_planned
-from drake_rho.display.plots.distances import (
-    BELOW,
-    MAX_ANNOTATED,
-    description,
-    draw_inactive,
-    finish,
-    mark_minimum,
-)
+from drake_rho.display.common.style import ALLOWED, dense_times, reddened
 from drake_rho.display.plots.labels import Labels, around
-from drake_rho.display.plots.legends import add_above
 from drake_rho.display.plots.lines3d import draw_line
+from drake_rho.display.plots.panels import (
+    Curves,
+    bottom_of,
+    description,
+    draw_curves,
+    draw_inactive,
+    draw_limit,
+    draw_planned,
+    draw_ring,
+    finish,
+)
 
 _MAX_LABELLED = 8
 """Largest number of sets, or of links, that are labelled in space."""
@@ -122,22 +116,17 @@ def draw_left(
     Returns:
         The curves, and a ring at the overall minimum.
     """
-    highest = _highest(plan, kept)
+    highest, start = _highest(plan, kept), plan.scenario.grid.start
     curves = [line for each in kept for line in _draw_curves(ax, plan, each, highest)]
     least = [each.least(plan) for each in kept]
     number = int(np.argmin([values.min() for _, values in least]))
-    times, values = least[number]
-    i = int(np.argmin(values))
-    where, scenario = kept[number], plan.scenario
-    tolerance = where.requirement.tolerances(scenario.fleet, scenario.names)[i]
-    label = description(plan, int(where.members[i]), values[i], times[i], tolerance)
-    label += f" in {as_text(where.label)}" if len(kept) > 1 else ""
-    start = scenario.grid.start
-    (ring,) = ax.plot(start + times[i], values[i], label=label, **EXTREMUM_STYLE)
-    add_above(ax, [ring], title)
-    every = np.concatenate([np.asarray(line.get_ydata()) for line in curves])
-    bottom, top = float(np.nanmin(every, initial=0.0)), float(np.nanmax(every, initial=0.0))
-    bottom -= BELOW * max(top - bottom, 1e-9)
+    where, i = kept[number], int(np.argmin(least[number][1]))
+    time, value = (float(each[i]) for each in least[number])
+    tolerance = where.requirement.tolerances(plan.scenario.fleet, plan.scenario.names)[i]
+    words = description(plan, int(where.members[i]), time, value, tolerance)
+    words += f" in {as_text(where.label)}" if len(kept) > 1 else ""
+    ring = draw_ring(ax, (start + time, value), words, title=title)
+    bottom = bottom_of(np.concatenate([np.asarray(line.get_ydata()) for line in curves]))
     draw_limit(ax, 0.0, "boundary of the set", bottom)
     ax.set(ylabel="distance inside the set [m]", ylim=(bottom, highest))
     if len(kept) == 1:
@@ -147,7 +136,10 @@ def draw_left(
 
 
 def _highest(plan: Drawn, kept: Sequence[Kept]) -> float | None:
-    """Return the upper end of axes with several requirements [m]: above their smallest margin."""
+    """Return the upper end of axes with several requirements [m]: above their smallest margin.
+
+    None for one requirement, or if no margin is positive.
+    """
     if len(kept) == 1:
         return None
     times = dense_times(plan)
@@ -162,25 +154,15 @@ def _draw_curves(ax: Axes, plan: Drawn, kept: Kept, highest: float | None) -> li
     With a highest value [m], greater values are omitted, and the minima are labelled.
     """
     most = np.inf if highest is None else highest
-    start, colours = plan.scenario.grid.start, vehicle_colours(len(plan.positions))
-    when, least = kept.least(plan)
-    times = np.union1d(kept.times(plan), when)
-    elapsed = plan.scenario.grid.elapsed
-    knots = elapsed[kept.is_active(plan, elapsed)]
-    both = kept.left(plan, times), kept.left(plan, knots)
-    exact, at_knots = (np.where(each <= most, each, np.nan) for each in both)
-    lines = []
-    for row, index in enumerate(kept.members):
-        drawn, inside = with_gaps(plan, times, exact[row])
-        points = (start + drawn, inside), (start + knots, at_knots[row])
-        lines.append(draw_curve(ax, plan, int(index), *points))
-        if len(kept.members) <= MAX_ANNOTATED and least[row] <= most:
-            place = (start + float(when[row]), float(least[row]))
-            mark_minimum(ax, plan, int(index), place, colours[index])
-            if highest is not None:
-                spots = around(ax, *place)
-                words = as_text(kept.label)
-                Labels.of(ax).add(words, spots, rank=1, color=colours[index])
+    labels = [] if highest is None else [as_text(kept.label)] * len(kept.members)
+    elapsed, least = plan.scenario.grid.elapsed, kept.least(plan)
+    times, knots = np.union1d(kept.times(plan), least[0]), elapsed[kept.is_active(plan, elapsed)]
+    values, at_knots, minima = (
+        np.where(each <= most, each, np.nan)
+        for each in (kept.left(plan, times), kept.left(plan, knots), least[1])
+    )
+    curves = Curves(kept.members, times, values, (least[0], minima), knots, at_knots, labels)
+    lines = draw_curves(ax, plan, curves)
     for piece in plan.planned:
         times = dense_times(piece.shown)
         left = np.full((len(plan.positions), len(times)), np.nan)

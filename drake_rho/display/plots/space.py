@@ -70,9 +70,9 @@ def draw_obstacles(ax: Axes3D, shown: Sequence[Snapshot]) -> list[Poly3DCollecti
         if each.faces is not None:
             bodies.append(draw_map(ax, each))
             continue
-        skin = surface(each.shape)
+        skin = surface(each.shape).moved(each.center)
         body = Poly3DCollection(
-            [each.center + face for face in skin.faces],
+            skin.faces,
             facecolors=to_rgba(FORBIDDEN),
             shade=True,
             alpha=0.1 if each.faint else 0.25,
@@ -82,13 +82,12 @@ def draw_obstacles(ax: Axes3D, shown: Sequence[Snapshot]) -> list[Poly3DCollecti
         ax.add_collection3d(body)
         bodies.append(body)
         if each.halo > 0.0:
-            halo = [each.center + face for face in surface_around(each.shape, each.halo).faces]
+            halo = surface_around(each.shape, each.halo).moved(each.center).faces
             style = {"alpha": 0.04 if each.faint else 0.1, "linewidth": 0}
             ax.add_collection3d(Poly3DCollection(halo, facecolors=FORBIDDEN, **style))
         if skin.edges:
-            edges = [each.center + edge for edge in skin.edges]
             alpha = 0.3 if each.faint else 0.7
-            lines = Line3DCollection(edges, colors=FORBIDDEN, linewidths=0.6, alpha=alpha)
+            lines = Line3DCollection(skin.edges, colors=FORBIDDEN, linewidths=0.6, alpha=alpha)
             ax.add_collection3d(lines)
     return bodies
 
@@ -182,8 +181,7 @@ def draw_conflicts(
             skin = surface(each.shape).faces if each.faces is None else each.faces.corners
             faces = [each.center + face for face in skin]
             body = Poly3DCollection(faces, facecolors=CONFLICT, alpha=0.25, linewidth=0)
-            ax.add_collection3d(body)
-            artists.append(body)
+            artists.append(ax.add_collection3d(body))
     return artists
 
 
@@ -249,33 +247,16 @@ def draw_ends(ax: Axes3D, scenario: Scenario, colours: Sequence[str] | None = No
     artists: list[Artist] = []
     colours = colours or vehicle_colours(len(scenario.vehicles))
     size = 5.5 if len(scenario.vehicles) <= _MAX_LARGE else 3.0
+    # open marks, so that the ends of paths remain visible
+    style: dict[str, Any] = {"fillstyle": "none", "linestyle": "none", "zorder": _TOP}
     for vehicle, colour in zip(scenario.vehicles, colours, strict=True):
         start, goal = vehicle.start.position, vehicle.goal.position
-        artists += ax.plot(
-            *start[:, None],
-            marker="o",
-            markersize=size,
-            fillstyle="none",
-            color=colour,
-            zorder=_TOP,
-        )
-        artists += ax.plot(
-            *goal[:, None],
-            marker="*",
-            markersize=1.5 * size,
-            fillstyle="none",  # the end of the path remains visible
-            color="black",
-            zorder=_TOP,
-        )
+        own = style | {"color": colour, "markersize": size}
+        artists += ax.plot(*start[:, None], marker="o", **own)
+        star = own | {"color": "black", "markersize": 1.5 * size}
+        artists += ax.plot(*goal[:, None], marker="*", **star)
         for waypoint in vehicle.waypoints:
-            artists += ax.plot(
-                *waypoint.position[:, None],
-                marker="D",
-                markersize=size,
-                markerfacecolor="none",
-                color=colour,
-                zorder=_TOP,
-            )
+            artists += ax.plot(*waypoint.position[:, None], marker="D", **own)
         if len(scenario.vehicles) <= MAX_LABELLED:
             name = as_text(brief(vehicle.name))
             artists.append(Labels.of(ax).add(name, around(ax, *start)))

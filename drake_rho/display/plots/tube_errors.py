@@ -14,8 +14,8 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
 from drake_rho.display.common.names import as_text, brief
-from drake_rho.display.common.style import EXTREMUM_STYLE, FORBIDDEN, vehicle_colours
-from drake_rho.display.plots.legends import add_above
+from drake_rho.display.common.style import FORBIDDEN, vehicle_colours
+from drake_rho.display.plots.panels import draw_ring
 from drake_rho.motion.simulation import Simulation
 from drake_rho.motion.tube_shares import largest_shares, rounding_of
 from drake_rho.scenario.fields import FloatArray
@@ -113,9 +113,7 @@ def _draw_greatest(
     if any(window.radii.max() > 0.0 for window in windows):
         share = greatest_ratio(windows, rounding_of(simulation, quantity))
         label += f"; at most {100.0 * share:.1f} % of the radius"
-    (ring,) = ax.plot(time, error, label=label, **EXTREMUM_STYLE)
-    add_above(ax, [ring])
-    return ring
+    return draw_ring(ax, (float(time), float(error)), label)
 
 
 def tube_handle() -> Line2D:

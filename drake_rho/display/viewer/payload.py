@@ -9,6 +9,7 @@ from matplotlib.colors import to_hex
 
 from drake_rho.display.common.map_faces import has_map, map_faces
 from drake_rho.display.common.names import as_path, brief
+from drake_rho.display.common.obstacle_snapshots import has_halo
 from drake_rho.display.common.requirements import Kept, kept_positions
 from drake_rho.display.common.style import (
     HIGHEST,
@@ -21,9 +22,8 @@ from drake_rho.display.common.style import (
 from drake_rho.display.meshcat.animation import Stage
 from drake_rho.display.meshcat.requirements import left_while_shown
 from drake_rho.display.meshcat.scene import MAX_DETAILED
-from drake_rho.display.meshcat.tubes_and_wind import has_tube, strongest_wind
-from drake_rho.display.viewer.readings import Curve, Readings
-from drake_rho.motion.simulation import Simulation
+from drake_rho.display.meshcat.tubes_and_wind import largest_tube, strongest_wind
+from drake_rho.display.viewer.readings import Readings
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.maps.map import Map
 from drake_rho.scenario.records import Scenario
@@ -51,7 +51,7 @@ def payload(stage: Stage) -> dict[str, object]:
         "vehicles": _vehicles(stage),
         "obstacles": _obstacles(stage),
         "speeds": np.round(found.speeds, decimals).tolist(),
-        "clearances": _finite(np.round(found.clearances, decimals)),
+        "clearances": _rounded(found.clearances, decimals),
         "nearest": found.nearest.tolist() if np.any(np.isfinite(found.clearances)) else [],
         "requirements": _requirements(stage, found, decimals),
         "curves": _curves(stage, found, decimals),
@@ -119,7 +119,7 @@ def _requirements(stage: Stage, found: Readings, decimals: int) -> list[dict[str
             {
                 "label": kept.label,
                 "title": kept.in_words(names),
-                "left": _finite(np.round(left[None], decimals))[0],
+                "left": _rounded(left, decimals),
                 "plenty": float(plenty[number]),
             }
         )
@@ -127,48 +127,33 @@ def _requirements(stage: Stage, found: Readings, decimals: int) -> list[dict[str
 
 
 def _curves(stage: Stage, found: Readings, decimals: int) -> list[dict[str, object]]:
+    """Return the least values over the fleet, each with its limit and its minimum."""
     scenario = stage.shown.scenario
+    apart, uncertain = scenario.separation, any(each.is_uncertain for each in scenario.bodies)
+    scaled = apart is not None and not apart.is_round
+    measured = "from where obstacles may be" if uncertain else "from obstacles"
+    padded = ", minus the vehicle's radius" if np.any(scenario.fleet.radii > 0.0) else ""
     vehicles = [brief(vehicle.name) for vehicle in scenario.vehicles]
     bodies = [brief(str(each["name"])) for each in _obstacles(stage)]
-    curves = []
-    if found.pairs is not None:
-        apart = scenario.separation
-        how = (
-            ""
-            if apart is None or apart.is_round
-            else f"vertical distances divided by {apart.downwash:g}"
+    by_scale = f"vertical distances divided by {apart.downwash:g}" if apart and scaled else ""
+    labels = [each.label for each in found.kept]
+    return [
+        {
+            "title": title,
+            "how": how,
+            "times": np.round(curve.times, 6).tolist(),
+            "values": _rounded(curve.values, decimals),
+            "limit": curve.limit,
+            "least": [float(each[np.argmin(curve.values)]) for each in (curve.times, curve.values)],
+            "closest": [vehicles[curve.closest[0]], others[curve.closest[1]]],
+        }
+        for title, how, curve, others in (
+            ("Least separation", by_scale, found.pairs, vehicles),
+            ("Least clearance", measured + padded, found.obstacles, bodies),
+            ("Least left of a requirement", "", found.requirements, labels),
         )
-        curves.append(_curve("Least separation", how, found.pairs, vehicles, vehicles))
-    if found.obstacles is not None:
-        padded = bool(np.any(scenario.fleet.radii > 0.0))
-        uncertain = any(each.is_uncertain for each in scenario.bodies)
-        how = "from where obstacles may be" if uncertain else "from obstacles"
-        how += ", minus the vehicle's radius" if padded else ""
-        curves.append(_curve("Least clearance", how, found.obstacles, vehicles, bodies))
-    if found.requirements is not None:
-        labels = [each.label for each in found.kept]
-        curves.append(
-            _curve("Least left of a requirement", "", found.requirements, vehicles, labels)
-        )
-    for each in curves:
-        each["values"] = _finite(np.round(each["values"], decimals)[None])[0]
-    return curves
-
-
-def _curve(
-    title: str, how: str, curve: Curve, vehicles: list[str], others: list[str]
-) -> dict[str, Any]:
-    one, other = curve.closest
-    m = int(np.argmin(curve.values))
-    return {
-        "title": title,
-        "how": how,
-        "times": np.round(curve.times, 6).tolist(),
-        "values": curve.values,
-        "limit": curve.limit,
-        "least": [float(curve.times[m]), float(curve.values[m])],
-        "closest": [vehicles[one], others[other]],
-    }
+        if curve is not None
+    ]
 
 
 def _ranges(found: Readings) -> dict[str, list[float]]:
@@ -182,110 +167,105 @@ def _ranges(found: Readings) -> dict[str, list[float]]:
 
 def _layers(stage: Stage) -> list[dict[str, object]]:
     """Return the layers that can be shown or hidden: titles, and paths in the scene tree."""
-    scenario, detailed = stage.shown.scenario, not stage.scene.light
-    simulation = stage.shown.simulation if detailed else None
+    scenario = stage.shown.scenario
     entries = [
         ("Trails", ["trails"], True),
-        ("Predictions", ["predictions"], detailed and len(stage.shown.windows) > 0),
-        (
-            "Contingencies",
-            ["contingencies"],
-            detailed and any(each.braking is not None for each in stage.shown.windows),
-        ),
-        ("Tubes", ["tube", "tubes"], simulation is not None and has_tube(simulation)),
-        ("Plans", ["planned"], simulation is not None),
-        ("Wind", ["wind"], simulation is not None and strongest_wind(simulation) > 0.0),
-        ("Requirements", ["links", "points", "sets"], bool(list(kept_positions(scenario)))),
+        ("Predictions", ["predictions"], len(stage.windows) > 0),
+        ("Contingencies", ["contingencies"], _with_contingencies(stage)),
+        ("Tubes", ["tube", "tubes"], largest_tube(stage.simulation) > 0.0),
+        ("Plans", ["planned"], stage.simulation is not None),
+        ("Wind", ["wind"], strongest_wind(stage.simulation) > 0.0),
+        ("Requirements", ["links", "points", "sets"], any(kept_positions(scenario))),
         ("Starts and goals", ["starts", "goals", "waypoints", "lines"], True),
         ("Obstacles", ["obstacles"], has_map(scenario)),
-        ("Radii", ["radii"], detailed and bool(np.any(scenario.fleet.radii > 0.0))),
+        ("Radii", ["radii"], _with_radii(stage)),
         ("Shells", [], scenario.separation is not None),
         ("Names", [], True),
     ]
     return [{"title": title, "paths": paths} for title, paths, exists in entries if exists]
 
 
+def _with_contingencies(stage: Stage) -> bool:
+    return any(each.braking is not None for each in stage.windows)
+
+
+def _with_radii(stage: Stage) -> bool:
+    """Return whether balls of the vehicles' radii are drawn."""
+    return not stage.scene.light and bool(np.any(stage.shown.scenario.fleet.radii > 0.0))
+
+
 def _legend(stage: Stage) -> list[dict[str, str]]:
     """Return the legend: signs and their meanings."""
-    scenario, detailed = stage.shown.scenario, not stage.scene.light
-    entries: list[tuple[str, str]] = []
-    if (note := stage.vehicles.note) is not None:
-        entries.append((stage.vehicles.kinds[0], note))
-    if stage.shown.kind == "scenario":
-        entries.append(("prediction", "straight lines, not planned"))
-    if stage.conflicts is not None:
-        entries.append(("conflict", "red: vehicles and obstacles in conflict"))
-    if detailed:
-        entries.append(("ends", "start (small) and goal (large)"))
-        if any(vehicle.waypoints for vehicle in scenario.vehicles):
-            entries.append(("goal", "waypoint"))
-    else:
-        entries.append(("goal", "goal"))
-    if detailed and len(stage.shown.windows) > 0:
-        entries.append(("prediction", "prediction of the current window"))
-    if detailed and any(each.braking is not None for each in stage.shown.windows):
-        entries.append(("contingency", "how it would brake to rest, its contingency"))
-    if any(not isinstance(each.shape, Map) for each in scenario.bodies):
-        entries.append(("obstacle", "obstacle"))
-    if has_map(scenario):
-        entries.append(("map", f"map, paler the higher{_merged(scenario)}; Show can hide it"))
-    if any(obstacle.is_late(scenario.grid) for obstacle in scenario.bodies):
-        entries.append(("unknown", "obstacle that is not known yet"))
-    if any(each.is_uncertain and not isinstance(each.shape, Map) for each in scenario.bodies):
-        entries.append(("unknown", "halo: where an obstacle may be"))
-    if any(obstacle.active is not None for obstacle in scenario.bodies):
-        entries.append(("obstacle", "obstacles with a time window are shown while active"))
-    entries += _of_requirements(list(kept_positions(scenario)))
-    if np.any(scenario.fleet.radii > 0.0) and detailed:
-        entries.append(("radius", "vehicle's radius, the required distance from obstacles"))
-    if scenario.separation is not None:
-        shells = f"half the required separation of {scenario.separation.distance:g} m"
-        entries.append(("shell", f"{shells}: shells must not overlap"))
-    if stage.shown.simulation is not None and detailed:
-        entries += _disturbed(stage, stage.shown.simulation)
-    return [{"sign": sign, "text": text} for sign, text in entries]
+    scenario, light, bodies = stage.shown.scenario, stage.scene.light, stage.shown.scenario.bodies
+    apart = 0.0 if scenario.separation is None else scenario.separation.distance
+    passed = light or any(vehicle.waypoints for vehicle in scenario.vehicles)
+    tube, wind = largest_tube(stage.simulation), strongest_wind(stage.simulation)
+    small = ", too small to be visible" if tube < 2e-3 * stage.scene.size else ""
+    entries = [
+        (stage.vehicles.kinds[0], stage.vehicles.note, True),
+        ("prediction", "straight lines, not planned", stage.shown.kind == "scenario"),
+        ("conflict", "red: vehicles and obstacles in conflict", stage.conflicts is not None),
+        ("ends", "start (small) and goal (large)", not light),
+        ("goal", "goal" if light else "waypoint", passed),
+        ("prediction", "prediction of the current window", len(stage.windows) > 0),
+        (
+            "contingency",
+            "how it would brake to rest, its contingency",
+            _with_contingencies(stage),
+        ),
+        ("obstacle", "obstacle", any(not isinstance(each.shape, Map) for each in bodies)),
+        ("map", f"map, paler the higher{_merged(scenario)}; Show can hide it", has_map(scenario)),
+        (
+            "unknown",
+            "obstacle that is not known yet",
+            any(obstacle.is_late(scenario.grid) for obstacle in bodies),
+        ),
+        ("unknown", "halo: where an obstacle may be", any(map(has_halo, bodies))),
+        (
+            "obstacle",
+            "obstacles with a time window are shown while active",
+            any(obstacle.active is not None for obstacle in bodies),
+        ),
+        *_of_requirements(list(kept_positions(scenario))),
+        ("radius", "vehicle's radius, the required distance from obstacles", _with_radii(stage)),
+        (
+            "shell",
+            f"half the required separation of {apart:g} m: shells must not overlap",
+            scenario.separation is not None,
+        ),
+        ("planned", "faint: planned position", stage.simulation is not None),
+        ("tube", f"error tube, at most {tube:.2g} m around the plan{small}", tube > 0.0),
+        ("wind", f"wind; the longest arrow is {wind:.3g} m/s²", wind > 0.0),
+    ]
+    return [{"sign": sign, "text": text} for sign, text, exists in entries if text and exists]
 
 
 def _merged(scenario: Scenario) -> str:
     """Return a note on the resolution of very large maps; empty if they are drawn exactly."""
     maps = [each.shape for each in scenario.bodies if isinstance(each.shape, Map)]
-    merged = max(map_faces(each).merged for each in maps)
+    merged = max((map_faces(each).merged for each in maps), default=0.0)
     return f", drawn in cells of {merged:.2g} m" if merged > 0.0 else ""
 
 
-def _of_requirements(kept: list[Kept]) -> list[tuple[str, str]]:
-    entries = []
-    for to, number in (
-        ("another vehicle", sum(each.partner is not None for each in kept)),
-        ("a moving point", sum(each.requirement.track is not None for each in kept)),
-    ):
-        if number > 0:
-            entries.append(("link", f"link to {to}; red: nothing left"))
-    if not all(each.is_link for each in kept):
-        entries.append(("set", "set in which vehicles stay"))
-    if entries and any(each.requirement.active is not None for each in kept):
-        sign, words = entries[-1]
-        entries[-1] = sign, f"{words}; shown while required"
-    return entries
-
-
-def _disturbed(stage: Stage, simulation: Simulation) -> list[tuple[str, str]]:
-    entries = [("planned", "faint: planned position")]
-    if has_tube(simulation):
-        most = float(simulation.radii().max())
-        small = ", too small to be visible" if most < 2e-3 * stage.scene.size else ""
-        entries.append(("tube", f"error tube, at most {most:.2g} m around the plan{small}"))
-    if (most := strongest_wind(simulation)) > 0.0:
-        entries.append(("wind", f"wind; the longest arrow is {most:.3g} m/s²"))
-    return entries
-
-
-def _finite(values: FloatArray) -> list[list[float | None]]:
-    """Return numbers as lists, with None for infinite ones."""
-    known = np.isfinite(values)
-    if np.all(known):
-        return values.tolist()  # type: ignore[no-any-return]
-    return [
-        [value if finite else None for value, finite in zip(row, which, strict=True)]
-        for row, which in zip(values.tolist(), known.tolist(), strict=True)
+def _of_requirements(kept: list[Kept]) -> list[tuple[str, str, bool]]:
+    """Return the signs of requirements, with their meanings and whether there are any."""
+    timed = any(each.requirement.active is not None for each in kept)
+    entries = [
+        ("link", "link to another vehicle; red: nothing left"),
+        ("link", "link to a moving point; red: nothing left"),
+        ("set", "set in which vehicles stay"),
     ]
+    which = {0 if each.partner is not None else 1 if each.is_link else 2 for each in kept}
+    last = max(which, default=None)
+    return [
+        (sign, f"{words}; shown while required" if timed and k == last else words, k in which)
+        for k, (sign, words) in enumerate(entries)
+    ]
+
+
+def _rounded(values: FloatArray, decimals: int) -> list[Any]:
+    """Return rounded numbers as lists, with None for infinite ones."""
+    found = np.round(values, decimals).astype(object)
+    found[~np.isfinite(values)] = None
+    rounded: list[Any] = found.tolist()
+    return rounded
