@@ -16,11 +16,11 @@ INTERNAL = {
         test_requirements_flown test_time_bounds test_waypoint_times test_waypoints
     """,
     "margins of tubes, and bounds on what windows cost": """
-        test_cost_bounds test_hold_at_goal test_margins test_seen_again test_tube_verified
+        test_cost_bounds test_free_final_time test_hold_at_goal test_margins test_seen_again test_tube_verified
     """,
     "worst instants and extremes of motions, beside samples": """
-        test_between_knots test_clearance test_closest_over_time test_continuous_time test_dynamics
-        test_obstacles_avoided test_pairs test_smoothing
+        motions test_between_knots test_clearance test_closest_over_time test_continuous_time
+        test_dynamics test_obstacles_avoided test_pairs test_smoothing
     """,
     "the search for paths": """
         test_active_search test_along_paths test_lattice test_path_search test_search_memory

@@ -21,8 +21,9 @@ _ACCEPTED = 0.25
 violation of a set with a curved surface, at the knots and again between them, and linked vehicles
 need many rounds."""
 
-_FASTEST = 4.0
-"""Speed at waypoints, as a multiple of the average from start to goal, for rounding errors."""
+_FASTEST = 2.0
+"""Half the speed at waypoints, as a multiple of the average from start to goal: for rounding errors,
+since times are equal up to half a tick."""
 
 _ROUNDED = 0.4
 """Largest part of a waypoint's tolerance by which the rounding of its time may move it."""
@@ -74,7 +75,7 @@ def waypoints_of(scenario: Scenario, margins: PlanMargins) -> list[KeepInSets]:
     """
     fleet, clock = scenario.fleet, scenario.grid.clock
     scale, own = fleet.scale("position"), margins.convex or margins.steps
-    late = clock.rounding * _FASTEST * fleet.scale("velocity")  # by the rounding of times
+    late = clock.tick * _FASTEST * fleet.scale("velocity")  # by the rounding of times
     return [
         KeepInSets(
             kind="waypoints",
