@@ -22,8 +22,8 @@ violation of a set with a curved surface, at the knots and again between them, a
 need many rounds."""
 
 _FASTEST = 2.0
-"""Half the speed at waypoints, as a multiple of the average from start to goal, for rounding errors:
-times are equal up to half a tick."""
+"""Half the speed at waypoints, as a multiple of the average from start to goal, for rounding
+errors: times are equal up to half a tick."""
 
 _ROUNDED = 0.4
 """Largest part of a waypoint's tolerance by which the rounding of its time may move it."""
