@@ -187,3 +187,17 @@ def test_limits_and_intervals_together() -> None:
     plan = rho.plan(scenario)
     assert rho.verify(plan).ok
     assert np.abs(plan.velocities).max() <= 1.6 * (1.0 + 1e-6)
+
+
+@pytest.mark.parametrize("before", [3e-7, 1e-8, 0.0])
+def test_what_is_active_until_just_before_the_end_applies_to_the_goal(before: float) -> None:
+    """Planners take states within a millionth of a step of the ends as given."""
+    grid = rho.Grid.lasting(10.0, step=1.0)
+    vehicle = rho.Vehicle("v", rho.State([0, 0, 0]), rho.State([10, 0, 0]))
+    active = (before, 10.0 - before)
+    blocked = rho.Obstacle(rho.Sphere([10, 0, 0], 1.0), active=active)
+    with pytest.raises(rho.ScenarioError, match=r"goal\.position"):
+        rho.Scenario("blocked", grid, [vehicle], obstacles=[blocked])
+    required = rho.KeepIn(rho.Box([2, -1, -1], [11, 1, 1]), active=active)
+    with pytest.raises(rho.ScenarioError, match=r"start\.position"):
+        rho.Scenario("outside", grid, [vehicle], requirements=[required])

@@ -167,3 +167,9 @@ def test_a_vehicle_whose_velocity_limits_exclude_rest_has_a_least_time() -> None
     """A first guess from rest to rest violates the limits; the error named a start nobody gave."""
     scene = mixed(10_748)
     assert least(scene.scenario) < scene.scenario.grid.duration
+
+
+@pytest.mark.slow
+def test_a_requirement_that_ends_just_before_the_arrival_holds_to_its_end() -> None:
+    """The goal is outside of its set, and the least time was 3e-7 of a step after its end."""
+    assert rho.verify(rho.plan_minimum_time(mixed(13_140).scenario)).ok

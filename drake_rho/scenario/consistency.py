@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
 from drake_rho.scenario.clock import clock_time
 from drake_rho.scenario.errors import Description, ScenarioError, one_of
-from drake_rho.scenario.fields import FloatArray
+from drake_rho.scenario.fields import FloatArray, unchecked
 from drake_rho.scenario.fleet import Fleet
 from drake_rho.scenario.maps.map import Map
 from drake_rho.scenario.obstacles import AnyObstacle, Obstacle
 from drake_rho.scenario.pairs import check_separation
 from drake_rho.scenario.parts import UNITS, Grid, Quantity, Separation, State, Vehicle
 from drake_rho.scenario.requirements import KeepIn
+from drake_rho.scenario.times import END_MARGIN
 from drake_rho.scenario.waypoints import is_during_flight
 
 _TIMES = 10.0
@@ -24,6 +25,8 @@ _TIMES = 10.0
 _RESTING = 17
 """Number of instants at which vehicles at rest before the start, or after the end, are compared
 with obstacles that move; `verify` compares every instant."""
+
+_Active = TypeVar("_Active", Obstacle, KeepIn)
 
 
 def check_names(vehicles: Sequence[Vehicle]) -> None:
@@ -103,6 +106,7 @@ def check_ends(
         ScenarioError: a start or a goal violates one of these constraints.
     """
     check_limits(fleet, vehicles, under_way=under_way)
+    obstacles = [each if each.active is None else _at_ends(each, grid) for each in obstacles]
     margin, lead = smoothing
     ends = (
         ("start", fleet.start_positions, grid.start, -lead),
@@ -337,9 +341,11 @@ def _check_given_states(
         for index, each in enumerate(fleet.waypoints):
             field, at = f"waypoints[{index}].position", (each.positions, each.times, each.within)
             given.append(_Given(field, "position", *at))
-    for one in given:
+    at_ends = requirement if requirement.active is None else _at_ends(requirement, grid)
+    for index, one in enumerate(given):
         if one.quantity == requirement.quantity:
-            _check_values(requirement, number, fleet, names, grid, one)
+            own = at_ends if index < len(states) - 2 * under_way else requirement
+            _check_values(own, number, fleet, names, grid, one)
 
 
 def _check_values(
@@ -370,6 +376,18 @@ def _check_values(
         )
         value = given.values[vehicle].tolist()
         raise ScenarioError(f"vehicles[{vehicle}].{given.field}", value, expected)
+
+
+def _at_ends(active: _Active, grid: Grid) -> _Active:
+    """Return what is active close to the start or the end as active there, where states are given.
+
+    Args:
+        active: an obstacle or a requirement with an active interval.
+        grid: first and last knot.
+    """
+    first, last = active.active or (grid.start, grid.end)
+    near = END_MARGIN * grid.step
+    return unchecked(active, active=(first - near, last + near))
 
 
 def _described(convex_set: object) -> Description:

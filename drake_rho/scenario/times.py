@@ -21,6 +21,9 @@ SAME_TIME = 1e-9
 """Part of a step, or of a sample of the feedback, by which two times may differ and still count as
 equal."""
 
+END_MARGIN = 1e-6
+"""Part of a step after the start and before the end in which states count as given."""
+
 _ROUNDINGS = 8.0
 """Multiple of the clock's rounding by which two times may differ and still count as equal: it
 covers sums of a few times and a user's own arithmetic."""

@@ -28,9 +28,6 @@ VIOLATED = 0.01
 """Fraction of the verifier's tolerance by which a motion has to violate a row for a planner to add
 the row."""
 
-END_MARGIN = 1e-6
-"""Fraction of a step after the start and before the end in which states count as fixed."""
-
 _SOFT_SEARCHES = 5
 """Limit on the searches for worst instants between knots, for constraints with a penalty."""
 

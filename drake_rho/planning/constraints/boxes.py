@@ -12,7 +12,6 @@ import numpy as np
 from drake_rho.motion.dynamics import Motion
 from drake_rho.motion.extremes import turning_points
 from drake_rho.planning.constraints.base import (
-    END_MARGIN,
     VIOLATED,
     Constraint,
     HalfSpaces,
@@ -25,6 +24,7 @@ from drake_rho.scenario.bounds import Bounds
 from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.parts import Quantity
 from drake_rho.scenario.records import Scenario
+from drake_rho.scenario.times import END_MARGIN
 
 QUANTITIES: tuple[Quantity, ...] = ("position", "velocity", "acceleration", "jerk")
 """Quantities that a box can limit."""

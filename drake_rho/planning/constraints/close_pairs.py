@@ -12,11 +12,12 @@ import numpy as np
 from drake_rho.motion.close_pairs import CloseApproaches, close_pairs, close_pairs_at_knots
 from drake_rho.motion.dynamics import Motion, step_at
 from drake_rho.motion.penetration import Pieces, deepest
-from drake_rho.planning.constraints.base import END_MARGIN, VIOLATED
+from drake_rho.planning.constraints.base import VIOLATED
 from drake_rho.planning.constraints.margins import Margins
 from drake_rho.scenario.fields import IntArray
 from drake_rho.scenario.parts import Separation
 from drake_rho.scenario.records import Scenario
+from drake_rho.scenario.times import END_MARGIN
 
 
 def pairs_within(

@@ -21,8 +21,9 @@ import dataclasses
 import numpy as np
 
 from drake_rho.motion.dynamics import Motion
-from drake_rho.planning.constraints.base import END_MARGIN, VIOLATED, Constraint, HalfSpaces
+from drake_rho.planning.constraints.base import VIOLATED, Constraint, HalfSpaces
 from drake_rho.scenario.fields import FloatArray, IntArray
+from drake_rho.scenario.times import END_MARGIN
 from drake_rho.system.table import Table
 
 _AROUND, _ZOOMS, _FINER = np.linspace(-1.0, 1.0, 17), 4, 8.0

@@ -6,7 +6,7 @@ import sys
 
 import numpy as np
 
-from drake_rho.planning.constraints.base import END_MARGIN, constrained_knots
+from drake_rho.planning.constraints.base import constrained_knots
 from drake_rho.planning.constraints.keep_in import KeepInSets
 from drake_rho.planning.constraints.margins import Margins, PlanMargins
 from drake_rho.planning.constraints.smooth_jerks import jerk_factor
@@ -15,6 +15,7 @@ from drake_rho.scenario.norms import NORMS
 from drake_rho.scenario.parts import Grid
 from drake_rho.scenario.records import Scenario
 from drake_rho.scenario.requirements import KeepIn
+from drake_rho.scenario.times import END_MARGIN
 
 _ACCEPTED = 0.25
 """Violation of a requirement, in tolerances, up to which no row is added. Each round quarters the

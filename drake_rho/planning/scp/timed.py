@@ -20,11 +20,11 @@ from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs.free_times import FreeTime, Passing
 from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.records import Grid, Scenario
+from drake_rho.scenario.times import END_MARGIN
 
-_AFTER = 1e-3
-"""Least time of flight after a given waypoint time or a requirement's end, as a fraction of the
-least time between free waypoints. It is negligible, but constraints then hold at the end of a
-requirement as at any other instant."""
+_AFTER = 2.0 * END_MARGIN
+"""Least time of flight after a given waypoint time or a requirement's end, in steps. It is
+negligible, but constraints then hold at the end of a requirement as at any other instant."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -194,4 +194,5 @@ def latest(scenario: Scenario, passing: Passing) -> float:
     """
     before_end = [each.active[1] for each in scenario.requirements if each.active]
     ends = [*passing.times[passing.given], *(end - scenario.grid.start for end in before_end)]
-    return max([0.0, *(float(end) + passing.least * _AFTER for end in ends)])
+    after = _AFTER / (scenario.grid.knots - 1)  # as a part of the final time
+    return max([0.0, *map(float, ends)]) / (1.0 - after)
