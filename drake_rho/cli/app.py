@@ -25,7 +25,7 @@ _FIRST_STEPS = {
 }
 """Commands for a new user, each with its description."""
 
-# `OutputMode.parse` reads --json and --quiet from the command line itself, so that errors in the
+# `OutputMode.of` reads --json and --quiet from the command line itself, so that errors in the
 # command line obey them too. These declarations make typer accept and document the options.
 JsonOption = Annotated[
     bool,

@@ -286,6 +286,5 @@ def main() -> NoReturn:
     """Run the command line and exit with its status."""
     logging.getLogger("drake").setLevel(logging.WARNING)  # hides informational output of solvers
     sys.stdout, sys.stderr = pipe_safe(sys.stdout), pipe_safe(sys.stderr)
-    output_mode.parse(sys.argv[1:])
-    with warnings_as_lines():
+    with output_mode.of(sys.argv[1:]), warnings_as_lines():
         sys.exit(status_of(lambda: app(standalone_mode=False)))

@@ -70,14 +70,19 @@ class OutputMode:
     quiet: bool = False
     """answers and errors only"""
 
-    def parse(self, arguments: Sequence[str]) -> None:
-        """Set the mode from a command line, even from an invalid one.
+    @contextmanager
+    def of(self, arguments: Sequence[str]) -> Iterator[None]:
+        """Set the mode of a command line for the block, even of an invalid one.
 
         Errors in the command line are then printed in the mode that it requests.
         """
         options = arguments[: arguments.index("--")] if "--" in arguments else arguments
         self.as_json, self.quiet = "--json" in options, "--quiet" in options
         err.quiet = self.quiet
+        try:
+            yield
+        finally:
+            self.as_json = self.quiet = err.quiet = False
 
 
 output_mode = OutputMode()
