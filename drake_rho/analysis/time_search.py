@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from functools import partial
 from itertools import islice
@@ -14,8 +14,10 @@ from drake_rho.analysis.time_alone import TimesAlone, in_no_time
 from drake_rho.analysis.timed_plans import TimedPlans
 from drake_rho.analysis.trials import Trials, durations
 from drake_rho.motion.plan import Plan
+from drake_rho.motion.statistics import Statistics
 from drake_rho.planning.call.options import Options
 from drake_rho.planning.call.progress import Progress, tell
+from drake_rho.planning.call.time_limit import seconds_left
 from drake_rho.planning.call.work_limit import within_work
 from drake_rho.planning.constraints.tightening import enlarged_by_margins
 from drake_rho.planning.errors import InfeasibleError, OutOfTimeError, SolverError
@@ -41,12 +43,12 @@ _LITTLE_LONGER = 1.05, 1.15
 _LESS = 0.02, 0.005
 """Relative reductions of the time of a local optimum, for another plan near it."""
 
-_LESS_WITH_OTHER_TIMES, _WORK = (0.02, 0.02, 0.002, 0.002), 200.0
+_LESS_WITH_OTHER_TIMES, _WORK = (0.02, 0.002), 200.0
 """Relative reductions of the time of a plan, for another one with other times of waypoints, and the
 largest work of each search [rounds]; a few seconds."""
 
 _SEARCHES = 2
-"""Number of searches for plans faster than a local optimum."""
+"""Largest number of searches for plans faster than a local optimum, of each kind."""
 
 _ROUGHLY = 3e-3
 """Convergence tolerance on the final time when motions along different paths are compared."""
@@ -99,14 +101,11 @@ class TimeSearch:
 
         Where solvers are too inexact for the limits, or a place is taken at the time found, this is
         the plan found by bisection, or that for the scenario's own final time.
-        """
-        best, durations = self._first_plan()
-        if self._waypoints.given.all() or not changes_with_time(self._scenario):
-            return best
-        return self._with_other_times(best, durations)
 
-    def _first_plan(self) -> tuple[Plan, FloatArray]:
-        """Return a plan of least time, and the least times of vehicles alone [s], shape (N,)."""
+        Raises:
+            InfeasibleError: no plan was found, or vehicles cannot hold at their goals, as required.
+            SolverError: the solvers fail numerically, or every motion found violates a constraint.
+        """
         scenario = self._scenario
         alone = TimesAlone(scenario, self._waypoints, self._backend, self._progress)
         free = self._steady and not self._binds_more
@@ -122,18 +121,27 @@ class TimeSearch:
         self._bound = alone.bound
         best = self._no_later_than_known(best, each, failure)
         try:
-            return self._finished(best, alone.durations), alone.durations
+            plan = self._finished(best, alone.durations)
         except SolverError:
-            known: list[Callable[[], Timed | None]] = [self._planned_in_own_final_time]
+            own = partial(self._planned_in, scenario.grid.duration)
+            known: list[Callable[[], Timed | None]] = [own]
             if each is not None:
                 known.append(partial(self._by_bisection, each, coupled=False))
             if (slower := self._shortest(known)) is None:
                 raise
             slower = dataclasses.replace(slower, converged=False)
-            return self._finished(slower, alone.durations), alone.durations
+            plan = self._finished(slower, alone.durations)
+        if not self._waypoints.given.all() and changes_with_time(scenario):
+            with self._least.or_cut():
+                for faster in self._with_other_times(plan, alone.durations):
+                    plan = faster
+        spent = self._least.statistics + self._plans.statistics
+        converged = plan.statistics.converged
+        found = dataclasses.replace(spent, converged=converged, time_bound=self._bound)
+        return plan.with_statistics(found)
 
-    def _with_other_times(self, best: Plan, alone: FloatArray) -> Plan:
-        """Return a faster plan with other times of free waypoints, if `rho.plan` finds any.
+    def _with_other_times(self, best: Plan, alone: FloatArray) -> Iterator[Plan]:
+        """Yield ever faster plans with other times of free waypoints, if `rho.plan` finds any.
 
         A search around a motion moves these times a little. Where places are allowed for a while
         only, `rho.plan` for a slightly shorter final time finds others.
@@ -142,16 +150,29 @@ class TimeSearch:
             best: plan of least time so far.
             alone: least time of each vehicle alone [s], shape (N,).
         """
-        failed = 0.0
         for part in _LESS_WITH_OTHER_TIMES:
-            if part == failed:
-                continue
-            faster = None
-            with suppress(OutOfTimeError):  # the plan so far is one without further searches
-                known = self._shortest([partial(self._planned_in, best, part)])
-                faster = known and self._finished_around(known, alone)
-            best, failed = faster or best, 0.0 if faster else part
-        return best
+            for _ in range(_SEARCHES):
+                known = self._shortest([partial(self._planned_in_less, best, part)])
+                faster = None if known is None else self._finished_around(known, alone)
+                if faster is None:
+                    break
+                best = faster
+                yield best
+
+    def _planned_in_less(self, best: Plan, part: float) -> Timed | None:
+        """Return the motion that `rho.plan` finds in less time, by a part; None if it takes long.
+
+        Raises:
+            OutOfTimeError: time was up.
+        """
+        duration = (1.0 - part) * best.scenario.grid.duration
+        try:
+            with within_work(_WORK):
+                return self._planned_in(duration)
+        except OutOfTimeError:
+            if seconds_left() <= 0.0:
+                raise
+            return None
 
     def _finished_around(self, known: Timed, alone: FloatArray) -> Plan | None:
         """Return the plan of least time around a motion, or the motion's own; None if none holds.
@@ -160,18 +181,11 @@ class TimeSearch:
             known: motion that `rho.plan` found.
             alone: least time of each vehicle alone [s], shape (N,).
         """
-        for found in (self._shortest([partial(self._least.around, known)]), known):
+        fastest = self._shortest([partial(self._least.around, known)], known) or known
+        for found in (fastest, known):
             with suppress(InfeasibleError, SolverError):
-                if found is not None:
-                    return self._finished(found, alone)
+                return self._finished(found, alone)
         return None
-
-    def _planned_in(self, best: Plan, less: float) -> Timed:
-        """Return the motion that `rho.plan` finds in less time than a plan takes, by a part."""
-        duration = (1.0 - less) * best.scenario.grid.duration
-        parts = self._given, self._scenario, self._backend, self._options, self._progress
-        with within_work(_WORK):
-            return planned_in(duration, *parts)
 
     @property
     def _apart(self) -> bool:
@@ -209,13 +223,13 @@ class TimeSearch:
 
     def _from_own_final_time(self) -> Timed | None:
         """Return a motion in the least time around the plan for the scenario's own final time."""
-        known = self._planned_in_own_final_time()
+        known = self._planned_in(self._scenario.grid.duration)
         return self._shortest([partial(self._least.around, known)], known)
 
-    def _planned_in_own_final_time(self) -> Timed:
-        """Return the plan for the scenario's own final time."""
+    def _planned_in(self, duration: float) -> Timed:
+        """Return the motion that `rho.plan` finds for a final time [s]."""
         parts = self._given, self._scenario, self._backend, self._options, self._progress
-        return planned_in(self._scenario.grid.duration, *parts)
+        return planned_in(duration, *parts)
 
     def _arriving(self, best: Timed, alone: FloatArray) -> Timed:
         """Return a motion with the earliest arrival of each vehicle, if the search is for one.
@@ -414,7 +428,7 @@ class TimeSearch:
         return self._least.around(dataclasses.replace(timed, accelerations=first.accelerations))
 
     def _finished(self, best: Timed, alone: FloatArray) -> Plan:
-        """Return a motion as a plan with the statistics of the whole search.
+        """Return a motion as a plan, with the earliest arrivals if the search is for these.
 
         Args:
             best: motion in which all arrive at the last knot.
@@ -425,6 +439,4 @@ class TimeSearch:
             SolverError: the motion violates a constraint.
         """
         plan = self._plans.of(self._arriving(best, alone))
-        spent = self._least.statistics + self._plans.statistics
-        found = dataclasses.replace(spent, converged=best.converged, time_bound=self._bound)
-        return plan.with_statistics(found)
+        return plan.with_statistics(Statistics(converged=best.converged))
