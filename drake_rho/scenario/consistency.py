@@ -106,7 +106,7 @@ def check_ends(
         ScenarioError: a start or a goal violates one of these constraints.
     """
     check_limits(fleet, vehicles, under_way=under_way)
-    obstacles = [each if each.active is None else _at_ends(each, grid) for each in obstacles]
+    obstacles = [_at_ends(each, grid) for each in obstacles]
     margin, lead = smoothing
     ends = (
         ("start", fleet.start_positions, grid.start, -lead),
@@ -333,19 +333,18 @@ def _check_given_states(
         ("goal", "position", fleet.goal_positions),
         ("goal", "velocity", fleet.goal_velocities),
     )
-    given, exactly = list[_Given](), np.zeros(len(names))
+    ends, passed, exactly = list[_Given](), list[_Given](), np.zeros(len(names))
     for end, quantity, values in states[2 * under_way :]:
         times = np.full(len(names), grid.start if end == "start" else grid.end)
-        given.append(_Given(f"{end}.{quantity}", quantity, values, times, exactly))
+        ends.append(_Given(f"{end}.{quantity}", quantity, values, times, exactly))
     if requirement.leader is None:
         for index, each in enumerate(fleet.waypoints):
             field, at = f"waypoints[{index}].position", (each.positions, each.times, each.within)
-            given.append(_Given(field, "position", *at))
-    at_ends = requirement if requirement.active is None else _at_ends(requirement, grid)
-    for index, one in enumerate(given):
-        if one.quantity == requirement.quantity:
-            own = at_ends if index < len(states) - 2 * under_way else requirement
-            _check_values(own, number, fleet, names, grid, one)
+            passed.append(_Given(field, "position", *at))
+    for required, given in ((_at_ends(requirement, grid), ends), (requirement, passed)):
+        for one in given:
+            if one.quantity == requirement.quantity:
+                _check_values(required, number, fleet, names, grid, one)
 
 
 def _check_values(
@@ -385,8 +384,9 @@ def _at_ends(active: _Active, grid: Grid) -> _Active:
         active: an obstacle or a requirement with an active interval.
         grid: first and last knot.
     """
-    first, last = active.active or (grid.start, grid.end)
-    near = END_MARGIN * grid.step
+    if active.active is None:
+        return active
+    (first, last), near = active.active, END_MARGIN * grid.step
     return unchecked(active, active=(first - near, last + near))
 
 
