@@ -82,7 +82,7 @@ def adjustable_numbers(scenario: Scenario, vehicles: Sequence[str]) -> list[Adju
 
 
 def _of_field(scenario: Scenario, field: str, vehicles: Sequence[str]) -> list[Adjustable]:
-    """Return a field of `Limits`: the scenario's, and that of each vehicle with its own."""
+    """Return the limits of a field of `Limits`: the fleet's, and those of single vehicles."""
     own, shared = list[Adjustable](), list[str]()
     for vehicle in scenario.vehicles:
         if vehicle.limits is None or getattr(vehicle.limits, field) is None:

@@ -97,7 +97,7 @@ class Change(metaclass=Described):
 
     @property
     def is_of_duration(self) -> bool:
-        """Whether the duration is the only number of the scenario that changes."""
+        """Whether this changes the scenario's duration and nothing else."""
         return [each.limit for each in self.numbers] == ["duration"]
 
     def __str__(self) -> str:

@@ -17,7 +17,7 @@ from drake_rho.system.bisection import least_count
 def as_soon_as_each_can(
     together: Timed, alone: FloatArray, least: LeastTime, progress: Progress | None
 ) -> Timed:
-    """Return a motion in which each vehicle arrives at the earliest knot found.
+    """Return a motion with the earliest arrivals found.
 
     The latest arrival does not change. The knot of every other arrival is bisected around the
     motions of all other vehicles, beginning with the vehicle of the shortest least time.

@@ -117,7 +117,7 @@ class Lagrangian:
         self.multipliers = self.multipliers[affine]
 
     def curvature(self, weights: FloatArray) -> float:
-        """Return the least eigenvalue of the Hessian for weights λ, divided by that of norm(u)²."""
+        """Return the least curvature for weights λ, relative to that of norm(u)²."""
         if self._free.shape[1] == 0:  # the goal determines the motion
             return 1.0
         scales = self._scales  # axes with the same scales have the same Hessian

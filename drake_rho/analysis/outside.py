@@ -40,7 +40,7 @@ class Forbidden:
 
     @property
     def has_middle(self) -> bool:
-        """Whether `middle` is forbidden: closer to the obstacle than the required distance."""
+        """Whether the point `middle` is closer to the obstacle than the required distance."""
         return bool(self.distance(np.zeros(3)) < self.required)
 
     @property
@@ -68,7 +68,7 @@ class Forbidden:
         return np.concatenate([across, beyond[None] / length]), np.array([0, 0, 0, 1.0 / length])
 
     def _depths(self, directions: FloatArray) -> FloatArray:
-        """Return distances from the middle up to which rays are inside [m], shape (R,)."""
+        """Return the lengths of rays from the middle to the surface [m], shape (R,)."""
         low = np.zeros(len(directions))
         high = np.full(len(directions), _FARTHEST * float(self.scales.max()))
         for _ in range(_HALVINGS):

@@ -134,7 +134,7 @@ class TimesAlone:
 
     @property
     def _requires_slowness(self) -> bool:
-        """Whether any requirement limits velocities, accelerations or jerks."""
+        """Whether a requirement of the scenario limits velocities, accelerations or jerks."""
         return any(each.quantity != "position" for each in self._scenario.requirements)
 
     def _one(self, free: Scenario, passing: Passing, number: int) -> Timed:

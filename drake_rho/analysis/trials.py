@@ -195,7 +195,7 @@ def boundary(has_plan: Trial, one: float, other: float, precision: float) -> flo
 def _bisected_near(
     has_plan: Trial, one: float, other: float, precision: float
 ) -> tuple[float, float]:
-    """Return factors that differ little, the first one with a plan near that of `one`."""
+    """Bisect a factor by searches near the last plan; return a feasible and an infeasible one."""
 
     def are_close(one: float, other: float) -> bool:
         return abs(one - other) <= precision * max(one, other)
@@ -249,7 +249,7 @@ def durations(
 
 
 def precision_of(scenario: Scenario) -> float:
-    """Return the relative precision to which a scenario's factors are bisected."""
+    """Return the relative precision of bisected factors of a scenario."""
     precision = PRECISION_WITH_OBSTACLES if scenario.obstacles else PRECISION
     return PRECISION_WITH_SEPARATION if scenario.separation is not None else precision
 

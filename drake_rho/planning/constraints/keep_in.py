@@ -75,8 +75,9 @@ class KeepInSets(Constraint):
     margins: Margins
     """margins of single vehicles"""
     roundings: FloatArray
-    """bounds on the rounding errors of values, subtracted from the rows' bounds, in the quantity's
-    unit, shape (N,): else planes through one point far from the origin may contradict each other"""
+    """bounds on the rounding errors of values, by which rows and cones are wider, in the quantity's
+    unit, shape (N,): else planes through points far from the origin, or late on a clock, may
+    contradict each other"""
     curved: bool = True
     as_cone: bool = True
     threshold: float = VIOLATED

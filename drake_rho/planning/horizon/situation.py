@@ -95,7 +95,7 @@ class Situation:
             given: scenario to fly.
             latency: number of samples of the feedback that planning a window takes.
         """
-        scenario = known_later(given, time_ahead(given, latency))
+        scenario = known_later(given, _time_ahead(given, latency))
         parts = parts_of_maps(scenario)
         return cls(given, scenario, scenario.obstacles, free_of(scenario), parts, latency)
 
@@ -116,7 +116,7 @@ class Situation:
             ValueError: there is no obstacle of a name, or more than one, or a sighting is not two
                 vectors.
         """
-        ago = time_ahead(self.given, self.latency)
+        ago = _time_ahead(self.given, self.latency)
         scenario, due = seen_again(self.scenario, sightings, time, ago)
         return dataclasses.replace(self, scenario=scenario, necessary=due.obstacles)
 
@@ -209,7 +209,7 @@ def latency_in_samples(scenario: Scenario, latency: float, replan_every: int) ->
     return steps_lasting(latency, _sample(scenario))
 
 
-def time_ahead(scenario: Scenario, latency: int) -> float:
+def _time_ahead(scenario: Scenario, latency: int) -> float:
     """Return the time by which windows are planned ahead [s], with a smoothing by its lead too.
 
     Args:
