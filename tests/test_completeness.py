@@ -1,23 +1,19 @@
-"""No kind of requirement is forgotten: each part of the package says what it does with each."""
+"""No kind of requirement is forgotten: each part of the package treats every kind as it should."""
 
 from __future__ import annotations
 
 import dataclasses
-from types import ModuleType
 from typing import Any
 
 import numpy as np
 import pytest
 
 import drake_rho as rho
-from drake_rho.analysis import certify, certify_time, relaxations
-from drake_rho.display import kinds as display
-from drake_rho.exports import export
+from drake_rho.analysis.relaxations import relaxations_of
+from drake_rho.analysis.time_sensitivity import timed_of
 from drake_rho.motion.rest_tube import RestTube
-from drake_rho.planning.constraints import catalogue, tightening
 from drake_rho.planning.problem import Problem
 from drake_rho.scenario.kinds import KINDS, LIMITS, kinds_of
-from drake_rho.simulation import attack
 from drake_rho.verification import checkers as verification
 from drake_rho.verification.averages import averaged
 from drake_rho.verification.check import Column
@@ -29,17 +25,6 @@ from drake_rho.verification.trajectory import PiecewiseTrajectory
 from drake_rho.verification.tubes import Tubes
 from tests.disturbed import disturbed
 from tests.scenarios import box, fleet, single
-
-CONSUMERS: dict[str, ModuleType] = {
-    "planner": catalogue,
-    "tightening": tightening,
-    "certificate": certify,
-    "sensitivity": relaxations,
-    "time bound": certify_time,
-    "attack": attack,
-    "exports": export,
-    "display": display,
-}
 
 SPHERE = rho.Sphere([5.0, 2.2, -0.9], 1.5)
 _OBSTACLES = {
@@ -97,13 +82,6 @@ def _required(of: Any, *, relative: bool) -> rho.Scenario:
         rho.Sphere([0, 0, 0], size), of=of, vehicles="v1", relative_to="v0", active=(1.0, 6.0)
     )
     return dataclasses.replace(pair, requirements=(link,))
-
-
-@pytest.mark.parametrize("consumer", CONSUMERS)
-def test_every_part_says_what_it_does_with_every_kind(consumer: str) -> None:
-    table = CONSUMERS[consumer].TREATMENT
-    assert table.keys() == set(KINDS)
-    assert all(table.values())
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -226,6 +204,98 @@ def test_the_verifier_refuses_what_it_does_not_check(
     monkeypatch.setattr(verification, "KNOWN", verification.KNOWN - {kind})
     with pytest.raises(NotImplementedError, match=kind):
         first_violation(plan)
+
+
+_NAMES = {
+    **{kind: f"{kind} box" for kind in LIMITS if kind in _LOOSE},
+    **{kind: f"maximum {kind[4:]}" for kind in LIMITS if kind not in _LOOSE},
+    "waypoints": "waypoint 1",
+    "requirements": "requirement 1",
+    **dict.fromkeys(_OBSTACLES, "obstacle 1"),
+    "separation": "separation",
+    "disturbance": "wind",
+    "smoothing": "smoothing",
+}
+"""Names of what each kind requires in messages and reports."""
+
+_ROOM = ("acceleration", "max_acceleration", "jerk", "max_jerk", "max_tilt")
+"""Limits that have room for any error: feedback gets its share of accelerations, jerks are limits
+of the plan alone, and a cone has room for any ball further up."""
+
+
+@pytest.mark.parametrize(
+    "kind",
+    [
+        each
+        for each in _NAMES
+        if each not in ("disturbance", "smoothing", "late obstacles", "active obstacles")
+    ],
+)
+def test_requirements_without_room_for_the_errors_are_named_before_planning(kind: str) -> None:
+    scenario = _scenario(kind)
+    if kind == "requirements":  # at the start as well
+        whole = rho.KeepIn(rho.Sphere([5.0, 2.0, -1.0], 9.0))
+        scenario = dataclasses.replace(scenario, requirements=(whole,))
+    stormy = dataclasses.replace(scenario, disturbance=rho.Disturbance(500.0))
+    if kind in _ROOM:
+        limits = dataclasses.replace(scenario.limits, position=box(20.0))
+        stormy = dataclasses.replace(stormy, limits=limits)
+    with pytest.raises(rho.InfeasibleError, match="no room for the errors") as refused:
+        rho.plan(stormy)
+    named = any(_NAMES[kind] in why for each in refused.value.conflicts.values() for why in each)
+    assert named == (kind not in _ROOM)
+
+
+@pytest.mark.parametrize("kind", [each for each in KINDS if each != "holding"])
+def test_every_limit_of_the_time_is_relaxed(kind: str) -> None:
+    """A least time changes with every kind but the motion's equations, its ends, and holding."""
+    scenario = _scenario(kind)
+    timed = timed_of(rho.plan(scenario), scenario)
+    relaxations = relaxations_of(timed)
+    names = [each.limit for each in relaxations]
+    if kind in ("dynamics", "goals", "late obstacles"):  # which are not known at the start
+        assert names == []
+    else:
+        assert any(_NAMES[kind] in each or kind in each for each in names)
+    for each in relaxations:
+        assert each.relaxed(timed, each.vehicles) != timed
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_bound_on_the_time_names_what_it_leaves_out(kind: str) -> None:
+    scenario = _scenario(kind)
+    quick = dataclasses.replace(scenario.limits, max_acceleration=2.0)
+    plan = rho.plan_minimum_time(dataclasses.replace(scenario, limits=quick), knots=17)
+    certificate = rho.certify_time(plan, gap=0.2)
+    assert certificate.bound <= plan.scenario.grid.duration * (1.0 + 1e-6)
+    words = {
+        "requirements": "the requirements",
+        "separation": "the separation",
+        "disturbance": "the disturbance",
+        "smoothing": "the margin of the smoothing",
+        "uncertain obstacles": "the growth of errors of obstacles",
+    }
+    expected = {words[each] for each in kinds_of(scenario) if each in words}
+    assert set(words.values()) & set(certificate.left_out) == expected
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_attack_aims_at_every_clearance(kind: str) -> None:
+    """Windy flights keep clear of obstacles, of vehicles, and of the surfaces of sets."""
+    scenario = _scenario(kind)
+    windy = scenario
+    if scenario.disturbance is None:
+        windy = dataclasses.replace(scenario, disturbance=rho.Disturbance(0.01))
+    plan = rho.plan_convex(scenario.without_obstacles())
+    if kind in ("position", "requirements", "separation", "disturbance", *_OBSTACLES):
+        found = rho.attack(windy, plan)
+        assert _NAMES.get(kind, "") in found.constraint or kind == "disturbance"
+        assert found.bound < found.planned
+        assert found.clearance == pytest.approx(found.bound, abs=1e-6)
+    elif kind not in ("holding", "smoothing"):
+        with pytest.raises(ValueError, match="expected obstacles, a separation"):
+            rho.attack(windy, plan)
 
 
 @pytest.mark.slow

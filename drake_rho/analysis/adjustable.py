@@ -15,7 +15,7 @@ import numpy as np
 
 from drake_rho.motion.plan import Plan
 from drake_rho.scenario.fields import FloatArray
-from drake_rho.scenario.kinds import BOXES, LIMITS
+from drake_rho.scenario.kinds import LIMITS
 from drake_rho.scenario.norms import NORMS
 from drake_rho.scenario.parts import UNITS, Quantity, Vehicle, Waypoint
 from drake_rho.scenario.records import Box, HalfSpace, KeepIn, Limits, Scenario, Sphere
@@ -24,8 +24,8 @@ from drake_rho.verification.verify import verify
 _MORE = 0.02
 """Relative allowance on the numbers that a motion needs."""
 
-_LARGEST_TILT = np.pi / 2.0 - 1e-6
-"""Largest tilt to suggest [rad]."""
+_BELOW = 1e-6
+"""Distance of the largest number to suggest from a limit's least upper bound, in its unit."""
 
 _LITTLE = 1e-3
 """Least distance or radius to suggest, as a part of the scenario's."""
@@ -97,20 +97,24 @@ def _of_field(scenario: Scenario, field: str, vehicles: Sequence[str]) -> list[A
 def _limit(scenario: Scenario, field: str, owner: str | None, members: Sequence[str]) -> Adjustable:
     """Return one field of `Limits`, of the scenario or of a vehicle."""
     limits = _limits_of(scenario, owner)
-    is_box = field in BOXES
-    name = f"{field} box" if is_box else NORMS[field].name  # type: ignore[index]
-    unit = UNITS[field if is_box else NORMS[field].quantity]  # type: ignore[index]
-    measured = partial(_outside_box, scenario, cast(Quantity, field), members) if is_box else None
+    if field in NORMS:
+        kind = NORMS[field]
+        name, unit, largest = kind.name, kind.unit, kind.largest
+        excess = partial(_violated, scenario, field, members, name)
+    else:
+        quantity = cast(Quantity, field)
+        name, unit, largest = f"{quantity} box", UNITS[quantity], np.inf
+        excess = partial(_outside_box, scenario, quantity, members)
     return Adjustable(
         limit=field if owner is None else f"{field} of {owner}",
         name=name,
         vehicles=tuple(members),
-        unit="rad" if field == "max_tilt" else unit,
+        unit=unit,
         now=_numbers(getattr(limits, field)),
         changed=partial(_with_limit, field, owner),
         without=lambda other: _with_limit(field, owner, other, None),
-        excess=measured or partial(_violated, scenario, field, members, name),
-        bounds=(-np.inf, _LARGEST_TILT if field == "max_tilt" else np.inf),
+        excess=excess,
+        bounds=(-np.inf, largest - _BELOW),
     )
 
 

@@ -42,7 +42,6 @@ from drake_rho.planning.scp.sequential_convex import sequential_convex
 from drake_rho.planning.scp.subproblem import Subproblem
 from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.fields import IntArray
-from drake_rho.scenario.kinds import LIMITS
 from drake_rho.scenario.records import Scenario
 from drake_rho.scenario.smoothing import largest_accelerations
 from drake_rho.system.threads import single_threaded_blas
@@ -55,25 +54,6 @@ fleets it leaves it out."""
 
 _MAX_POLISHINGS = 30
 """Largest number of linearisations that bring a fleet's plan to a certificate's precision."""
-
-
-TREATMENT = {
-    "dynamics": "exact in the Lagrangian, whose unknowns are accelerations",
-    "goals": "equalities of the Lagrangian",
-    **dict.fromkeys(LIMITS, "multipliers of its rows, which hold for every plan"),
-    "waypoints": "multipliers of its rows, which hold for every plan",
-    "requirements": "multipliers of its rows, which hold for every plan; two vehicles are a group",
-    "obstacles": "quadratics of balls and ellipsoids inside; others are left out (`left_out`)",
-    "moving obstacles": "as obstacles, where they are at the time",
-    "late obstacles": "as obstacles, where they are known at the start",
-    "active obstacles": "as obstacles, at instants of the interval",
-    "uncertain obstacles": "as obstacles, larger by what they may be off at the instant",
-    "separation": "quadratics of the separation's ellipsoid; left out in large fleets",
-    "disturbance": "a bound for the plan's margins, and one without them",
-    "holding": "no part of the bound: it depends on goals alone",
-    "smoothing": "a bound for plans that meet the constraints before they are averaged too",
-}
-"""Contribution of every kind of requirement to the lower bound."""
 
 
 @checked

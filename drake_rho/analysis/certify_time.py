@@ -14,7 +14,6 @@ from drake_rho.planning.call.progress import Progress, tell
 from drake_rho.planning.call.time_limit import with_time_limit
 from drake_rho.planning.errors import OutOfTimeError
 from drake_rho.scenario.arguments import checked
-from drake_rho.scenario.kinds import LIMITS
 from drake_rho.scenario.records import Scenario
 from drake_rho.system.numbers import percent
 from drake_rho.system.threads import single_threaded_blas
@@ -22,24 +21,6 @@ from drake_rho.verification.verify import verify
 
 _MOST = 1000
 """Largest number of relaxations besides the first of each vehicle."""
-
-TREATMENT = {
-    "dynamics": "exact in the relaxations, whose unknowns are accelerations",
-    "goals": "equalities of the relaxations",
-    **dict.fromkeys(LIMITS, "rows and cones of the relaxations, at the knots"),
-    "waypoints": "balls around them, in order and at any times",
-    "requirements": "left out (`left_out`)",
-    "obstacles": "cones beyond the surfaces, one of which is taken at every instant",
-    "moving obstacles": "as obstacles; a cone moves along, where the motion is straight",
-    "late obstacles": "as obstacles, where they are known at the start",
-    "active obstacles": "as obstacles, for final times for which an instant is in the interval",
-    "uncertain obstacles": "as obstacles, larger by `position_error`; growth is left out",
-    "separation": "left out (`left_out`)",
-    "disturbance": "left out (`left_out`)",
-    "holding": "left out: it depends on goals alone",
-    "smoothing": "left out: limits and obstacles hold before motions are averaged too",
-}
-"""Contribution of every kind of requirement to the lower bound."""
 
 
 @checked

@@ -5,13 +5,14 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable
 from functools import partial
+from typing import cast
 
 import numpy as np
 
 from drake_rho.planning.scp.timed import Timed
 from drake_rho.scenario.fields import FloatArray, IntArray
-from drake_rho.scenario.kinds import BOXES, LIMITS
-from drake_rho.scenario.norms import NORMS
+from drake_rho.scenario.kinds import LIMITS
+from drake_rho.scenario.norms import NORMS, Norm
 from drake_rho.scenario.records import Box, Limits, Scenario
 from drake_rho.scenario.sets import ConvexSet
 
@@ -21,8 +22,8 @@ _PART = 1e-3
 _OF_LENGTH = 1e-4
 """Relaxation of a limit without its own scale, as a part of the motion's."""
 
-_LARGEST_TILT = np.pi / 2.0 - 1e-9
-"""Largest tilt that a limit can have [rad]."""
+_BELOW = 1e-9
+"""Distance of relaxed limits from their least upper bound, in the limit's unit."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -87,8 +88,8 @@ def _with_limits(
     scenario, changed = timed.scenario, list(timed.scenario.vehicles)
     for i in vehicles.tolist():
         limit = wider(getattr(scenario.limits_of(changed[i]), field))
-        if field == "max_tilt" and isinstance(limit, float):
-            limit = min(limit, _LARGEST_TILT)
+        if isinstance(limit, float):
+            limit = min(limit, NORMS[cast(Norm, field)].largest - _BELOW)
         own = dataclasses.replace(changed[i].limits or Limits(), **{field: limit})
         changed[i] = dataclasses.replace(changed[i], limits=own)
     return dataclasses.replace(
@@ -195,23 +196,3 @@ class _Wider:
     def outward(self, x: FloatArray) -> FloatArray:
         """Return unit vectors that point away from the set, shape (..., 3)."""
         return self.inner.outward(x)
-
-
-TREATMENT: dict[str, str] = {
-    "dynamics": "kept: they are equations",
-    "goals": "kept: what a flight is for",
-    **dict.fromkeys(BOXES, "1 % wider; a box of positions by a length"),
-    **dict.fromkeys(NORMS, "1 % larger, for each vehicle"),
-    "waypoints": "a larger distance, and a given time 1 % sooner",
-    "requirements": "a set with everything near it",
-    "obstacles": "a smaller distance, for each vehicle",
-    "moving obstacles": "a smaller distance, for each vehicle",
-    "late obstacles": "a smaller distance if it is known at the start",
-    "active obstacles": "a smaller distance; its interval is kept",
-    "uncertain obstacles": "a smaller distance; its errors are kept",
-    "separation": "1 % less",
-    "disturbance": "1 % less wind; errors of the estimate are kept",
-    "holding": "kept: it depends on goals alone",
-    "smoothing": "averages over 1 % less",
-}
-"""Relaxation of every kind of requirement."""

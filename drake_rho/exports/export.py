@@ -12,31 +12,11 @@ from drake_rho.exports.skybrush import Skybrush
 from drake_rho.exports.states import Csv, Json
 from drake_rho.motion.flown import Flown
 from drake_rho.scenario.arguments import checked
-from drake_rho.scenario.kinds import LIMITS
 
 FORMATS: dict[str, Format] = {
     each.name: each for each in (Csv(), Json(), Crazyswarm(), Skybrush(), Px4())
 }
 """Formats by name."""
-
-
-TREATMENT = {
-    "dynamics": "the motion, with its deviation where a format cannot hold it",
-    "goals": "the end of the motion",
-    **dict.fromkeys(LIMITS, "not in the files of other programs; verified before"),
-    "waypoints": "passed by the motion; not marked",
-    "requirements": "what is left of the distance is compared with the deviation",
-    "obstacles": "not in the files; what is left of the distance is compared with the deviation",
-    "moving obstacles": "as obstacles",
-    "late obstacles": "as obstacles",
-    "active obstacles": "as obstacles, in the interval of time",
-    "uncertain obstacles": "as obstacles, by the distance from where they may be",
-    "separation": "what is left of the distance is compared with the deviation",
-    "disturbance": "what is left is compared with the deviation beside the errors",
-    "holding": "not in the files; verified before",
-    "smoothing": "the averages are written, for json the plan that is averaged",
-}
-"""Treatment of every kind of requirement in exports."""
 
 
 @checked

@@ -1,8 +1,8 @@
 """Kinds of requirements that scenarios have, so that no part of the package forgets one.
 
-Planner, tightening, certificate, time bound, sensitivity, attack, exports and display each have a
-table of how they treat every kind (`tests/test_completeness.py` checks it), and the verifier
-refuses a scenario unless it has checked every kind.
+`tests/test_completeness.py` puts every kind through planners, windows, the verifier, certificates,
+sensitivities, attacks, exports and figures. The verifier refuses a scenario unless it has checked
+every kind.
 """
 
 from __future__ import annotations

@@ -12,7 +12,7 @@ from drake_rho.scenario.convex_sets import Balls, Cones, ConvexSets, tolerances_
 from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.limits import GRAVITY
-from drake_rho.scenario.parts import Quantity
+from drake_rho.scenario.parts import UNITS, Quantity
 
 Norm = Literal["max_speed", "max_acceleration", "max_thrust", "max_tilt", "max_jerk"]
 """The fields of `Limits` that limit a norm."""
@@ -36,9 +36,27 @@ class Kind(abc.ABC):
         """Name of the constraint in messages, such as 'maximum speed'."""
         return f"maximum {self.what}"
 
+    @property
+    @abc.abstractmethod
+    def unit(self) -> str:
+        """Unit of the measure and of its limit."""
+
+    @property
+    def largest(self) -> float:
+        """Least upper bound of limits, in the unit of the measure."""
+        return np.inf
+
     @abc.abstractmethod
     def measured(self, values: FloatArray) -> FloatArray:
         """Return the limited measure of values (..., 3), in the limit's unit, shape (...)."""
+
+    @abc.abstractmethod
+    def inner_radii(self, most: FloatArray) -> FloatArray:
+        """Return the radii of the largest balls in the sets, in the quantity's unit, shape (N,).
+
+        Args:
+            most: limit of each vehicle, infinite where it has none, shape (N,).
+        """
 
     @abc.abstractmethod
     def sets(self, most: FloatArray, scale: FloatArray) -> ConvexSets:
@@ -54,11 +72,20 @@ class Kind(abc.ABC):
 class Length(Kind):
     """Measure norm(value - origin)."""
 
+    @property
+    def unit(self) -> str:
+        """Unit of the quantity."""
+        return UNITS[self.quantity]
+
     def measured(self, values: FloatArray) -> FloatArray:
         """Return the distances from the origin, in the quantity's unit."""
         x = values - self.origin
         lengths: FloatArray = np.sqrt(np.einsum("...i,...i->...", x, x))
         return lengths
+
+    def inner_radii(self, most: FloatArray) -> FloatArray:
+        """Return the radii of the balls themselves."""
+        return most
 
     def sets(self, most: FloatArray, scale: FloatArray) -> Balls:
         """Return balls of the radii `most`."""
@@ -68,13 +95,27 @@ class Length(Kind):
 
 @dataclasses.dataclass(frozen=True)
 class Inclination(Kind):
-    """Angle between value - origin and the upward vertical."""
+    """Angle between value - origin and the upward vertical, below a right angle."""
+
+    @property
+    def unit(self) -> str:
+        """Unit of angles."""
+        return "rad"
+
+    @property
+    def largest(self) -> float:
+        """A right angle, beyond which the set is not convex."""
+        return np.pi / 2.0
 
     def measured(self, values: FloatArray) -> FloatArray:
         """Return the angles to the upward vertical [rad], from 0 to pi."""
         x = values - self.origin
         angles: FloatArray = np.arctan2(np.hypot(x[..., 0], x[..., 1]), x[..., 2])
         return angles
+
+    def inner_radii(self, most: FloatArray) -> FloatArray:
+        """Return infinite radii: a cone contains balls of any size."""
+        return np.full(len(most), np.inf)
 
     def sets(self, most: FloatArray, scale: FloatArray) -> Cones:
         """Return upright cones; angles of pi stand for no limit.

@@ -21,7 +21,6 @@ from drake_rho.scenario.bounds import Bounds
 from drake_rho.scenario.clock import clock_time
 from drake_rho.scenario.described import Described
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray, read_only
-from drake_rho.scenario.kinds import LIMITS
 from drake_rho.scenario.records import Scenario
 from drake_rho.simulation.closed_loop import adopted, fly_plan
 from drake_rho.simulation.small_steps import in_small_steps
@@ -34,25 +33,6 @@ from drake_rho.verification.requirements import check_positions
 from drake_rho.verification.separation import check_separation
 from drake_rho.verification.trajectory import PiecewiseTrajectory
 from drake_rho.verification.tubes import Tubes
-
-TREATMENT = {
-    "dynamics": "not aimed at: verified along the flight",
-    "goals": "not aimed at: verified along the flight",
-    **dict.fromkeys(LIMITS, "not aimed at: verified along the flight"),
-    "position": "aimed at: the side that is closest",
-    "waypoints": "not aimed at: verified along the flight",
-    "requirements": "aimed at, if of positions: both vehicles where it is of two",
-    "obstacles": "aimed at: the surface that is closest",
-    "moving obstacles": "aimed at, where it is at the time",
-    "late obstacles": "aimed at, known or not",
-    "active obstacles": "aimed at, in the interval of time",
-    "uncertain obstacles": "aimed at, where it may be",
-    "separation": "aimed at: both vehicles of the closest pair",
-    "disturbance": "its bound is what is used up",
-    "holding": "not aimed at: it is after the flight",
-    "smoothing": "the averages are attacked, in small steps",
-}
-"""Target of the attacking wind for every kind of requirement."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -7,10 +7,11 @@ from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 
 from drake_rho.scenario.kinds import kinds_of
+from drake_rho.scenario.norms import NORMS
 from drake_rho.scenario.records import Scenario
 from drake_rho.verification.boxes import check_boxes
 from drake_rho.verification.check import Column
-from drake_rho.verification.norms import FIELDS, check_norms
+from drake_rho.verification.norms import check_norms
 from drake_rho.verification.obstacles import check_obstacle
 from drake_rho.verification.quick_bounds import QuickBounds
 from drake_rho.verification.requirements import check_requirements
@@ -47,7 +48,7 @@ def checkers(obstacles: Iterable[int]) -> list[Checker]:
         Checker(
             ("position", "velocity", "acceleration", "jerk"), check_boxes, QuickBounds.boxes_hold
         ),
-        Checker(FIELDS, check_norms, QuickBounds.norms_hold),
+        Checker((*NORMS,), check_norms, QuickBounds.norms_hold),
         Checker(("waypoints",), check_waypoints, at_rest=False),
         Checker(("requirements",), check_requirements),
         *map(obstacle_checker, obstacles),

@@ -12,24 +12,18 @@ from collections.abc import Iterator
 import numpy as np
 
 from drake_rho.scenario.fields import FloatArray, IntArray
-from drake_rho.scenario.norms import NORMS, Norm, NormLimit
+from drake_rho.scenario.norms import Length, NormLimit
 from drake_rho.scenario.parts import UNITS
 from drake_rho.verification.check import PRECISION, Column
 from drake_rho.verification.highest_over_time import Highest
 from drake_rho.verification.keep_in import Constrained
 from drake_rho.verification.trajectory import PiecewiseTrajectory
 
-FIELDS: tuple[Norm, ...] = ("max_speed", "max_acceleration", "max_jerk", "max_thrust", "max_tilt")
-"""Limits in the order of their checks; those of smooth motions are in the order of `NORMS`."""
-
 
 def check_norms(trajectory: PiecewiseTrajectory) -> Iterator[Column]:
     """Yield the check of every limit on a norm that the scenario has."""
-    limits = trajectory.scenario.fleet.norms
-    for field in NORMS if trajectory.is_smooth else FIELDS:
-        if (limit := limits.get(field)) is None:
-            continue
-        if field != "max_tilt":
+    for limit in trajectory.scenario.fleet.norms.values():
+        if isinstance(limit.kind, Length):
             yield _check_length(trajectory, limit)
         elif trajectory.is_smooth or trajectory.has_errors:
             yield _check_inside_cone(trajectory, limit)
@@ -48,8 +42,7 @@ def _check_length(trajectory: PiecewiseTrajectory, limit: NormLimit) -> Column:
     times, values = trajectory.scenario.grid.start + found.times, found.values
     values = np.where(np.isneginf(values), 0.0, values)  # every jerk is unknown
     most = np.where(found.errors > 0.0, limit.limits - found.errors, limit.limits)
-    tolerances, unit = limit.sets.tolerances, UNITS[quantity]
-    return _column(limit, Highest(times, values, found.errors), most, tolerances, unit)
+    return _column(limit, Highest(times, values, found.errors), most, limit.sets.tolerances)
 
 
 def _check_tilt(limit: NormLimit, times: FloatArray, commands: FloatArray) -> Column:
@@ -69,7 +62,7 @@ def _check_tilt(limit: NormLimit, times: FloatArray, commands: FloatArray) -> Co
     violated = np.any(excess > tolerances, axis=1, keepdims=True)
     k = np.argmax(np.where(violated, excess / tolerances, angles), axis=1)
     found = Highest(times[k], _pick(angles, k), np.zeros(len(k)))
-    return _column(limit, found, limit.limits, _pick(tolerances, k), "rad")
+    return _column(limit, found, limit.limits, _pick(tolerances, k))
 
 
 def _check_inside_cone(trajectory: PiecewiseTrajectory, limit: NormLimit) -> Column:
@@ -100,9 +93,7 @@ def _check_inside_cone(trajectory: PiecewiseTrajectory, limit: NormLimit) -> Col
     )
 
 
-def _column(
-    limit: NormLimit, found: Highest, most: FloatArray, tolerances: FloatArray, unit: str
-) -> Column:
+def _column(limit: NormLimit, found: Highest, most: FloatArray, tolerances: FloatArray) -> Column:
     return Column(
         kind=limit.field,
         constraint=limit.kind.name,
@@ -113,7 +104,7 @@ def _column(
         excess=found.values - most,
         tolerances=tolerances,
         errors=found.errors,
-        unit=unit,
+        unit=limit.kind.unit,
         concerned=np.isfinite(limit.limits),
     )
 

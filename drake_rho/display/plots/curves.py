@@ -28,16 +28,8 @@ from drake_rho.display.plots.panels import (
     mark_knots,
 )
 from drake_rho.scenario.fields import FloatArray
-from drake_rho.scenario.norms import Norm
+from drake_rho.scenario.norms import Kind, Norm
 from drake_rho.scenario.parts import UNITS, Quantity
-
-_NORM_LABELS: dict[Norm, str] = {
-    "max_speed": r"$\Vert v \Vert$ [m/s]",
-    "max_acceleration": r"$\Vert a \Vert$ [m/s²]",
-    "max_jerk": r"$\Vert j \Vert$ [m/s³]",
-    "max_thrust": "thrust [m/s²]",
-    "max_tilt": "tilt [rad]",
-}
 
 _NO_CHANGE = 1e-6
 """Relative range of a component that is only rounding, over the largest value of all."""
@@ -122,9 +114,15 @@ def draw_norm(ax: Axes, plan: Drawn, norm: Norm) -> list[Line2D]:
     sampled = _values_of(plan, limit.kind.quantity)
     measured = (limit.kind.measured(each) for each in (sampled.values, sampled.at_knots))
     lines = _draw(ax, plan, sampled, *map(_rounded, measured))
-    ax.set(ylabel=_NORM_LABELS[norm], ylim=(0, None))
+    ax.set(ylabel=_label(limit.kind), ylim=(0, None))
     finish(ax, plan, lines)
     return lines
+
+
+def _label(kind: Kind) -> str:
+    """Return the axis label of a limited measure: its name, or the norm of its quantity."""
+    norm = rf"$\Vert {kind.quantity[0]} \Vert$"
+    return f"{norm if kind.measure == 'norm' else kind.what} [{kind.unit}]"
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -17,7 +17,6 @@ from drake_rho.planning.constraints.requirement_slack import (
 from drake_rho.planning.constraints.rest_slack import slacks_at_rest
 from drake_rho.planning.constraints.slack import ENDS, TighteningSlack
 from drake_rho.scenario.fields import FloatArray, unchecked
-from drake_rho.scenario.norms import NORMS
 from drake_rho.scenario.parts import Quantity
 from drake_rho.scenario.records import Scenario
 
@@ -28,30 +27,6 @@ CANNOT_HOLD = "vehicles cannot hold at their goals"
 
 NO_SLACK = "no room for the errors that the disturbance leads to"
 """Message for scenarios that are infeasible because of insufficient tightening slack."""
-
-TREATMENT: dict[str, str] = {
-    "dynamics": "exact: nothing to tighten",
-    "goals": "reached by the nominal motion; reports note where flights end",
-    **dict.fromkeys(NORMS, "its radius, starts and goals against that of its quantity's error"),
-    "position": "half its width, starts and goals against the position's radius",
-    "velocity": "half its width, starts and goals against the velocity's radius",
-    "acceleration": "half its width against the feedback's radius",
-    "jerk": "limits the plan alone, which has no error: no margin",
-    "max_tilt": "not compared: a cone has no centre, so programs decide",
-    "max_jerk": "limits the plan alone, which has no error: no margin",
-    "waypoints": "their distance tolerance against the position's radius",
-    "requirements": "sizes of shapes, starts and goals against the radii, twice for two vehicles",
-    "obstacles": "starts and goals against the position's radius",
-    "moving obstacles": "as obstacles, at their positions at the first and the last knot",
-    "late obstacles": "as obstacles, if they are known at the start",
-    "active obstacles": "as obstacles, if they are active at the start or at the end",
-    "uncertain obstacles": "as obstacles, by the distance from where they may be at that time",
-    "separation": "half the distance of starts and goals against the position's radius",
-    "disturbance": "the radii",
-    "holding": "all constraints at goals against the largest radii that there ever are",
-    "smoothing": "not compared: programs decide whether there is room for its margin",
-}
-"""Comparison with the radii of the error tube, for every kind of requirement."""
 
 _MEASURED_START = 10.0
 """Allowed shortage of slack at a measured start, in tolerances. A window starts at a state that
@@ -157,11 +132,11 @@ def _limit_slacks(scenario: Scenario, margins: Margins) -> Iterator[TighteningSl
             half = np.min(bounds.upper - bounds.lower, axis=1) / 2.0
             tolerances = bounds.tolerances.min(axis=1)
             yield TighteningSlack(f"{quantity} box", "middle", quantity, half, needed, tolerances)
-        for norm, limit in fleet.norms.items():
-            if limit.kind.quantity == quantity and norm != "max_tilt":
-                tolerances = limit.sets.tolerances
+        for limit in fleet.norms.values():
+            if limit.kind.quantity == quantity:
+                radii, tolerances = limit.kind.inner_radii(limit.limits), limit.sets.tolerances
                 yield TighteningSlack(
-                    limit.kind.name, "middle", quantity, limit.limits, needed, tolerances
+                    limit.kind.name, "middle", quantity, radii, needed, tolerances
                 )
     for number, waypoints in enumerate(fleet.waypoints, start=1):
         times = np.where(waypoints.present, waypoints.times - scenario.grid.start, 0.0)
