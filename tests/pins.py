@@ -1,4 +1,6 @@
-"""Plans of every kind whose costs and verdicts are pinned; `python -m tests.pins` writes the file.
+"""Plans, flights and least times whose costs, times and reports are pinned.
+
+`python -m tests.pins` writes the file.
 
 A change of the code that does not change behaviour leaves them as they are. The scenarios are
 chosen so that the last digits of a computer's arithmetic do not lead to another plan.
@@ -22,7 +24,7 @@ from tests.shapes import Shape
 
 PINS = Path(__file__).with_name("pins.json")
 
-Pinned = rho.Plan | rho.Flight
+Pinned = rho.Plan | rho.Flight | rho.Simulation
 
 _WALL = rho.Box([4.5, -9.0, -3.0], [5.5, 3.0, 3.0])
 _DOOR = (
@@ -88,6 +90,32 @@ def _paper(**changes: Any) -> rho.Scenario:
     return dataclasses.replace(rho.load_scenario("paper"), **changes)
 
 
+def _past_quickly() -> rho.Scenario:
+    """Return one vehicle past a sphere, with limits that bound the least time."""
+    limits = rho.Limits(max_speed=3.0, max_acceleration=2.0)
+    return single(limits=limits, obstacles=[_SHAPES["sphere"]], between_knots=True)
+
+
+def _smooth() -> rho.Scenario:
+    return dataclasses.replace(_past_quickly(), smoothing=rho.Smoothing(0.4, 2))
+
+
+def _linked() -> rho.Scenario:
+    """Return two vehicles, the second of which stays close to the first for a while."""
+    link = rho.KeepIn(
+        rho.Sphere([0, 0, 0], 2.5), vehicles="v1", relative_to="v0", active=(2.3, 5.1)
+    )
+    pair = fleet([[0, 0, 0], [0, 4, 0]], [[10, 4, 0], [10, 8, 0]])
+    return dataclasses.replace(pair, requirements=(link,))
+
+
+def _in_wind(scenario: rho.Scenario, **windows: Any) -> rho.Simulation:
+    """Return the flight of a scenario in its worst wind along x, with random estimates."""
+    wind = rho.worst_case(scenario, [1.0, 0.0, 0.0], 3.0)
+    rng = np.random.default_rng(0)
+    return rho.simulate(scenario, wind=wind, rng=rng, replan_every=3, **windows)
+
+
 CASES: dict[str, Callable[[], Pinned]] = {
     **{f"past a shape: {kind}": partial(_past, shape) for kind, shape in _SHAPES.items()},
     **{
@@ -150,27 +178,58 @@ CASES: dict[str, Callable[[], Pinned]] = {
     "disturbed: flown 0": lambda: rho.plan_rho(disturbed(0), replan_every=2),
     "disturbed: flown 3": lambda: rho.plan_rho(disturbed(3), replan_every=3),
     "disturbed: crowded": lambda: rho.plan_rho(crowded(1), replan_every=3),
+    "flown: contingencies": lambda: rho.plan_rho(
+        _moving(known_from=3.0), replan_every=2, contingencies=True
+    ),
+    "flown: latency": lambda: rho.plan_rho(_moving(known_from=3.0), replan_every=2, latency=0.4),
+    "flown: bounded cost": lambda: rho.plan_rho(disturbed(1), replan_every=3, bounded_cost=True),
+    "flown: free final time": lambda: rho.plan_rho(
+        _past_quickly(), replan_every=4, free_final_time=True
+    ),
+    "flown: smooth": lambda: rho.plan_rho(_smooth(), replan_every=4),
+    "flown: in wind": lambda: _in_wind(disturbed(3)),
+    "flown: in wind, with everything": lambda: _in_wind(
+        disturbed(4), contingencies=True, latency=0.2, bounded_cost=True
+    ),
+    "requirement: with a leader": lambda: rho.plan(_linked()),
+    "least time: past a sphere": lambda: rho.plan_minimum_time(_past_quickly()),
+    "least time: with gates": lambda: rho.plan_minimum_time(
+        single(
+            limits=rho.Limits(max_speed=3.0, acceleration=box(2.0)),
+            waypoints=[rho.Waypoint(None, [4.0, 4.0, 0.0]), rho.Waypoint(None, [8.0, 3.0, -1.0])],
+        )
+    ),
+    "least time: jerk": lambda: rho.plan_minimum_time(
+        single(limits=rho.Limits(max_acceleration=2.0, jerk=box(3.0)))
+    ),
 }
 """Planned cases by name."""
 
 
-def pin(planned: Pinned) -> dict[str, object]:
-    """Return the pinned values of a plan: costs [m²/s⁴] and the verdict of `verify`.
+def pin(planned: Pinned) -> dict[str, Any]:
+    """Return the pinned values of a plan, a flight or a simulation.
 
-    Costs are those of each vehicle's motion and, for a flight, of each window's plan.
+    They are the costs of each vehicle's motion and of each window's plan [m²/s⁴], the time of
+    flight [s], and the report: its verdict and its checks by constraint, with their values.
     """
-    flown = planned.plan if isinstance(planned, rho.Flight) else planned
-    windows = planned.windows if isinstance(planned, rho.Flight) else ()
+    windows = () if planned.flight is None else planned.flight.windows
+    report = rho.verify(planned)
     return {
-        "costs": [float(np.sum(each**2)) for each in flown.accelerations],
+        "costs": [float(np.sum(each**2)) for each in planned.plan.accelerations],
         "windows": [window.plan.cost for window in windows],
-        "ok": rho.verify(planned).ok,
+        "duration": planned.plan.scenario.grid.duration,
+        "ok": report.ok,
+        "checks": {
+            f"{each.vehicle}: {each.constraint}": each.value
+            for each in report.checks
+            if np.isfinite(each.value)
+        },
     }
 
 
-def read() -> dict[str, dict[str, object]]:
+def read() -> dict[str, dict[str, Any]]:
     """Return the stored pins."""
-    kept: dict[str, dict[str, object]] = json.loads(PINS.read_text())
+    kept: dict[str, dict[str, Any]] = json.loads(PINS.read_text())
     return kept
 
 

@@ -1,4 +1,4 @@
-"""Costs and verdicts of plans of every kind do not change; `pins.json` holds them."""
+"""Costs, times and reports of plans of every kind do not change; `pins.json` holds them."""
 
 from __future__ import annotations
 
@@ -29,8 +29,9 @@ def test_every_case_is_pinned() -> None:
 @pytest.mark.parametrize(
     "name", [one for each in CASES for one in (slow(each) if each in LONG else [each])]
 )
-def test_a_plan_has_its_pinned_cost_and_verdict(name: str) -> None:
+def test_a_plan_has_its_pinned_costs_and_report(name: str) -> None:
     kept, found = read()[name], pin(CASES[name]())
     assert found["ok"] == kept["ok"]
-    for costs in ("costs", "windows"):
-        assert found[costs] == pytest.approx(kept[costs], rel=SAME, abs=1e-9)
+    for values in ("costs", "windows", "duration"):
+        assert found[values] == pytest.approx(kept[values], rel=SAME, abs=1e-9)
+    assert found["checks"] == pytest.approx(kept["checks"], rel=1e-4, abs=1e-4)

@@ -133,7 +133,7 @@ class ConflictSearch:
     def _sufficient(
         self, scenario: Scenario, error: InfeasibleError, conflicts: Mapping[str, Names]
     ) -> tuple[list[Sufficient], Names]:
-        """Return changes that give a plan, and the names of limits that were not tried to the end.
+        """Return changes that give a plan, and the names of limits whose trials were cut short.
 
         Each change is of one limit; if there is none, the change is of several together.
         """

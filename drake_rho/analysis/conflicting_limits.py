@@ -1,4 +1,4 @@
-"""Limits that are part of conflicts, so that changing them may give a plan."""
+"""Limits in conflicts: candidates for changes that give a plan."""
 
 from __future__ import annotations
 

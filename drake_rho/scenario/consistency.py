@@ -378,7 +378,7 @@ def _check_values(
 
 
 def _at_ends(active: _Active, grid: Grid) -> _Active:
-    """Return what is active close to the start or the end as active there, where states are given.
+    """Return an obstacle or a requirement, active at an end if it is active close to it.
 
     Args:
         active: an obstacle or a requirement with an active interval.

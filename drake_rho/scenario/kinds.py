@@ -1,4 +1,4 @@
-"""Kinds of requirements that scenarios have, so that no part of the package forgets one.
+"""Kinds of requirements that scenarios have.
 
 `tests/test_completeness.py` puts every kind through planners, windows, the verifier, certificates,
 sensitivities, attacks, exports and figures. The verifier refuses a scenario unless it has checked

@@ -77,7 +77,7 @@ class Limits:
     goal as for `jerk`"""
 
     def overridden_by(self, own: Limits | None) -> Limits:
-        """Return these limits, overridden by those that `own` has."""
+        """Return these limits, overridden by the fields that `own` gives."""
         if own is None:
             return self
         limits = {

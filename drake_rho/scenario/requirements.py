@@ -272,7 +272,7 @@ class Required(Each):
 
     @property
     def jumps(self) -> bool:
-        """Whether the track's velocity is what values are relative to."""
+        """Whether values are relative to the track's velocity, which jumps at its corners."""
         return self.requirement.track is not None and self.requirement.of == "velocity"
 
     @property

@@ -132,7 +132,7 @@ def _check_box(
 
 
 def _worst_side(excess: FloatArray, tolerances: FloatArray) -> tuple[IntArray, IntArray]:
-    """Return side and axis of the largest excess; violated sides precede those that hold.
+    """Return side and axis of the largest excess; violated sides come first.
 
     Tolerances differ from axis to axis, so violated sides are compared by excess over tolerance.
 

@@ -119,7 +119,7 @@ def margin_in_words(check: Check) -> str:
 
 
 def is_equality(check: Check) -> bool:
-    """Return whether a check is an equality that holds, so that its margin is only rounding."""
+    """Return whether a check is an equality that holds: its margin is only rounding."""
     return check.kind in _EQUALITIES and check.limit == 0.0 and check.asked and check.holds
 
 

@@ -1,4 +1,4 @@
-"""Quick sufficient conditions that a plan holds: bounds on what the full checks compute.
+"""Quick sufficient conditions that a plan holds: bounds on the values of the full checks.
 
 They decide most plans in a tenth of the time: from quantities at the knots, bounds between them,
 and the greatest error radii in each step. They are for plans without smoothing.

@@ -82,7 +82,7 @@ class Rest:
 
     @property
     def settled(self) -> float:
-        """Time since `begin` from which the radii are constant, or to which they are computed."""
+        """Time since `begin` from which the radii are constant, or the end of their computation."""
         return 0.0 if self.tube is None else self.tube.end - self.begin
 
     def radii(self, lasting: float = np.inf) -> dict[Quantity, float]:

@@ -42,7 +42,7 @@ class Source:
     beside: tuple[str, ...] = ()
     """names of further files that it refers to, relative to its folder"""
     read: str = ""
-    """hash of the arrays that were read; a map with other arrays is not that of the file"""
+    """hash of the arrays read from the file, to tell whether a map still has them"""
 
     @property
     def changed(self) -> bool:

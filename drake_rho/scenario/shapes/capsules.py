@@ -58,7 +58,7 @@ class Capsule(Shape):
 
     @property
     def thickness(self) -> float:
-        """Radius, which is half of what a motion has to go around [m]."""
+        """Radius, half the width that a motion has to go around [m]."""
         return self.radius
 
     @property
