@@ -17,10 +17,9 @@ from drake_rho.scenario.kinds import KINDS, LIMITS, kinds_of
 from drake_rho.verification import checkers as verification
 from drake_rho.verification.averages import averaged
 from drake_rho.verification.check import Column
-from drake_rho.verification.holding import check_rest
 from drake_rho.verification.holds import _checkers, first_violation
 from drake_rho.verification.quick_bounds import QuickBounds
-from drake_rho.verification.rest import Rest
+from drake_rho.verification.rest import Rest, check_rest
 from drake_rho.verification.trajectory import PiecewiseTrajectory
 from drake_rho.verification.tubes import Tubes
 from tests.disturbed import disturbed

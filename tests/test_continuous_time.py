@@ -15,8 +15,8 @@ import drake_rho as rho
 from drake_rho.motion.close_pairs import close_pairs, close_pairs_at_knots
 from drake_rho.motion.dynamics import Motion, roll_out
 from drake_rho.motion.extremes import turning_points
-from drake_rho.verification.closest_pairs import closest_at_all_times, closest_at_knots
 from drake_rho.verification.continuous_time import Least, least_over_time
+from drake_rho.verification.separation import closest_at_all_times, closest_at_knots
 from drake_rho.verification.steps import Steps
 from drake_rho.verification.trajectory import PiecewiseTrajectory
 from drake_rho.verification.tubes import ErrorRadii

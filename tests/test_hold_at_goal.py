@@ -12,10 +12,9 @@ import drake_rho as rho
 from drake_rho.motion.rest_tube import RestTube, rest_tube
 from drake_rho.planning.constraints.tightening import missing_slack, missing_slack_at_rest
 from drake_rho.planning.problem import Problem
-from drake_rho.verification.holding import check_rest, notes_on_rest
 from drake_rho.verification.holds import first_violation
 from drake_rho.verification.notes import largest_error_ratios
-from drake_rho.verification.rest import Rest
+from drake_rho.verification.rest import Rest, check_rest, notes_on_rest
 from tests.disturbed import Array, disturbed, tracked
 from tests.scenarios import box, fleet, single, slow
 from tests.test_tube import DEADBEAT, SECONDS, random_tube

@@ -18,8 +18,8 @@ from drake_rho.scenario.records import TOLERANCE, Scenario
 from drake_rho.verification.averages import averaged
 from drake_rho.verification.check import Check, Column
 from drake_rho.verification.checkers import Checker, checkers, obstacle_checker, refuse_unknown
-from drake_rho.verification.holding import check_rest
 from drake_rho.verification.quick_bounds import QuickBounds
+from drake_rho.verification.rest import check_rest
 from drake_rho.verification.states import check_planned
 from drake_rho.verification.trajectory import PiecewiseTrajectory
 from drake_rho.verification.tubes import Tubes

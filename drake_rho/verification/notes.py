@@ -12,7 +12,7 @@ from drake_rho.scenario.disturbance import Disturbance
 from drake_rho.scenario.obstacles import Obstacle
 from drake_rho.scenario.parts import Grid, Quantity
 from drake_rho.scenario.records import Scenario
-from drake_rho.verification.simulated import POINT_MASS
+from drake_rho.verification.states import POINT_MASS
 from drake_rho.verification.trajectory import PiecewiseTrajectory
 
 _SHOWN = 3

@@ -20,10 +20,9 @@ from drake_rho.scenario.maps.map import Map
 from drake_rho.scenario.norms import Length
 from drake_rho.scenario.parts import Quantity
 from drake_rho.verification.check import PRECISION
-from drake_rho.verification.closest_pairs import ellipsoid_distance
 from drake_rho.verification.continuous_time import AnyLower, least_over_time
-from drake_rho.verification.maps import encounters
-from drake_rho.verification.obstacles import relative_to
+from drake_rho.verification.obstacles import encounters, relative_to
+from drake_rho.verification.separation import ellipsoid_distance
 from drake_rho.verification.steps import Steps
 from drake_rho.verification.trajectory import PiecewiseTrajectory
 from drake_rho.verification.tubes import ErrorRadii

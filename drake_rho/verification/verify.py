@@ -14,7 +14,6 @@ from drake_rho.scenario.fields import FloatArray
 from drake_rho.verification.averages import averaged
 from drake_rho.verification.check import Check
 from drake_rho.verification.checkers import checkers, refuse_unchecked
-from drake_rho.verification.holding import check_rest, notes_on_rest
 from drake_rho.verification.jerks import notes_on_free_jerks
 from drake_rho.verification.notes import (
     notes_on,
@@ -24,8 +23,8 @@ from drake_rho.verification.notes import (
     notes_on_uncertainty,
 )
 from drake_rho.verification.report import Report
-from drake_rho.verification.simulated import check_simulated, trajectory_of
-from drake_rho.verification.states import check_planned
+from drake_rho.verification.rest import check_rest, notes_on_rest
+from drake_rho.verification.states import check_planned, check_simulated, trajectory_of
 from drake_rho.verification.summary import Summary
 from drake_rho.verification.trajectory import PiecewiseTrajectory
 from drake_rho.verification.tubes import Tubes
