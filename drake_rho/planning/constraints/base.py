@@ -20,9 +20,8 @@ from drake_rho.motion.smooth import averaged
 from drake_rho.planning.constraints.rows import Form, Rows
 from drake_rho.planning.constraints.stretches import worst_of_pieces
 from drake_rho.scenario.clock import clock_time
-from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
+from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.parts import Quantity
-from drake_rho.scenario.times import EXACT, Clock
 
 VIOLATED = 0.01
 """Fraction of the verifier's tolerance by which a motion has to violate a row for a planner to add
@@ -70,24 +69,6 @@ class Constraint(Form, abc.ABC):
     """number of rounds that add violated rows at the knots; small while plans are intermediate"""
     searches: int = 0
     """number of searches for worst instants between knots; 0 if only knots can violate it"""
-    as_cone: bool = False
-    """true if its sets can enter programs as second-order cones instead of rows"""
-    linearised: bool = False
-    """true if rows are valid around one reference only"""
-    obstacle_number: int | None = None
-    """number of the obstacle to avoid, 0 for other vehicles; None for any other constraint"""
-    active: tuple[float, float] | None = None
-    """first and last active time since the first knot [s]; None if it is always active"""
-    of_parts: bool = False
-    """true if sides are numbers of a map's parts, which a motion meets one after the other"""
-    clock: Clock = EXACT
-    """clock by which instants are compared with the active interval"""
-    per_width: bool = False
-    """true if it bounds the jerk of averages: changes of acceleration over their width, which does
-    not change with the step"""
-    pieces: int = 1
-    """number of equal pieces of each step (`Motion.subdivided`), each with its own knots and
-    margin"""
 
     @abc.abstractmethod
     def violated_rows(
@@ -103,11 +84,19 @@ class Constraint(Form, abc.ABC):
                 as well.
         """
 
-    def holds_at(self, times: FloatArray) -> BoolArray:
-        """Return whether the constraint is active at times since the first knot [s], shape (R,)."""
-        if self.active is None:
-            return np.ones(len(times), dtype=bool)
-        return self.clock.within(times, self.active)
+    @property
+    def linearised(self) -> bool:
+        """Whether rows are valid around one reference only."""
+        return False
+
+    @property
+    def obstacles(self) -> frozenset[int]:
+        """Numbers of the obstacles that it avoids, where 0 stands for other vehicles."""
+        return frozenset()
+
+    def encounters(self, rows: HalfSpaces) -> list[IntArray]:
+        """Return labels that successive rows of one violated stretch have in common, (R,) each."""
+        return [rows.vehicles, rows.sides]
 
     @cached_property
     def none(self) -> HalfSpaces:
@@ -194,9 +183,10 @@ class HalfSpaces(Rows):
             return self
         later = self.times[1:] - self.times[:-1]
         follows = (later > 0.0) & (later < gap)
-        alike = [self.vehicles] + [self.partners] * bool(np.isfinite(gap))
-        alike += [self.sides] * (not self.constraint.of_parts)
-        for labels in alike:
+        shared = self.constraint.encounters(self)
+        if np.isfinite(gap):
+            shared.append(self.partners)
+        for labels in shared:
             follows &= labels[1:] == labels[:-1]
         if not follows.any():
             return self

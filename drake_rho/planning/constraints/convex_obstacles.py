@@ -60,10 +60,6 @@ class KeepOutOfShape(KeepOutOfObstacle):
             tolerances=self.tolerances[points.vehicles],
         )
 
-    def worst_nearby(self, motion: Motion, rows: HalfSpaces) -> HalfSpaces:
-        """Return the most violated row within a step of each row."""
-        return self.most_violated(motion, rows)
-
     def penetrations(self, motion: Motion, vehicles: IntArray) -> EvaluationPoints:
         """Return the deepest instant of each penetrating step, without duplicates."""
         if not self.every_instant:

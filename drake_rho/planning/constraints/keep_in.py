@@ -21,7 +21,7 @@ from drake_rho.planning.constraints.stretches import with_neighbours
 from drake_rho.planning.constraints.worst_instants import worst_instants
 from drake_rho.scenario.convex_sets import ConvexSets
 from drake_rho.scenario.fields import FloatArray, IntArray
-from drake_rho.scenario.times import END_MARGIN
+from drake_rho.scenario.times import END_MARGIN, EXACT, Clock
 from drake_rho.system.table import Table
 
 _SOFT_ROUNDS = 16
@@ -79,7 +79,12 @@ class KeepInSets(Constraint):
     unit, shape (N,): else planes through points far from the origin, or late on a clock, may
     contradict each other"""
     curved: bool = True
+    active: tuple[float, float] | None = None
+    """first and last active time since the first knot [s]; None if it is always active"""
+    clock: Clock = EXACT
+    """clock by which instants are compared with the active interval"""
     as_cone: bool = True
+    """true if its sets can enter programs as second-order cones instead of rows"""
     threshold: float = VIOLATED
     """violation, in tolerances, up to which no row is added"""
 
@@ -125,7 +130,7 @@ class KeepInSets(Constraint):
         if self.knots is None:
             values = self._at(motion, who, times)
         else:
-            motion = motion.subdivided(self.pieces)
+            motion = motion.subdivided(self.margins.pieces)
             values = motion.values(self.quantity)[own, self.knots].reshape(-1, 3)
         kept = self._placed(who, times, values)
         if self.quantity != "jerk":

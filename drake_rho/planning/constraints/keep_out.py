@@ -22,13 +22,10 @@ import numpy as np
 
 from drake_rho.motion.dynamics import Motion
 from drake_rho.planning.constraints.base import VIOLATED, Constraint, HalfSpaces
+from drake_rho.planning.constraints.margins import Margins
 from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.times import END_MARGIN
 from drake_rho.system.table import Table
-
-_AROUND, _ZOOMS, _FINER = np.linspace(-1.0, 1.0, 17), 4, 8.0
-"""Search for the most violated row: offsets from a worst instant in steps, number of refinements,
-and the factor by which each refinement divides the offsets."""
 
 _MANY_NEIGHBOURS = 16
 """Number of requested neighbours from which on the most violated rows are searched for as well.
@@ -72,10 +69,17 @@ class KeepOut(Constraint):
     """Collision avoidance constraint of one set S, linearised around a reference."""
 
     reference: Motion
-    """reference motion q of all vehicles, with steps subdivided into `pieces`"""
+    """reference motion q of all vehicles, with steps subdivided as those of `margins`"""
     every_instant: bool
     """true if it holds at every instant, false if at the knots only"""
-    linearised: bool = True
+
+    margins: Margins
+    """margins of single vehicles, on the grid of `reference`"""
+
+    @property
+    def linearised(self) -> bool:
+        """Whether rows are valid around one reference only: always."""
+        return True
 
     @abc.abstractmethod
     def penetrations(self, motion: Motion, vehicles: IntArray) -> EvaluationPoints:
@@ -89,7 +93,7 @@ class KeepOut(Constraint):
         self, motion: Motion, vehicles: IntArray, *, between: bool = False, neighbours: int = 0
     ) -> HalfSpaces:
         """Return violated rows at the knots or, if `between`, where the motion is inside S."""
-        motion = motion.subdivided(self.pieces)
+        motion = motion.subdivided(self.margins.pieces)
         if not between:
             return self.violated_at_knots(motion, vehicles, neighbours)
         points = self.penetrations(motion, vehicles)
@@ -108,22 +112,6 @@ class KeepOut(Constraint):
     def worst_nearby(self, motion: Motion, rows: HalfSpaces) -> HalfSpaces:
         """Return the most violated row within a step of each row; empty if those are the worst."""
         return self.none
-
-    def most_violated(self, motion: Motion, rows: HalfSpaces) -> HalfSpaces:
-        """Return the most violated row about the same pair and part within a step of each row."""
-        h, steps = motion.step, motion.accelerations.shape[1]
-        whose, others, parts = (
-            np.repeat(each, len(_AROUND)) for each in (rows.vehicles, rows.partners, rows.sides)
-        )
-        times, each = rows.times, np.arange(len(rows))
-        for finer in range(_ZOOMS):
-            around = times[:, None] + h * _AROUND[None] / _FINER**finer
-            around = np.clip(around, END_MARGIN * h, (steps - END_MARGIN) * h)
-            points = EvaluationPoints(whose, others, around.reshape(-1), parts=parts)
-            margins = self.rows(points).margins(motion)
-            margins[~self.holds_at(around.reshape(-1))] = np.inf
-            times = around[each, np.argmin(margins.reshape(around.shape), axis=1)]
-        return self.rows(EvaluationPoints(rows.vehicles, rows.partners, times, parts=rows.sides))
 
     @abc.abstractmethod
     def violated_at_knots(self, motion: Motion, vehicles: IntArray, neighbours: int) -> HalfSpaces:

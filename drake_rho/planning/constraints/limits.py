@@ -44,7 +44,7 @@ def norms_of(scenario: Scenario, margins: PlanMargins) -> list[KeepInSets]:
         limit = scenario.fleet.norms[norm]
         quantity = limit.kind.quantity
         factor = jerk_factor(scenario) if quantity == "jerk" else None
-        own, pieces = margins.of(quantity)
+        own = margins.of(quantity)
         times = own.grid.elapsed[constrained_knots(quantity)]
         first = int(quantity == "velocity")
         norms.append(
@@ -55,12 +55,10 @@ def norms_of(scenario: Scenario, margins: PlanMargins) -> list[KeepInSets]:
                 quantity=quantity,
                 sets=limit.sets if factor is None else limit.sets.scaled(factor),
                 members=np.arange(len(scenario.vehicles)),
-                per_width=factor is not None,
                 times=times,
                 knots=slice(first, first + len(times)),
                 margins=own,
                 roundings=np.zeros(len(scenario.vehicles)),
-                pieces=pieces,
             )
         )
     return norms
@@ -103,7 +101,7 @@ def requirements_of(scenario: Scenario, margins: PlanMargins) -> list[KeepInSets
         each = asked.since(grid).longer(scenario.lead)
         if (interval := each.interval(local)) is None:
             continue
-        own, quantity = margins.of(each.quantity)[0], each.quantity
+        own, quantity = margins.of(each.quantity), each.quantity
         factor = jerk_factor(scenario) if quantity == "jerk" else None
         sets, every_instant = each.sets(scenario.fleet, names), scenario.between_knots
         times = _instants(each, interval, local, own, every_instant=every_instant)
@@ -119,7 +117,6 @@ def requirements_of(scenario: Scenario, margins: PlanMargins) -> list[KeepInSets
                 clock=grid.clock,
                 sets=sets if factor is None else sets.scaled(factor),
                 members=each.members(names),
-                per_width=factor is not None,
                 partner=each.partner(names),
                 coupled=each.leader is not None,
                 times=times,

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 
@@ -21,6 +22,10 @@ from drake_rho.planning.constraints.stretches import with_neighbours
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.maps.parts import Parts
 
+_SOFT_SEARCHES = 3
+"""Searches for worst instants among the parts of a map in one step of a restoration. Parts have
+rows only where a motion enters them: a motion that avoids one part may enter another."""
+
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class KeepOutOfMap(KeepOutOfObstacle):
@@ -28,7 +33,15 @@ class KeepOutOfMap(KeepOutOfObstacle):
 
     shape: Parts
     """convex parts that cover the map"""
-    of_parts: bool = True
+
+    def encounters(self, rows: HalfSpaces) -> list[IntArray]:
+        """Return the vehicles, which meet the parts of a map one after the other."""
+        return [rows.vehicles]
+
+    def softened_for(self, penalty: float, rounds: int) -> Self:
+        """Return this constraint for one step of a restoration, with more searches."""
+        soft = super().softened_for(penalty, rounds)
+        return dataclasses.replace(soft, searches=_SOFT_SEARCHES)
 
     def distances(self, motion: Motion, points: EvaluationPoints) -> FloatArray:
         """Return signed distances from the points' own parts [m], shape (R,)."""
@@ -64,10 +77,6 @@ class KeepOutOfMap(KeepOutOfObstacle):
             bounds=beyond + np.vecdot(normals, centers),
             tolerances=self.tolerances[points.vehicles],
         )
-
-    def worst_nearby(self, motion: Motion, rows: HalfSpaces) -> HalfSpaces:
-        """Return the most violated row of each row's part within a step."""
-        return self.most_violated(motion, rows)
 
     def penetrations(self, motion: Motion, vehicles: IntArray) -> EvaluationPoints:
         """Return the deepest instant of each penetrating step, with its part.

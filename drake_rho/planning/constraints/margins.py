@@ -42,6 +42,8 @@ class Margins:
     """margins at each knot, (K,), of accelerations in the step that begins there, (K-1,)"""
     tube: ErrorTube | None = None
     """error tube with these radii; None without a disturbance"""
+    pieces: int = 1
+    """number of equal pieces of each step of the plan (`Motion.subdivided`) that `grid` has"""
 
     def at(self, quantity: Quantity, times: FloatArray) -> FloatArray:
         """Return margins at times since the first knot [s] of any shape, in the quantity's unit."""
@@ -60,7 +62,7 @@ class Margins:
     @cached_property
     def pointwise(self) -> Margins:
         """Radii of the same tube at the instants themselves, not the largest in their steps."""
-        return PointMargins(self.grid, self.steps, self.knots, self.tube)
+        return PointMargins(self.grid, self.steps, self.knots, self.tube, self.pieces)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -84,17 +86,14 @@ class PlanMargins:
     inner: Margins
     """margins of positions and velocities: `steps` or, if no plan is found with these, margins
     that are constant over pieces of each step"""
-    pieces: int
-    """number of equal pieces of a step over which `inner` is constant"""
     convex: Margins | None = None
     """margins of values in convex sets at all times, if not `steps` and `inner`"""
 
-    def of(self, quantity: Quantity) -> tuple[Margins, int]:
-        """Return the margins of a quantity in convex sets, and the number of pieces of a step."""
+    def of(self, quantity: Quantity) -> Margins:
+        """Return the margins of a quantity in convex sets."""
         if self.convex is not None:
-            return self.convex, 1
-        inner = quantity in ("position", "velocity")
-        return (self.inner, self.pieces) if inner else (self.steps, 1)
+            return self.convex
+        return self.inner if quantity in ("position", "velocity") else self.steps
 
 
 def margins_of(
@@ -115,14 +114,14 @@ def margins_of(
         if scenario.disturbance is None:
             none = without_errors(scenario.grid)
             larger = _of_positions(none, margins)
-            return PlanMargins(larger, larger, 1, convex=none)
+            return PlanMargins(larger, larger, none)
         tube, grid = tube_of(scenario), scenario.grid
         convex = _reached(tube, grid.step, grid.knots, grid.start, scenario.lead)
         own = _reached(tube, grid.step, grid.knots, grid.start, 0.0).steps["position"]
         larger = _of_positions(without_errors(grid), margins + own)
-        return PlanMargins(larger, larger, 1, convex=convex)
+        return PlanMargins(larger, larger, convex)
     steps = _margins(scenario, 1)
-    return PlanMargins(steps, steps if pieces == 1 else _margins(scenario, pieces), pieces)
+    return PlanMargins(steps, steps if pieces == 1 else _margins(scenario, pieces))
 
 
 def _margins(scenario: Scenario, pieces: int) -> Margins:
@@ -168,7 +167,7 @@ def _around(tube: ErrorTube, start: float, count: int, pieces: int, between_knot
         knots[quantity] = _greater(steps[quantity])
     if not between_knots:  # positions are constrained at knots only
         knots["position"] = greatest.ends
-    return Margins(grid, steps, knots, tube)
+    return Margins(grid, steps, knots, tube, pieces)
 
 
 @lru_cache(maxsize=64)

@@ -24,7 +24,7 @@ from drake_rho.planning.constraints.close_pairs import (
 )
 from drake_rho.planning.constraints.coupling import Coupling
 from drake_rho.planning.constraints.keep_out import EvaluationPoints, KeepOut, side_of
-from drake_rho.planning.constraints.margins import Margins, PlanMargins
+from drake_rho.planning.constraints.margins import PlanMargins
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.parts import Quantity, Separation
 from drake_rho.scenario.records import TOLERANCE, Scenario
@@ -60,10 +60,13 @@ class KeepApart(KeepOut):
     """points that always have rows, sorted by pair and time"""
     responsibility: float
     """responsibility s of one row for a pair's distance, 1 (coupled) or 1/2"""
-    margins: Margins
-    """margins of single vehicles; r is the sum of the margins of both vehicles of a pair"""
     one_normal: bool = False
     """true if all rows of a close encounter of the reference have one normal"""
+
+    @property
+    def obstacles(self) -> frozenset[int]:
+        """0, which stands for other vehicles."""
+        return frozenset({0})
 
     def radius(self, times: FloatArray) -> FloatArray:
         """Return r, the sum of both margins [m], at times since the first knot [s], shape (R,)."""
@@ -248,7 +251,7 @@ def pairs_of(
         ValueError: the scenario has no separation.
     """
     separation, soft = separation_of(scenario), np.isfinite(penalty)
-    reference = reference.subdivided(margins.pieces)
+    reference = reference.subdivided(margins.inner.pieces)
     required = separation.distance + max_pair_margin(separation, margins.inner)
     near = pairs_within(separation, reference, NEAR * required, between=False, of=of)
     if close is None:
@@ -260,7 +263,6 @@ def pairs_of(
     return KeepApart(
         kind="separation",
         key=PAIRS,
-        obstacle_number=0,
         name=NAME,
         quantity="position",
         penalty=penalty,
@@ -269,7 +271,6 @@ def pairs_of(
         shape=shape,
         required=separation,
         margins=margins.inner,
-        pieces=margins.pieces,
         responsibility=coupling.responsibility,
         one_normal=one_normal,
         reference=reference,

@@ -19,8 +19,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from drake_rho.planning.constraints.base import HalfSpaces
-from drake_rho.planning.constraints.boxes import KeepInBox
-from drake_rho.planning.constraints.keep_in import KeepInSets
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs.backend import Backend
 from drake_rho.planning.programs.conic import Cones
@@ -52,16 +50,14 @@ class FreeTimePrograms:
         self._effort, self._backend, self._weight = problem.effort, backend, effort
         self._scaling = TimeScaling.around(problem)
         group, motion = np.arange(len(problem)), problem.effort.motion
-        boxes = [each for each in problem.convex if isinstance(each, KeepInBox)]
-        self._boxes = [each.every_row(motion) for each in boxes if each.quantity != "position"]
-        self._cones = list[Cones]()
-        for each in problem.convex:
-            if not isinstance(each, KeepInSets) or not (each.as_cone or each.is_own_rate):
-                continue
-            if len(cones := Cones.of(each, motion, group)) > 0:
-                self._cones.append(cones)
-            elif not each.as_cone and len(faces := each.faces()) > 0:
-                self._boxes.append(faces)
+        boxes = [each for each in problem.boxes if each.quantity != "position"]
+        rates = [each for each in problem.requirements if each.is_own_rate]
+        sets = [*problem.norms_and_waypoints, *rates]
+        cones = {each.key: Cones.of(each, motion, group) for each in sets}
+        faces = [each.faces() for each in rates if len(cones[each.key]) == 0]
+        self._cones = [each for each in cones.values() if len(each) > 0]
+        self._boxes = [each.every_row(motion) for each in boxes]
+        self._boxes += [each for each in faces if len(each) > 0]
         self._unit = self._limit() or float(problem.effort.units.max())
 
     @property

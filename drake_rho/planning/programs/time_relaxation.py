@@ -18,7 +18,6 @@ from scipy.sparse import block_diag, csc_array, csc_matrix, eye_array, kron
 
 from drake_rho.motion.dynamics import Motion
 from drake_rho.planning.constraints.base import HalfSpaces
-from drake_rho.planning.constraints.boxes import KeepInBox
 from drake_rho.planning.errors import SolverError
 from drake_rho.planning.minimum_effort import Changes, MinimumEffort
 from drake_rho.planning.problem import Problem
@@ -80,12 +79,11 @@ class TimeRelaxations(FreeTimePrograms):
     def __init__(self, problem: Problem, backend: Backend) -> None:
         super().__init__(problem, backend, 0.0)
         self._problem, self._scenario = problem, problem.scenario
-        boxes = [each for each in problem.convex if isinstance(each, KeepInBox)]
-        rows = [each.every_row(problem.effort.motion) for each in boxes]
+        rows = [each.every_row(problem.effort.motion) for each in problem.boxes]
         self._rows = [each for each in rows if len(each) > 0]
-        quantities = {each.quantity for each in problem.convex if each.kind != "requirements"}
-        self._has_jerks = "jerk" in quantities
-        self._written: dict[float, _Relaxation] = {}
+        limits = [*problem.boxes, *problem.norms_and_waypoints]
+        self._has_jerks = any(each.quantity == "jerk" for each in limits)
+        self._written: dict[float, tuple[_Relaxation, float]] = {}
 
     def least(self, shortest: float, places: Sequence[Place]) -> Relaxed | None:
         """Return the least time of a relaxation; None if it has no motion.
@@ -102,7 +100,8 @@ class TimeRelaxations(FreeTimePrograms):
         timed = not self._scenario.fleet.are_at_rest or any(
             np.any(each.velocity) for each in places
         )
-        program = self._without_places(first).copied()
+        program, chord = self._without_places(first)
+        program = program.copied()
         program.add_interval(first, 1.0 if timed else _LONGER)
         program.add_polyhedra([each for each in places if len(each.bounds) > 0])
         program.add_balls([each for each in places if np.isfinite(each.radius)])
@@ -120,12 +119,12 @@ class TimeRelaxations(FreeTimePrograms):
         motion = Motion.from_starts(self._scenario.fleet, found.accelerations / y, step)
         looseness = 1.0 - s**2 / y if timed else 0.0
         if self._has_jerks:
-            chord = 1.0 - program.chord * (1.0 - y)
-            looseness = max(looseness, chord / y**1.5 - 1.0)
+            limit = 1.0 - chord * (1.0 - y)
+            looseness = max(looseness, limit / y**1.5 - 1.0)
         return Relaxed(grid.duration * float(np.sqrt(y)), motion, looseness)
 
-    def _without_places(self, first: float) -> _Relaxation:
-        """Return the program with limits only, for s >= `first`; cached."""
+    def _without_places(self, first: float) -> tuple[_Relaxation, float]:
+        """Return the program with limits only, for s >= `first`, and the chord's slope; cached."""
         first = first if self._has_jerks else 0.0
         if first not in self._written:
             chord = (1.0 - first**3) / (1.0 - first**2)
@@ -136,7 +135,7 @@ class TimeRelaxations(FreeTimePrograms):
             program.add_limits()
             for number in range(len(self._cones)):
                 program.add_cones(number)
-            self._written[first] = program
+            self._written[first] = program, chord
         return self._written[first]
 
 
@@ -149,9 +148,6 @@ class _Relaxation(FreeTimeProgram):
         scaling: derivatives of limits and of this motion by y and s.
         limits: hard rows.
         cones: limits of norms.
-
-    Attributes:
-        chord: slope of the chord of y^1.5.
     """
 
     def __init__(
@@ -162,7 +158,6 @@ class _Relaxation(FreeTimeProgram):
         limits: Sequence[HalfSpaces],
         cones: Sequence[Cones],
     ) -> None:
-        self.chord, _ = scaling.growth["jerk"]
         start = _passing(effort, [Place(0.0, np.zeros(3), np.zeros(3), _NONE, np.zeros(0))])
         super().__init__(effort, unit, scaling, limits, cones, start, np.zeros((1, 3)))
         self._sparse = SparseRows(

@@ -19,6 +19,7 @@ from drake_rho.planning.minimum_effort import TerminalState
 from drake_rho.planning.problem import Problem
 from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.parts import Quantity
+from drake_rho.scenario.records import Scenario
 
 POWERS: dict[Quantity, float] = {"position": 0.0, "velocity": 0.5, "acceleration": 1.0, "jerk": 1.5}
 """Power of y by which time scaling divides the values of a quantity."""
@@ -27,25 +28,20 @@ _GROWTH: dict[Quantity, tuple[float, float]] = {
     "position": (0.0, 0.0),
     "velocity": (0.0, 1.0),
     "acceleration": (1.0, 0.0),
-    "jerk": (1.5, 0.0),
 }
-"""Growth of limits with y and with s; that of jerks is linearised at y = 1."""
+"""Growth of limits with y and with s, except for those of jerks."""
 
 _PART = 1e-6
 """Relative change of a time for finite differences of bounds."""
 
 
-def scaled_like(constraint: Constraint) -> Quantity:
-    """Return the quantity whose values scale with time like those of a constraint.
+def powers(scenario: Scenario) -> Mapping[Quantity, float]:
+    """Return the power of y by which time scaling divides the values of each quantity.
 
-    A change of the acceleration over the width of an average scales like the acceleration.
+    With a smoothing, a jerk is the change of an acceleration over the width of an average, which
+    stays the same.
     """
-    return "acceleration" if constraint.per_width else constraint.quantity
-
-
-def power_of(constraint: Constraint) -> float:
-    """Return the power of y by which time scaling divides a constraint's values."""
-    return POWERS[scaled_like(constraint)]
+    return POWERS if scenario.smoothing is None else {**POWERS, "jerk": POWERS["acceleration"]}
 
 
 def bound_rates(rows: HalfSpaces) -> FloatArray:
@@ -79,7 +75,8 @@ class TimeScaling:
         """
         by_y = _derivative(problem, velocities=0.5, outside=1.0)
         by_s = _derivative(problem, velocities=0.0, outside=0.0)
-        return cls(by_y, by_s, _GROWTH, (0.5, 0.0))  # s <= sqrt(y) would allow lower velocities
+        growth = _growth(problem, (1.5, 0.0))  # linearised at y = 1
+        return cls(by_y, by_s, growth, (0.5, 0.0))  # s <= sqrt(y) would allow lower velocities
 
     @classmethod
     def relaxed(cls, problem: Problem, chord: float) -> Self:
@@ -91,11 +88,11 @@ class TimeScaling:
         """
         by_y = _derivative(problem, velocities=0.0, outside=1.0)
         by_s = _derivative(problem, velocities=1.0, outside=0.0)
-        return cls(by_y, by_s, {**_GROWTH, "jerk": (chord, 0.0)}, _GROWTH["velocity"])
+        return cls(by_y, by_s, _growth(problem, (chord, 0.0)), _GROWTH["velocity"])
 
     def growth_of(self, constraint: Constraint) -> tuple[float, float]:
         """Return the growth of a constraint's limit with y and with s."""
-        return self.growth[scaled_like(constraint)]
+        return self.growth[constraint.quantity]
 
     def of_bounds(self, rows: HalfSpaces) -> FloatArray:
         """Return the derivatives of bounds on changes of motions by y and s, shape (R, 2)."""
@@ -117,6 +114,12 @@ class TimeScaling:
         """Return the changes of minimum-effort accelerations for y and s [m/s²], (N, K-1, 3)."""
         changes: FloatArray = (y - 1.0) * self.by_y.accelerations
         return changes + (s - 1.0) * self.by_s.accelerations
+
+
+def _growth(problem: Problem, jerk: tuple[float, float]) -> Mapping[Quantity, tuple[float, float]]:
+    """Return the growth of limits, where that of jerks is given unless they are of averages."""
+    smooth = problem.scenario.smoothing is not None
+    return {**_GROWTH, "jerk": _GROWTH["acceleration"] if smooth else jerk}
 
 
 def _values(motion: Motion, rows: HalfSpaces) -> FloatArray:

@@ -179,7 +179,7 @@ class CuttingPlanes:
                 rows = constraint.violated_rows(motion, vehicles, between=between, neighbours=reach)
                 if len(rows) == 0:
                     continue
-                if constraint.as_cone:
+                if constraint.key in self._curved.sets:
                     rows = self._curved.planes_to_add(rows, motion)
                     cut.append(rows.vehicles)
                 if reach == 0:

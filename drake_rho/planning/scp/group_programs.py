@@ -139,8 +139,8 @@ class GroupPrograms:
         for label in np.unique(labels[vehicles]):
             group = np.flatnonzero(labels == label)
             rows = self.working.of(group, len(labels))
-            rows = [part for part in rows if not part.constraint.as_cone]
-            found = curved.cones.solve(group, rows, curved.sets, rough=curved.soft)
+            rows = [part for part in rows if part.constraint.key not in curved.sets]
+            found = curved.cones.solve(group, rows, [*curved.sets.values()], rough=curved.soft)
             for tangents, _ in found.tangents:
                 self.working.exchange(group, tangents)
             if not (found.exact or curved.soft):

@@ -80,9 +80,10 @@ def minimum_distance_violation(plan: Plan, backend: Backend | None = None) -> Pl
     def limits(penalty: float) -> list[Constraint]:
         beyond = starts_beyond_limits(problem.scenario, problem.margins)
         soft = ("position", "velocity") if beyond else ()
+        own = [*problem.boxes, *problem.norms_and_waypoints]
         return [
-            each.softened(penalty) if each.quantity in soft or each.kind == "requirements" else each
-            for each in problem.convex
+            *(each.softened(penalty) if each.quantity in soft else each for each in own),
+            *(each.softened(penalty) for each in problem.requirements),
         ]
 
     step = SoftRows(subproblem, limits)

@@ -39,10 +39,6 @@ _ROUNDS_AMONG_OBSTACLES = 4
 """Rounds of rows in the first steps of a restoration among obstacles. With fewer, motions end
 inside some obstacles and pass others on the wrong side."""
 
-_SEARCHES_IN_MAPS = 3
-"""Searches for worst instants among the parts of a map, which have rows only where a motion enters
-them: a motion that avoids one part may enter another."""
-
 _RETRY = 0.5
 """Fraction of the last violation at which hard rows failed; below it they are tried again."""
 
@@ -104,8 +100,7 @@ class SoftRows:
         rounds += 1 if found.is_of_pairs_only else _ROUNDS_AMONG_OBSTACLES
         constraints = list(problem.convex) if self._limits is None else self._limits(penalty)
         for each in problem.obstacles_around(motion):
-            searches = _SEARCHES_IN_MAPS if each.of_parts else 1
-            soft = dataclasses.replace(each.softened(penalty), rounds=rounds, searches=searches)
+            soft = each.softened_for(penalty, rounds)
             constraints.append(each if found.is_of_pairs_only else soft)
         if problem.scenario.separation is not None:
             pairs = problem.pairs_around(

@@ -13,7 +13,6 @@ from drake_rho.motion.dynamics import Motion
 from drake_rho.motion.plan import Plan
 from drake_rho.motion.smooth import response_of
 from drake_rho.planning.constraints.base import Constraint, HalfSpaces
-from drake_rho.planning.constraints.boxes import KeepInBox
 from drake_rho.planning.constraints.coupling import coupled
 from drake_rho.planning.constraints.obstacles import KeepOutOfObstacle
 from drake_rho.planning.problem import Problem
@@ -157,16 +156,16 @@ class Timed:
         """Return the constraints, linearised around the motion, that enter by row generation."""
         reference = self.reference or Plan.from_motion(self.problem.scenario, self.motion)
         constraints = [
-            each
-            for each in self.problem.linearized(reference, coupled)
-            if not each.as_cone and (not isinstance(each, KeepInBox) or each.quantity == "position")
+            *(each for each in self.problem.boxes if each.quantity == "position"),
+            *self.problem.requirements,
+            *self.problem.avoidance(reference, coupled),
         ]
         if self.nearer is None:
             return constraints
         number, by = self.nearer
         return [
             dataclasses.replace(each, required=each.required - by)
-            if isinstance(each, KeepOutOfObstacle) and each.obstacle_number == number
+            if isinstance(each, KeepOutOfObstacle) and each.number == number
             else each
             for each in constraints
         ]

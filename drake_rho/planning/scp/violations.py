@@ -134,12 +134,12 @@ def violations_of(
     scenario, motion = problem.scenario, plan.motion()
     between, required, margins = scenario.between_knots, scenario.separation, problem.margins
     obstacles = problem.obstacles_around(motion)
-    approaches = [(each.obstacle_number, _too_deep(each, motion)) for each in obstacles]
-    inside = {n: found for n, found in approaches if n is not None and len(found) > 0}
+    approaches = [(each.number, _too_deep(each, motion)) for each in obstacles]
+    inside = {number: found for number, found in approaches if len(found) > 0}
     changed = None if before is None else _changed(before[0].motion(), motion)
     pairs = NO_APPROACHES
     if required is not None:
-        finer = motion.subdivided(margins.pieces)
+        finer = motion.subdivided(margins.inner.pieces)
         pairs = violating_pairs(required, finer, margins.inner, between=between, of=changed)
         least = required.distance - _TOLERATED * required.tolerance
         pairs = pairs.select(pairs.distances < least)
