@@ -14,10 +14,10 @@ import drake_rho as rho
 from drake_rho.motion.dynamics import Motion, sparse_response
 from drake_rho.planning.constraints.base import Constraint, HalfSpaces
 from drake_rho.planning.constraints.boxes import boxes_of
-from drake_rho.planning.constraints.coupling import Coupling
 from drake_rho.planning.constraints.goals import goals_of
 from drake_rho.planning.constraints.keep_out import across, side_of
 from drake_rho.planning.constraints.margins import margins_of
+from drake_rho.planning.constraints.separation import Coupling
 from drake_rho.planning.problem import Problem
 from tests.scenarios import acceleration_outside, box, fleet, single
 from tests.tolerances import ROUNDING

@@ -15,8 +15,8 @@ import drake_rho as rho
 from drake_rho.motion.costs import cost_of
 from drake_rho.motion.dynamics import Motion
 from drake_rho.planning.constraints.base import HalfSpaces, about
-from drake_rho.planning.constraints.coupling import CouplingName
 from drake_rho.planning.constraints.keep_in import KeepInSets
+from drake_rho.planning.constraints.separation import CouplingName
 from drake_rho.planning.minimum_effort import Changes
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs import reduced

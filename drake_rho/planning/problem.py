@@ -14,13 +14,12 @@ from drake_rho.motion.dynamics import Motion
 from drake_rho.motion.plan import Plan
 from drake_rho.planning.constraints.base import Constraint
 from drake_rho.planning.constraints.boxes import KeepInBox, boxes_of
-from drake_rho.planning.constraints.catalogue import obstacles_of
-from drake_rho.planning.constraints.coupling import Coupling
 from drake_rho.planning.constraints.keep_in import KeepInSets
+from drake_rho.planning.constraints.keep_out import KeepOutOfObstacle
 from drake_rho.planning.constraints.limits import norms_of, requirements_of, waypoints_of
 from drake_rho.planning.constraints.margins import PlanMargins, margins_of
-from drake_rho.planning.constraints.obstacles import KeepOutOfObstacle
-from drake_rho.planning.constraints.separation import KeepApart, pairs_of
+from drake_rho.planning.constraints.obstacles import obstacles_of
+from drake_rho.planning.constraints.separation import Coupling, KeepApart, pairs_of
 from drake_rho.planning.constraints.tightening import (
     CANNOT_HOLD,
     NO_SLACK,

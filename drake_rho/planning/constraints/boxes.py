@@ -16,10 +16,9 @@ from drake_rho.planning.constraints.base import (
     Constraint,
     HalfSpaces,
     constrained_knots,
+    with_neighbours,
 )
-from drake_rho.planning.constraints.margins import Margins, PlanMargins
-from drake_rho.planning.constraints.smooth_jerks import jerk_factor
-from drake_rho.planning.constraints.stretches import with_neighbours
+from drake_rho.planning.constraints.margins import Margins, PlanMargins, jerk_factor
 from drake_rho.scenario.bounds import Bounds
 from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.parts import Quantity
@@ -141,15 +140,16 @@ def boxes_of(scenario: Scenario, margins: PlanMargins) -> list[KeepInBox]:
             continue
         inner = quantity in ("position", "velocity")
         own = margins.of(quantity)
-        times, factor = own.grid.elapsed, jerk_factor(scenario) if quantity == "jerk" else None
+        if quantity == "jerk":
+            bounds = bounds.scaled(jerk_factor(scenario))
         boxes.append(
             KeepInBox(
                 kind=quantity,
                 key=quantity,
                 name=f"{quantity} box",
                 quantity=quantity,
-                bounds=bounds if factor is None else bounds.scaled(factor),
-                times=times[constrained_knots(quantity)],
+                bounds=bounds,
+                times=own.grid.elapsed[constrained_knots(quantity)],
                 first=int(inner),
                 margins=own,
                 searches=sys.maxsize * (scenario.between_knots and quantity == "position"),

@@ -15,9 +15,8 @@ import numpy as np
 
 from drake_rho.motion.dynamics import Motion
 from drake_rho.motion.smooth import averaged
-from drake_rho.planning.constraints.base import VIOLATED, Constraint, HalfSpaces
+from drake_rho.planning.constraints.base import VIOLATED, Constraint, HalfSpaces, with_neighbours
 from drake_rho.planning.constraints.margins import Margins
-from drake_rho.planning.constraints.stretches import with_neighbours
 from drake_rho.planning.constraints.worst_instants import worst_instants
 from drake_rho.scenario.convex_sets import ConvexSets
 from drake_rho.scenario.fields import FloatArray, IntArray

@@ -8,8 +8,7 @@ import numpy as np
 
 from drake_rho.planning.constraints.base import constrained_knots
 from drake_rho.planning.constraints.keep_in import KeepInSets
-from drake_rho.planning.constraints.margins import Margins, PlanMargins
-from drake_rho.planning.constraints.smooth_jerks import jerk_factor
+from drake_rho.planning.constraints.margins import Margins, PlanMargins, jerk_factor
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.norms import NORMS
 from drake_rho.scenario.parts import Grid
@@ -43,7 +42,7 @@ def norms_of(scenario: Scenario, margins: PlanMargins) -> list[KeepInSets]:
             continue
         limit = scenario.fleet.norms[norm]
         quantity = limit.kind.quantity
-        factor = jerk_factor(scenario) if quantity == "jerk" else None
+        jerks = quantity == "jerk"
         own = margins.of(quantity)
         times = own.grid.elapsed[constrained_knots(quantity)]
         first = int(quantity == "velocity")
@@ -53,7 +52,7 @@ def norms_of(scenario: Scenario, margins: PlanMargins) -> list[KeepInSets]:
                 key=norm,
                 name=limit.kind.name,
                 quantity=quantity,
-                sets=limit.sets if factor is None else limit.sets.scaled(factor),
+                sets=limit.sets.scaled(jerk_factor(scenario)) if jerks else limit.sets,
                 members=np.arange(len(scenario.vehicles)),
                 times=times,
                 knots=slice(first, first + len(times)),
@@ -73,7 +72,7 @@ def waypoints_of(scenario: Scenario, margins: PlanMargins) -> list[KeepInSets]:
     positions, which are linear in the accelerations too.
     """
     fleet, clock = scenario.fleet, scenario.grid.clock
-    scale, own = fleet.scale("position"), margins.convex or margins.steps
+    scale = fleet.scale("position")
     late = clock.tick * _FASTEST * fleet.scale("velocity")  # by the rounding of times
     return [
         KeepInSets(
@@ -87,7 +86,7 @@ def waypoints_of(scenario: Scenario, margins: PlanMargins) -> list[KeepInSets]:
             + np.minimum(late, _ROUNDED * waypoints.tolerances(scale)),
             times=scenario.grid.since_start(waypoints.times)[:, None],
             averaged=scenario.smoothing,
-            margins=own.pointwise,
+            margins=margins.states.pointwise,
         )
         for index, waypoints in enumerate(fleet.waypoints)
     ]
@@ -102,11 +101,12 @@ def requirements_of(scenario: Scenario, margins: PlanMargins) -> list[KeepInSets
         if (interval := each.interval(local)) is None:
             continue
         own, quantity = margins.of(each.quantity), each.quantity
-        factor = jerk_factor(scenario) if quantity == "jerk" else None
         sets, every_instant = each.sets(scenario.fleet, names), scenario.between_knots
         times = _instants(each, interval, local, own, every_instant=every_instant)
-        if factor is not None:  # jerks of averages are those at knots
-            times = times[grid.clock.within(times, interval)]
+        if quantity == "jerk":
+            sets = sets.scaled(jerk_factor(scenario))
+            if scenario.smoothing is not None:  # jerks of averages are those at knots
+                times = times[grid.clock.within(times, interval)]
         found.append(
             KeepInSets(
                 kind="requirements",
@@ -115,7 +115,7 @@ def requirements_of(scenario: Scenario, margins: PlanMargins) -> list[KeepInSets
                 quantity=quantity,
                 active=None if each.active is None else interval,
                 clock=grid.clock,
-                sets=sets if factor is None else sets.scaled(factor),
+                sets=sets,
                 members=each.members(names),
                 partner=each.partner(names),
                 coupled=each.leader is not None,

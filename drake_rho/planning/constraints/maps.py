@@ -15,10 +15,8 @@ import numpy as np
 
 from drake_rho.motion.dynamics import Motion, step_at
 from drake_rho.motion.penetration import deepest, pieces_near
-from drake_rho.planning.constraints.base import VIOLATED, HalfSpaces
-from drake_rho.planning.constraints.keep_out import EvaluationPoints
-from drake_rho.planning.constraints.obstacles import KeepOutOfObstacle
-from drake_rho.planning.constraints.stretches import with_neighbours
+from drake_rho.planning.constraints.base import VIOLATED, HalfSpaces, with_neighbours
+from drake_rho.planning.constraints.keep_out import EvaluationPoints, KeepOutOfObstacle
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.maps.parts import Parts
 

@@ -79,21 +79,24 @@ class PointMargins(Margins):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class PlanMargins:
-    """Margins of all quantities of a scenario, on the grids on which they are constant."""
+    """Margins of distances, and of values in convex sets, on the grids on which they are constant.
+
+    The grids have the plan's steps or, for `inner` and `states`, pieces of these if no plan is
+    found with margins over whole steps.
+    """
 
     steps: Margins
-    """margins that are constant over each step of the plan"""
+    """margins of distances from obstacles and between vehicles, constant over each step"""
     inner: Margins
-    """margins of positions and velocities: `steps` or, if no plan is found with these, margins
-    that are constant over pieces of each step"""
-    convex: Margins | None = None
-    """margins of values in convex sets at all times, if not `steps` and `inner`"""
+    """margins of these distances, constant over each piece of a step"""
+    states: Margins
+    """margins of positions and velocities in convex sets"""
+    inputs: Margins
+    """margins of accelerations and jerks in convex sets"""
 
     def of(self, quantity: Quantity) -> Margins:
         """Return the margins of a quantity in convex sets."""
-        if self.convex is not None:
-            return self.convex
-        return self.inner if quantity in ("position", "velocity") else self.steps
+        return self.states if quantity in ("position", "velocity") else self.inputs
 
 
 def margins_of(
@@ -114,14 +117,15 @@ def margins_of(
         if scenario.disturbance is None:
             none = without_errors(scenario.grid)
             larger = _of_positions(none, margins)
-            return PlanMargins(larger, larger, none)
+            return PlanMargins(larger, larger, none, none)
         tube, grid = tube_of(scenario), scenario.grid
         convex = _reached(tube, grid.step, grid.knots, grid.start, scenario.lead)
         own = _reached(tube, grid.step, grid.knots, grid.start, 0.0).steps["position"]
         larger = _of_positions(without_errors(grid), margins + own)
-        return PlanMargins(larger, larger, convex)
+        return PlanMargins(larger, larger, convex, convex)
     steps = _margins(scenario, 1)
-    return PlanMargins(steps, steps if pieces == 1 else _margins(scenario, pieces))
+    inner = steps if pieces == 1 else _margins(scenario, pieces)
+    return PlanMargins(steps, inner, inner, steps)
 
 
 def _margins(scenario: Scenario, pieces: int) -> Margins:
@@ -201,3 +205,16 @@ def _greater(steps: FloatArray) -> FloatArray:
     """Return the larger value of the two steps adjacent to each knot."""
     greater: FloatArray = np.maximum(np.append(steps, 0.0), np.append(0.0, steps))
     return greater
+
+
+def jerk_factor(scenario: Scenario) -> float:
+    """Return the factor w / h of limits of jerks for the plan itself; 1 without a smoothing.
+
+    The jerk of one average over w is (a(t + w/2) - a(t - w/2)) / w; that of several is an average
+    of it. As w is at most a step, it is 0 or the difference of two accelerations, of neighbouring
+    steps or of rest and the first or last step, over w. These are the plan's own jerks (7) times
+    h / w. So it is in a convex set with 0 if the plan's jerks are in w / h times the set. The bound
+    is tight with one or two averages, and conservative with three.
+    """
+    smoothing = scenario.smoothing
+    return 1.0 if smoothing is None else smoothing.width / scenario.grid.step

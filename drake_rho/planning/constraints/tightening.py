@@ -10,12 +10,13 @@ import numpy as np
 from drake_rho.motion.scenario_tube import tube_of
 from drake_rho.planning.constraints.close_pairs import max_pair_margin
 from drake_rho.planning.constraints.margins import Margins, PlanMargins
-from drake_rho.planning.constraints.requirement_slack import (
+from drake_rho.planning.constraints.slack import (
+    ENDS,
+    TighteningSlack,
     ends_in_requirements,
     sizes_of_requirements,
+    slacks_at_rest,
 )
-from drake_rho.planning.constraints.rest_slack import slacks_at_rest
-from drake_rho.planning.constraints.slack import ENDS, TighteningSlack
 from drake_rho.scenario.fields import FloatArray, unchecked
 from drake_rho.scenario.norms import NORMS
 from drake_rho.scenario.parts import Quantity
@@ -92,13 +93,13 @@ def _missing(
 
 def starts_beyond_limits(scenario: Scenario, margins: PlanMargins) -> bool:
     """Return whether a start lacks slack in the limits of its position or velocity."""
-    slacks = _state_slacks(scenario, margins.convex or margins.inner, 0)
+    slacks = _state_slacks(scenario, margins.states, 0)
     return any(np.any(each.missing(_MEASURED_START) > 0.0) for each in slacks)
 
 
 def has_room_for(scenario: Scenario, margins: PlanMargins, quantity: Quantity) -> bool:
     """Return whether margins leave room inside every limit of a quantity."""
-    slacks = _limit_slacks(scenario, margins.convex or margins.inner)
+    slacks = _limit_slacks(scenario, margins.states)
     return not any(np.any(each.missing(0.0) > 0.0) for each in slacks if each.quantity == quantity)
 
 
@@ -132,7 +133,7 @@ def largest_tolerable_wind(scenario: Scenario, margins: PlanMargins, calm: PlanM
 
 def _slacks(scenario: Scenario, margins: PlanMargins) -> Iterator[TighteningSlack]:
     """Yield the slack of every constraint, in the middle of limits and at start and goal."""
-    in_sets = margins.convex or margins.inner
+    in_sets = margins.states
     yield from _limit_slacks(scenario, in_sets)
     for end in ENDS:
         yield from _end_slacks(scenario, margins, end)
@@ -141,7 +142,7 @@ def _slacks(scenario: Scenario, margins: PlanMargins) -> Iterator[TighteningSlac
 
 def _end_slacks(scenario: Scenario, margins: PlanMargins, end: int) -> Iterator[TighteningSlack]:
     """Yield the slack of every constraint at start or goal."""
-    in_sets = margins.convex or margins.inner
+    in_sets = margins.states
     yield from _state_slacks(scenario, in_sets, end)
     yield from _obstacle_slacks(scenario, margins.inner, end)
     yield from _pair_slacks(scenario, margins.inner, end)

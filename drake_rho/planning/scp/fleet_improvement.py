@@ -10,7 +10,7 @@ from __future__ import annotations
 from drake_rho.motion.plan import Plan
 from drake_rho.motion.statistics import Statistics
 from drake_rho.planning.call.options import DEFAULTS
-from drake_rho.planning.constraints.coupling import decoupled
+from drake_rho.planning.constraints.separation import decoupled
 from drake_rho.planning.errors import InfeasibleError, SolverError
 from drake_rho.planning.scp.fleet_steps import FleetSteps
 from drake_rho.planning.scp.group_references import InGroups

@@ -26,9 +26,8 @@ from drake_rho.motion.plan import Plan
 from drake_rho.motion.statistics import Statistics
 from drake_rho.planning.call.time_limit import check_time
 from drake_rho.planning.constraints.base import Constraint, HalfSpaces
-from drake_rho.planning.constraints.coupling import coupled, decoupled
 from drake_rho.planning.constraints.keep_out import EvaluationPoints
-from drake_rho.planning.constraints.separation import PAIRS, KeepApart
+from drake_rho.planning.constraints.separation import PAIRS, KeepApart, coupled, decoupled
 from drake_rho.planning.errors import SolverError
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs.backend import Backend

@@ -10,8 +10,8 @@ import numpy as np
 from drake_rho.motion.plan import Plan
 from drake_rho.planning.call.time_limit import check_time
 from drake_rho.planning.constraints.base import Constraint
-from drake_rho.planning.constraints.coupling import decoupled
 from drake_rho.planning.constraints.goals import goals_of
+from drake_rho.planning.constraints.separation import decoupled
 from drake_rho.planning.constraints.tightening import has_room_for, starts_beyond_limits
 from drake_rho.planning.errors import InfeasibleError, SolverError
 from drake_rho.planning.problem import Problem

@@ -13,8 +13,8 @@ from drake_rho.motion.dynamics import Motion
 from drake_rho.motion.plan import Plan
 from drake_rho.motion.smooth import response_of
 from drake_rho.planning.constraints.base import Constraint, HalfSpaces
-from drake_rho.planning.constraints.coupling import coupled
-from drake_rho.planning.constraints.obstacles import KeepOutOfObstacle
+from drake_rho.planning.constraints.keep_out import KeepOutOfObstacle
+from drake_rho.planning.constraints.separation import coupled
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs.free_times import FreeTime, Passing
 from drake_rho.scenario.fields import FloatArray, IntArray
@@ -92,8 +92,7 @@ class Timed:
     def passing_tightened(self) -> Passing:
         """Waypoints of `passing_averaged`, tightened by the margins for a disturbance."""
         margins, passing = self.problem.margins, self.passing_averaged
-        own = margins.steps if margins.convex is None else margins.convex
-        radii = own.pointwise.at("position", passing.times)
+        radii = margins.states.pointwise.at("position", passing.times)
         return dataclasses.replace(passing, within=passing.within - radii)
 
     @property

@@ -12,7 +12,7 @@ from drake_rho.motion.dynamics import Motion, roll_out
 from drake_rho.motion.plan import Plan
 from drake_rho.motion.statistics import Statistics
 from drake_rho.planning.constraints.close_pairs import violating_pairs
-from drake_rho.planning.constraints.obstacles import KeepOutOfObstacle
+from drake_rho.planning.constraints.keep_out import KeepOutOfObstacle
 from drake_rho.planning.constraints.separation import NAME
 from drake_rho.planning.errors import InfeasibleError
 from drake_rho.planning.problem import Problem
