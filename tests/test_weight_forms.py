@@ -23,7 +23,7 @@ from drake_rho.planning.programs import reduced
 from drake_rho.planning.programs.backend import Backend, SolverName
 from drake_rho.planning.programs.conic import ConicPrograms
 from drake_rho.planning.programs.group_duals import GroupDuals
-from drake_rho.planning.programs.parallel import solve_all
+from drake_rho.planning.programs.solve import solve_all
 from drake_rho.planning.scp import curved_sets
 from drake_rho.planning.scp.minimum_violation import minimum_violation
 from tests.arrays import FloatArray, IntArray

@@ -22,12 +22,10 @@ from scipy.sparse import bsr_array, csc_array, csc_matrix, eye_array, hstack, kr
 from drake_rho.motion.dynamics import Motion
 from drake_rho.planning.constraints.base import HalfSpaces, about
 from drake_rho.planning.constraints.keep_in import KeepInSets
-from drake_rho.planning.constraints.rows import Rows
+from drake_rho.planning.constraints.rows import Rows, slacks_of
 from drake_rho.planning.minimum_effort import MinimumEffort
 from drake_rho.planning.programs.backend import Backend
-from drake_rho.planning.programs.dense import add_rows
-from drake_rho.planning.programs.parallel import Answers
-from drake_rho.planning.programs.reduced import slacks_of
+from drake_rho.planning.programs.program import Answers, add_rows
 from drake_rho.planning.programs.solve import solve
 from drake_rho.planning.programs.sparse import SparseRows, scale_of, without_rows
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray

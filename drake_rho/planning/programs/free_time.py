@@ -23,9 +23,8 @@ from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs.backend import Backend
 from drake_rho.planning.programs.conic import Cones
 from drake_rho.planning.programs.free_time_program import FreeTimeProgram
-from drake_rho.planning.programs.free_times import Change, FreeTime, Passing
+from drake_rho.planning.programs.free_times import Change, FreeTime, Passing, TimeScaling
 from drake_rho.planning.programs.solve import solve
-from drake_rho.planning.programs.time_scaling import TimeScaling
 from drake_rho.scenario.fields import FloatArray, IntArray
 
 LITTLE_EFFORT = 1e-7

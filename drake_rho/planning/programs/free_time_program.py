@@ -22,10 +22,9 @@ from drake_rho.planning.constraints.base import HalfSpaces, about
 from drake_rho.planning.constraints.rows import Rows
 from drake_rho.planning.minimum_effort import Changes, MinimumEffort
 from drake_rho.planning.programs.conic import Cones
-from drake_rho.planning.programs.free_times import Change, FreeTime, Passing
-from drake_rho.planning.programs.solution import Solution
+from drake_rho.planning.programs.free_times import Change, FreeTime, Passing, TimeScaling
+from drake_rho.planning.programs.program import Solution
 from drake_rho.planning.programs.sparse import SparseRows, add_goal, scale_of
-from drake_rho.planning.programs.time_scaling import TimeScaling
 from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.parts import Quantity
 
@@ -68,7 +67,7 @@ class FreeTimeProgram:
             effort.grid, effort.goals.rows, np.full(len(group), unit), np.ones(len(group))
         )
         sparse = SparseRows(changes, group, parts)
-        self._steps, self._unit = sparse.steps, unit
+        self._sparse, self._steps, self._unit = sparse, sparse.steps, unit
         self.program = MathematicalProgram()
         self._x = self.program.NewContinuousVariables(sparse.columns)
         self._time = self.program.NewContinuousVariables(2)  # y and s
@@ -86,7 +85,7 @@ class FreeTimeProgram:
             scaled = csc_matrix(equations @ self._scales) / float(self._steps) ** order
             self.program.AddLinearEqualityConstraint(scaled, np.zeros(count), self._x)
         by_time = [*map(self._by_time, halves), self._passing_by_time(velocities)]
-        self._matrix, self._needed = self._in_time(sparse, parts, np.concatenate(by_time))
+        self._matrix, self._needed = self._in_time(parts, np.concatenate(by_time))
         ends = np.cumsum([0, *map(len, parts)])
         self._first = int(ends[len(limits)])
         self._parts = [slice(*each) for each in pairwise(ends[len(limits) :].tolist())]
@@ -170,16 +169,14 @@ class FreeTimeProgram:
         own = self._unit * scale_of(quantity, self._effort.grid.step)
         return own / self._unit_of(quantity)
 
-    def _in_time(
-        self, sparse: SparseRows, parts: Sequence[Rows], by_time: FloatArray
-    ) -> tuple[csc_array, FloatArray]:
+    def _in_time(self, parts: Sequence[Rows], by_time: FloatArray) -> tuple[csc_array, FloatArray]:
         """Return rows as matrix @ (x, y, s) >= needed, in the units of this program.
 
         Args:
-            sparse: the rows, in units of sparse programs.
-            parts: the same rows, by form.
+            parts: the rows, by form.
             by_time: derivatives of their bounds by y and s, shape (R, 2).
         """
+        sparse = SparseRows(self._sparse.changes, self._sparse.group, parts)
         matrix, needed, _, _ = sparse.matrix()
         finer = [np.full(len(each), self._finer(each.form.quantity)) for each in parts]
         unit = np.concatenate(finer)

@@ -29,11 +29,9 @@ from pydrake.solvers import MathematicalProgram
 from scipy.sparse import coo_array, csc_array, csr_array
 
 from drake_rho.motion.dynamics import sparse_response
-from drake_rho.planning.constraints.rows import Rows
+from drake_rho.planning.constraints.rows import Rows, each_of, groups_of, slacks_of
 from drake_rho.planning.minimum_effort import Changes
-from drake_rho.planning.programs.dense import DenseProgram, Program, add_rows
-from drake_rho.planning.programs.groups import each_of, groups_of
-from drake_rho.planning.programs.solution import Solution
+from drake_rho.planning.programs.program import DenseProgram, Program, Solution, add_rows
 from drake_rho.planning.programs.sparse import SparseRows, without_rows
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.parts import Grid
@@ -198,14 +196,6 @@ def _sparse_responses(grid: Grid, rows: Rows) -> csr_array:
     if rows.form.averaged is not None:
         return csr_array(rows.responses(grid))
     return sparse_response(rows.form.quantity, grid.step, grid.knots, rows.times)
-
-
-def slacks_of(rows: Sequence[Rows]) -> IntArray:
-    """Return the index of each half-space's slack, constraint by constraint, shape (R,)."""
-    if all(not part.soft for part in rows):
-        return np.zeros(sum(map(len, rows)), dtype=int)  # no slacks
-    first = np.cumsum([0, *(1 + part.slacks().max(initial=-1) for part in rows)])[:-1]
-    return np.concatenate([n + part.slacks() for n, part in zip(first, rows, strict=True)])
 
 
 def rows_of(

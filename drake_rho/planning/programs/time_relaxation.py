@@ -17,18 +17,14 @@ import numpy as np
 from scipy.sparse import block_diag, csc_array, csc_matrix, eye_array, kron
 
 from drake_rho.motion.dynamics import Motion
-from drake_rho.planning.constraints.base import HalfSpaces
 from drake_rho.planning.errors import SolverError
-from drake_rho.planning.minimum_effort import Changes, MinimumEffort
+from drake_rho.planning.minimum_effort import MinimumEffort
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs.backend import Backend
-from drake_rho.planning.programs.conic import Cones
 from drake_rho.planning.programs.free_time import FreeTimePrograms
 from drake_rho.planning.programs.free_time_program import FreeTimeProgram
-from drake_rho.planning.programs.free_times import Passing
+from drake_rho.planning.programs.free_times import Passing, TimeScaling
 from drake_rho.planning.programs.solve import solve
-from drake_rho.planning.programs.sparse import SparseRows
-from drake_rho.planning.programs.time_scaling import TimeScaling
 from drake_rho.scenario.fields import FloatArray
 
 PRECISION = 1e-6
@@ -129,8 +125,11 @@ class TimeRelaxations(FreeTimePrograms):
         if first not in self._written:
             chord = (1.0 - first**3) / (1.0 - first**2)
             scaling = TimeScaling.relaxed(self._problem, chord)
-            parts = self._effort, self._unit, scaling, self._rows, self._cones
-            program = _Relaxation(*parts)
+            start = _passing(
+                self._effort, [Place(0.0, np.zeros(3), np.zeros(3), _NONE, np.zeros(0))]
+            )
+            parts = self._rows, self._cones, start, np.zeros((1, 3))
+            program = _Relaxation(self._effort, self._unit, scaling, *parts)
             program.add_costs(0.0)
             program.add_limits()
             for number in range(len(self._cones)):
@@ -140,31 +139,7 @@ class TimeRelaxations(FreeTimePrograms):
 
 
 class _Relaxation(FreeTimeProgram):
-    """Builder of one relaxation.
-
-    Args:
-        effort: the minimum-effort motion in the longest final time.
-        unit: unit of accelerations in the program [m/s²].
-        scaling: derivatives of limits and of this motion by y and s.
-        limits: hard rows.
-        cones: limits of norms.
-    """
-
-    def __init__(
-        self,
-        effort: MinimumEffort,
-        unit: float,
-        scaling: TimeScaling,
-        limits: Sequence[HalfSpaces],
-        cones: Sequence[Cones],
-    ) -> None:
-        start = _passing(effort, [Place(0.0, np.zeros(3), np.zeros(3), _NONE, np.zeros(0))])
-        super().__init__(effort, unit, scaling, limits, cones, start, np.zeros((1, 3)))
-        self._sparse = SparseRows(
-            Changes(effort.grid, effort.goals.rows, np.full(1, unit), np.ones(1)),
-            np.zeros(1, dtype=int),
-            [start.axes(effort)],
-        )
+    """Builder of one relaxation; its waypoints are the start."""
 
     def copied(self) -> _Relaxation:
         """Return a copy for further constraints."""
@@ -208,10 +183,9 @@ class _Relaxation(FreeTimeProgram):
         """Return the positions less the centres, matrix @ variables - needed in their unit."""
         effort, passing = self._effort, _passing(self._effort, places)
         axes = passing.axes(effort)
-        sparse = SparseRows(self._sparse.changes, self._sparse.group, [axes])
         by_time = -self._scaling.of_positions(passing.vehicles, passing.times)
         by_time[:, :, 1] += passing.times[:, None] * np.array([each.velocity for each in places])
-        return self._in_time(sparse, [axes], by_time.reshape(-1, 2) / self._unit_of("position"))
+        return self._in_time([axes], by_time.reshape(-1, 2) / self._unit_of("position"))
 
 
 _NONE = np.zeros((0, 3))

@@ -14,8 +14,7 @@ from drake_rho.motion.dynamics import Motion, roll_out
 from drake_rho.planning.constraints.base import VIOLATED, Constraint, HalfSpaces
 from drake_rho.planning.constraints.boxes import QUANTITIES
 from drake_rho.planning.problem import Problem
-from drake_rho.planning.programs.free_times import FreeTime
-from drake_rho.planning.programs.time_scaling import bound_rates, powers
+from drake_rho.planning.programs.free_times import FreeTime, bound_rates, powers
 from drake_rho.scenario.parts import Quantity
 
 _NEAR = 0.1

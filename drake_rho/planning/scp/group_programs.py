@@ -9,12 +9,12 @@ import numpy as np
 from drake_rho.motion.statistics import Statistics
 from drake_rho.planning.call.options import SMALL_FLEET
 from drake_rho.planning.constraints.base import HalfSpaces, about
+from drake_rho.planning.constraints.rows import groups_of
 from drake_rho.planning.errors import SolverError
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs.backend import Accuracy, Backend
-from drake_rho.planning.programs.groups import groups_of
-from drake_rho.planning.programs.parallel import Answers, solve_all
-from drake_rho.planning.programs.solve import MAX_RETRIES
+from drake_rho.planning.programs.program import Answers
+from drake_rho.planning.programs.solve import MAX_RETRIES, solve_all
 from drake_rho.planning.scp.curved_sets import CurvedSets
 from drake_rho.planning.scp.working_set import RowKeys, WorkingSet
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray

@@ -9,7 +9,7 @@ import numpy as np
 
 from drake_rho.motion.dynamics import Motion
 from drake_rho.planning.constraints.base import HalfSpaces
-from drake_rho.planning.programs.parallel import Answers
+from drake_rho.planning.programs.program import Answers
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.parts import Grid
 
