@@ -17,7 +17,7 @@ from drake_rho.planning.constraints.boxes import KeepInBox, boxes_of
 from drake_rho.planning.constraints.keep_in import KeepInSets
 from drake_rho.planning.constraints.keep_out import KeepOutOfObstacle
 from drake_rho.planning.constraints.limits import norms_of, requirements_of, waypoints_of
-from drake_rho.planning.constraints.margins import PlanMargins, margins_of
+from drake_rho.planning.constraints.margins import UNBOUNDED, PlanMargins, margins_of
 from drake_rho.planning.constraints.obstacles import obstacles_of
 from drake_rho.planning.constraints.separation import Coupling, KeepApart, pairs_of
 from drake_rho.planning.constraints.tightening import (
@@ -55,7 +55,7 @@ class Problem:
     """number of equal pieces of a step with constant margins of positions and velocities"""
     elastic: bool = False
     """true if only violations are penalised and goals may be missed"""
-    accelerations: FloatArray | None = None
+    accelerations: FloatArray | np.float64 = UNBOUNDED
     """largest accelerations for the margin of a smoothing, as in `margins_of`"""
 
     @classmethod

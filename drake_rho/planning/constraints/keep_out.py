@@ -143,9 +143,9 @@ def side_of(offsets: FloatArray, velocities: FloatArray) -> FloatArray:
     return np.where(defined, sides / np.where(defined, lengths, 1.0), across(ahead))
 
 
-_AROUND, _ZOOMS, _FINER = np.linspace(-1.0, 1.0, 17), 4, 8.0
-"""Search for the most violated row: offsets from a worst instant in steps, number of refinements,
-and the factor by which each refinement divides the offsets."""
+_AROUND, _ZOOMS = np.linspace(-1.0, 1.0, 17), 4
+"""Search for the most violated row: offsets from a worst instant, in steps and then in intervals
+between the last offsets, and the number of searches."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -221,8 +221,8 @@ class KeepOutOfObstacle(KeepOut):
             np.repeat(each, len(_AROUND)) for each in (rows.vehicles, rows.partners, rows.sides)
         )
         times, each = rows.times, np.arange(len(rows))
-        for finer in range(_ZOOMS):
-            around = times[:, None] + h * _AROUND[None] / _FINER**finer
+        for zoom in range(_ZOOMS):
+            around = times[:, None] + h * _AROUND[None] * (_AROUND[1] - _AROUND[0]) ** zoom
             around = np.clip(around, END_MARGIN * h, (steps - END_MARGIN) * h)
             points = EvaluationPoints(whose, others, around.reshape(-1), parts=parts)
             margins = self.rows(points).margins(motion)

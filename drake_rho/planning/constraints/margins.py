@@ -23,6 +23,10 @@ _AT_KNOTS: tuple[Quantity, ...] = ("position", "velocity", "jerk")
 """Quantities with a value at every knot."""
 
 
+UNBOUNDED = np.float64(np.inf)
+"""Accelerations that only limits bound [m/s²]."""
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
 class Margins:
     """Radii of an error tube for planning, constant over each step: the largest radius in it.
@@ -100,7 +104,7 @@ class PlanMargins:
 
 
 def margins_of(
-    scenario: Scenario, pieces: int = 1, accelerations: FloatArray | None = None
+    scenario: Scenario, pieces: int = 1, accelerations: FloatArray | np.float64 = UNBOUNDED
 ) -> PlanMargins:
     """Return the margins for plans of a scenario; zero without a disturbance or a smoothing.
 
@@ -108,12 +112,11 @@ def margins_of(
         scenario: the scenario to plan.
         pieces: the number of pieces of each step for positions and velocities.
         accelerations: largest norms in each step and the neighbours within the averages' width
-            [m/s²], shape (K-1,), for the margin of a smoothing; from the limits if not given.
+            [m/s²], shape (K-1,), for the margin of a smoothing. Limits bound them as well.
     """
     if scenario.smoothing is not None:
         margins = np.full(scenario.grid.knots - 1, scenario.smoothing_margin)
-        if accelerations is not None:
-            margins = np.minimum(margins, scenario.smoothing.margins(accelerations))
+        margins = np.minimum(margins, scenario.smoothing.margins(accelerations))
         if scenario.disturbance is None:
             none = without_errors(scenario.grid)
             larger = _of_positions(none, margins)

@@ -194,7 +194,7 @@ class KeepApart(KeepOut):
         """Return one row for each point, or two if decoupled, sorted by vehicle, partner, time."""
         directions = self.directions(points)
         if self.coupled:
-            return self._write(points, directions, None)
+            return self._write(points, directions, np.zeros(3))
         one = self.reference.each_at("position", points.vehicles, points.times)
         other = self.reference.each_at("position", points.partners, points.times)
         between = self.responsibility * (other - one)
@@ -204,19 +204,17 @@ class KeepApart(KeepOut):
         return rows.select(np.lexsort((rows.times, rows.partners, rows.vehicles)))
 
     def _write(
-        self, points: EvaluationPoints, normals: FloatArray, anchors: FloatArray | None
+        self, points: EvaluationPoints, normals: FloatArray, anchors: FloatArray
     ) -> HalfSpaces:
         """Return rows with given normals.
 
         Args:
             points: the vehicles, partners and times of the rows.
             normals: the unit normals from `directions`, shape (R, 3).
-            anchors: q - s x_q [m], shape (R, 3); None for rows about a difference.
+            anchors: q - s x_q [m], shape (R, 3); zero for rows about a difference, shape (3,).
         """
         distances = self.shape.local_support(normals) + self.radius(points.times)
-        bounds = supports = self.responsibility * distances
-        if anchors is not None:
-            bounds = supports + np.sum(normals * anchors, axis=1)
+        supports = self.responsibility * distances
         return HalfSpaces(
             self,
             points.vehicles,
@@ -224,7 +222,7 @@ class KeepApart(KeepOut):
             sides=np.zeros(len(points), dtype=int),
             times=points.times,
             normals=normals,
-            bounds=bounds,
+            bounds=supports + np.sum(normals * anchors, axis=1),
             tolerances=TOLERANCE * supports,
         )
 

@@ -59,25 +59,32 @@ class TighteningSlack:
         return f"{self.name} ({self.where} {depth:.3g} {unit} inside, of {needed[vehicle]:.3g})"
 
 
+def states_at(scenario: Scenario, end: int) -> dict[Quantity, FloatArray]:
+    """Return the positions and velocities at start or goal, and zero accelerations of averages."""
+    fleet = scenario.fleet
+    states: dict[Quantity, FloatArray] = {
+        "position": fleet.start_positions if end == 0 else fleet.goal_positions,
+        "velocity": fleet.start_velocities if end == 0 else fleet.goal_velocities,
+    }
+    if scenario.smoothing is not None:  # averages have rest before the start and after the goal
+        states["acceleration"] = np.zeros_like(fleet.goal_positions)
+    return states
+
+
 def sizes_of_requirements(scenario: Scenario, margins: Margins) -> Iterator[TighteningSlack]:
     """Yield half the least side of every required shape: the error tube has to fit into it."""
     for number, each in enumerate(scenario.requirements, start=1):
         if each.quantity != "jerk" and isinstance(each.set, Shape):
             half = np.full(len(scenario.vehicles), each.set.extent.min())
-            yield _of_requirement(scenario, margins, number, "middle", half)
+            needed = margins.steps[each.quantity].max(keepdims=True)
+            yield _of_requirement(scenario, number, "middle", half, needed)
 
 
 def ends_in_requirements(
     scenario: Scenario, margins: Margins, end: int
 ) -> Iterator[TighteningSlack]:
     """Yield the slack of positions and velocities in required sets at start or goal."""
-    fleet, names, grid = scenario.fleet, scenario.names, scenario.grid
-    states: dict[Quantity, FloatArray] = {"position": fleet.start_positions}
-    states["velocity"] = fleet.start_velocities
-    if end != 0:
-        states = {"position": fleet.goal_positions, "velocity": fleet.goal_velocities}
-    if scenario.smoothing is not None:  # averages have rest before the start and after the goal
-        states["acceleration"] = np.zeros_like(fleet.goal_positions)
+    names, grid, states = scenario.names, scenario.grid, states_at(scenario, end)
     now = grid.start if end == 0 else grid.end
     for number, each in enumerate(scenario.requirements, start=1):
         interval = each.longer(scenario.lead).interval(grid)
@@ -87,36 +94,28 @@ def ends_in_requirements(
         if partner is not None:
             values = values - values[partner]
         inside = -np.asarray(each.set.signed_distance(values)) - each.deviation
-        yield _of_requirement(scenario, margins, number, ENDS[end], inside, end)
+        needed = margins.knots[each.quantity][[end]]
+        yield _of_requirement(scenario, number, ENDS[end], inside, needed)
 
 
 def _of_requirement(
-    scenario: Scenario,
-    margins: Margins,
-    number: int,
-    where: str,
-    available: FloatArray,
-    end: int | None = None,
+    scenario: Scenario, number: int, where: str, available: FloatArray, needed: FloatArray
 ) -> TighteningSlack:
     """Return the slack of a requirement, half of it for each vehicle of a pair.
 
     Args:
         scenario: the scenario.
-        margins: margins of its plans.
         number: number of the requirement, from 1.
         where: place of the comparison.
         available: distance inside the set's boundary of each vehicle, in its unit, shape (N,).
-        end: index of the knot of the comparison; None for the whole flight.
+        needed: needed margins of each vehicle, in its unit, shape (1,).
     """
     asked, names = scenario.requirements[number - 1], scenario.names
-    members, quantity = asked.members(names), asked.quantity
-    needed = margins.steps[quantity].max(keepdims=True)
-    if end is not None:
-        needed = margins.knots[quantity][[end]]
+    members = asked.members(names)
     own, tolerances = np.full(len(names), np.inf), np.zeros(len(names))
     own[members] = available[members] / (1.0 if asked.leader is None else 2.0)
     tolerances[members] = asked.tolerances(scenario.fleet, names)
-    return TighteningSlack(asked.called(number), where, quantity, own, needed, tolerances)
+    return TighteningSlack(asked.called(number), where, asked.quantity, own, needed, tolerances)
 
 
 _WHERE = "held goal"

@@ -16,8 +16,9 @@ from drake_rho.planning.constraints.slack import (
     ends_in_requirements,
     sizes_of_requirements,
     slacks_at_rest,
+    states_at,
 )
-from drake_rho.scenario.fields import FloatArray, unchecked
+from drake_rho.scenario.fields import unchecked
 from drake_rho.scenario.norms import NORMS
 from drake_rho.scenario.parts import Quantity
 from drake_rho.scenario.records import Scenario
@@ -176,13 +177,7 @@ def _limit_slacks(scenario: Scenario, margins: Margins) -> Iterator[TighteningSl
 def _state_slacks(scenario: Scenario, margins: Margins, end: int) -> Iterator[TighteningSlack]:
     """Yield the slack of positions and velocities in their boxes and balls at start or goal."""
     fleet = scenario.fleet
-    states: dict[Quantity, FloatArray] = {"position": fleet.start_positions}
-    states["velocity"] = fleet.start_velocities
-    if end != 0:
-        states = {"position": fleet.goal_positions, "velocity": fleet.goal_velocities}
-    if scenario.smoothing is not None:  # averages have rest before the start and after the goal
-        states["acceleration"] = np.zeros_like(fleet.goal_positions)
-    for quantity, values in states.items():
+    for quantity, values in states_at(scenario, end).items():
         needed = margins.knots[quantity][[end]]
         if (bounds := fleet.bounds(quantity)) is not None:
             available = np.minimum(values - bounds.lower, bounds.upper - values).min(axis=1)

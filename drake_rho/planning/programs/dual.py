@@ -27,9 +27,6 @@ from drake_rho.scenario.fields import FloatArray
 KKT_TOLERANCE = 1e-9
 """Largest violation of an optimality condition, relative to the largest entry of b or to one."""
 
-_MOST = 10
-"""Largest number of changes of the active set, relative to the number of rows."""
-
 
 def multipliers_of(
     gram: FloatArray,
@@ -109,7 +106,7 @@ def _bounded(
     full = y >= most
     free = ~full & ((y > 0.0) | (needed - gram @ y > KKT_TOLERANCE))
     left = needed - gram @ np.where(full, most, 0.0)
-    for _ in range(_MOST * len(y)):
+    for _ in range(10 * len(y)):  # changes of the active set
         rows = free.nonzero()[0]
         z, failed = np.zeros(0), 0
         if len(rows) > 0:
@@ -156,9 +153,6 @@ _RIDGE = 1e-13
 """Regularisation of the Gram matrix's diagonal, relative to its largest entry, which gives linearly
 dependent rows a Cholesky factor too."""
 
-_REFINEMENTS = 2
-"""Number of refinements, which remove the residual that the ridge leaves in active rows."""
-
 _ZERO = 1e-11
 """Length below which a row counts as zero, as it does in DAQP."""
 
@@ -195,7 +189,7 @@ def _soft(program: DenseProgram) -> Solution | None:
         return _refuted(program, time.perf_counter() - start)
     free = np.flatnonzero((y > 0.0) & (y < most))
     own = (gram + ridge)[np.ix_(free, free)]
-    for _ in range(_REFINEMENTS):
+    for _ in range(2):  # refinements, since the ridge leaves residuals in active rows
         y[free] += np.linalg.solve(own, (program.needed - gram @ y)[free])
     if not is_optimal(gram @ y - program.needed, program.needed, y, most):
         return None

@@ -117,9 +117,7 @@ class FreeTimeProgram:
         if len(passing) == 0:
             return
         reach = np.where(passing.may_change, change.waypoints, 0.0)
-        allowed = np.tile([passing.least, T - passing.least], (len(passing), 1))
-        if passing.allowed is not None:
-            allowed = np.clip(passing.allowed, passing.least, T - passing.least)
+        allowed = np.clip(passing.allowed, passing.least, T - passing.least)
         earliest = np.maximum(-reach, np.minimum(allowed[:, 0] - passing.times, 0.0))
         latest = np.minimum(reach, np.maximum(allowed[:, 1] - passing.times, 0.0))
         program.AddBoundingBoxConstraint(earliest, latest, self._changes)

@@ -24,14 +24,11 @@ from drake_rho.scenario.parts import Quantity
 from drake_rho.scenario.records import Scenario
 from drake_rho.scenario.smoothing import Smoothing
 
-_SLOWEST = 1e6
-"""Largest factor y of one program."""
-
 
 class Change(NamedTuple):
     """Bounds on the changes of times in a program."""
 
-    final: tuple[float, float] = (0.0, _SLOWEST)
+    final: tuple[float, float] = (0.0, 1e6)
     """least and largest y"""
     waypoints: float = 0.0
     """largest change of the time of a free waypoint [s]"""
@@ -61,12 +58,11 @@ class Passing:
     """least time between two waypoints of a vehicle, and from its start and goal [s]"""
     averaged: Smoothing | None = None
     """moving averages that pass the waypoints; None if motions themselves do"""
-    in_proportion: BoolArray | None = None
-    """mask of the waypoints with times at a constant part of the final time, shape (W,); None for
-    none"""
-    allowed: FloatArray | None = None
-    """first and last allowed time of each since the first knot [s], shape (W, 2); None for any.
-    They are exact only in the final time of the linearisation"""
+    in_proportion: BoolArray = dataclasses.field(default_factory=lambda: np.zeros(1, dtype=bool))
+    """mask of the waypoints with times at a constant part of the final time, shape (W,) or (1,)"""
+    allowed: FloatArray = dataclasses.field(default_factory=lambda: np.array([[-np.inf, np.inf]]))
+    """first and last allowed time of each since the first knot [s], shape (W, 2) or (1, 2), exact
+    only in the final time of the linearisation"""
     price: float = np.inf
     """penalty per metre for missing a free waypoint [m/s⁴]; infinite if all have to be passed"""
 
@@ -88,8 +84,8 @@ class Passing:
             self.given[mask],
             self.least,
             self.averaged,
-            None if self.in_proportion is None else self.in_proportion[mask],
-            None if self.allowed is None else self.allowed[mask],
+            np.broadcast_to(self.in_proportion, mask.shape)[mask],
+            np.broadcast_to(self.allowed, (len(mask), 2))[mask],
             self.price,
         )
 
@@ -107,8 +103,7 @@ class Passing:
     @property
     def may_change(self) -> BoolArray:
         """Mask of the waypoints with normalised times that a program may change, shape (W,)."""
-        free = ~self.given
-        return free if self.in_proportion is None else free & ~self.in_proportion
+        return ~self.given & ~self.in_proportion
 
     def lasting(self, duration: float, before: float) -> Passing:
         """Return the waypoints for another final time, with the free times scaled.

@@ -61,15 +61,9 @@ _OSQP: _Options = {
     "polish_refine_iter": 10,
 }
 
-_LEAST_TIME = 1e-3
-"""Least time limit of a solver [s]."""
-
 _CHUNK = 40_000
 """Sum of squared numbers of variables of the programs that a thread solves at once, about ten
 milliseconds of work. Less work is done in the calling thread, since starting another takes time."""
-
-MAX_RETRIES = 1
-"""Number of repeated solutions if solutions violate their rows."""
 
 _INFEASIBLE = {SolutionResult.kInfeasibleConstraints, SolutionResult.kInfeasibleOrUnbounded}
 
@@ -196,7 +190,7 @@ def _solve_with(
     for key, value in values.items():
         options.SetOption(solver.solver_id(), key, value)
     if name == "Clarabel" and (left := seconds_left()) < np.inf:
-        options.SetOption(solver.solver_id(), "time_limit", max(left, _LEAST_TIME))
+        options.SetOption(solver.solver_id(), "time_limit", max(left, 1e-3))
     in_drake = [each.written if isinstance(each, DenseProgram) else each for each in programs]
     results = SolveInParallel(
         progs=in_drake,

@@ -18,10 +18,6 @@ from drake_rho.planning.scp.restoration import restore_feasibility
 from drake_rho.planning.scp.subproblem import Subproblem
 from drake_rho.scenario.fields import IntArray
 
-_OFFSET, _STEPS = 7, 10
-"""Iteration offset of the restoration of a reference, whose violations are small already, and
-largest number of its steps."""
-
 
 class AroundReferences:
     """Improvement of a fleet's plan by linearisation around references that cost less.
@@ -69,6 +65,5 @@ class AroundReferences:
         if self._subproblem.holds(reference):
             return reference
         halves = Subproblem(self._subproblem.problem, decoupled, self._subproblem.backend)
-        return restore_feasibility(
-            halves, reference, step=FleetSteps(halves), offset=_OFFSET, most=_STEPS
-        )
+        # penalties begin late in their sequence, since violations are small already
+        return restore_feasibility(halves, reference, step=FleetSteps(halves), offset=7, most=10)

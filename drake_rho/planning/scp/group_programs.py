@@ -14,7 +14,7 @@ from drake_rho.planning.errors import SolverError
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs.backend import Accuracy, Backend
 from drake_rho.planning.programs.program import Answers
-from drake_rho.planning.programs.solve import MAX_RETRIES, solve_all
+from drake_rho.planning.programs.solve import solve_all
 from drake_rho.planning.scp.curved_sets import CurvedSets
 from drake_rho.planning.scp.working_set import RowKeys, WorkingSet
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
@@ -44,7 +44,7 @@ class GroupPrograms:
         accuracy: Accuracy = "quick" if len(problem) > SMALL_FLEET else "full"
         self._backend = dataclasses.replace(backend, accuracy=accuracy)
         self._inexact = np.zeros(len(problem), dtype=int)
-        self._unsatisfied, self._retries = list[HalfSpaces](), 0
+        self._unsatisfied, self._retried = list[HalfSpaces](), False
         self._solved, self._solver_name, self._solver_seconds = 0, "", 0.0
 
     def fly(self, vehicles: IntArray, accelerations: FloatArray) -> None:
@@ -126,7 +126,7 @@ class GroupPrograms:
     def _solve_rows(self, vehicles: IntArray) -> list[Answers]:
         """Solve the programs of vehicles whose rows involve no cones."""
         backend = self._backend
-        if self._retry() > 0:
+        if self._retry():
             backend = dataclasses.replace(backend, others_first=True)
         effort = self._problem.effort
         rows = about(effort.motion, self.working.of(vehicles, len(self._problem)))
@@ -182,17 +182,18 @@ class GroupPrograms:
         a = scales[:, None, None] * u.reshape(-1, *u.shape[2:])
         return vehicles, a + self._problem.effort.motion.accelerations[vehicles]
 
-    def _retry(self) -> int:
-        """Return the number of successive solves with unsatisfied rows."""
-        if not self._unsatisfied:
-            self._retries = 0
-        elif self._retries == MAX_RETRIES:
+    def _retry(self) -> bool:
+        """Return whether rows are unsatisfied, so that other solvers solve once again.
+
+        Raises:
+            SolverError: they have done so already.
+        """
+        if self._unsatisfied and self._retried:
             rows = self._unsatisfied[0]
             name = self._problem.scenario.vehicles[rows.vehicles[0]].name
             raise SolverError(
                 f"no solver satisfies the {rows.constraint.name} of {name}", self.statistics()
             )
-        else:
-            self._retries += 1
+        self._retried = len(self._unsatisfied) > 0
         self._unsatisfied = []
-        return self._retries
+        return self._retried

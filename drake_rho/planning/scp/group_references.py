@@ -42,9 +42,6 @@ _ROUNDS, _FIRST_ROUNDS = 3, 5
 """Rounds in which violated rows are added; more at first, when no active row is known. Remaining
 violations are small: with six rounds, references cost the same to 0.4 % and take 50 % longer."""
 
-_MAX_LINEARISATIONS = 10
-"""Largest number of linearisations from one plan."""
-
 _FURTHER = 0.6
 """Fraction of a linearisation's step by which the next reference is extrapolated. With a whole
 step, every other linearisation of large fleets finds no better motion."""
@@ -106,7 +103,7 @@ class InGroups:
         spent = Statistics()
         best = point = plan.motion()
         cost, self.converged = plan.cost, False
-        for number in range(_MAX_LINEARISATIONS):
+        for number in range(10):
             check_time()
             extrapolated = point is not best
             try:

@@ -36,24 +36,14 @@ _ROUNDS = 60
 _MISSED = 1e-4
 """Largest miss of a waypoint with a fixed time, as a fraction of a motion's length."""
 
-_MOST = 200
-"""Largest number of iterations."""
-
 ROUGH = Backend(accuracy="rough")
 """Clarabel with tolerance 1e-8, relative to limits and lengths of motions in these programs."""
 
 CONVERGED = 1e-5
 """Relative fall of the final time in one iteration, predicted or reached, that ends the search."""
 
-_FIRST, _GROWTH, _SHRINKAGE = 0.1, 2.0, 0.1
-"""First trust region on changes of times, as a fraction of the final time; and the largest and the
-least factor from one trust region to the next."""
-
-_CORRECTIONS = 2
-"""Largest number of second-order corrections of waypoint times in one iteration."""
-
-_NEARBY = 1e-3
-"""Default bound on corrections of times, as a fraction of the final time."""
+_GROWTH = 0.1, 2.0
+"""Least and largest factor from one trust region to the next."""
 
 _FASTEST = 1e-8
 """Least factor on the squared final time in one program. It keeps quantities finite whose limits
@@ -105,7 +95,7 @@ class LeastTime:
         self.statistics = Statistics()
 
     def around(
-        self, timed: Timed, tolerance: float = CONVERGED, reach: float = _FIRST
+        self, timed: Timed, tolerance: float = CONVERGED, reach: float = 0.1
     ) -> Timed | None:
         """Return the minimum-time motion found from `timed`; None if no motion is found.
 
@@ -124,7 +114,7 @@ class LeastTime:
         moves = not self._steady or len(best.passing) > 0
         converged, curvature = False, 1.0 if self._final_time else 0.0
         with self.or_cut():
-            for _ in range(_MOST):
+            for _ in range(200):
                 tell(self._progress, self._described(best))
                 after, predicted, moved, bent = (
                     self._with_moved_times(best, reach, curvature) if moves else self._again(best)
@@ -137,7 +127,7 @@ class LeastTime:
                 if moves:
                     # the fall is about predicted · x - error · x² for x times the change
                     x = predicted / (2.0 * max(predicted - fall, predicted / 4.0))
-                    other = moved * float(np.clip(x, _SHRINKAGE, _GROWTH))
+                    other = moved * float(np.clip(x, *_GROWTH))
                     reach = max(reach, other) if x >= 1.0 else other
                     if bent > 0.0:
                         measured = curvature * (1.0 + (predicted - fall) / bent)
@@ -162,7 +152,7 @@ class LeastTime:
         """Return a motion around another at the same times; None if none or solvers fail."""
         return self._tried(timed, self._same_times)
 
-    def near(self, guess: Timed, reach: float = _NEARBY) -> Timed | None:
+    def near(self, guess: Timed, reach: float = 1e-3) -> Timed | None:
         """Return a feasible motion with times close to those of a guess.
 
         If the final time is fixed, any error of the linearisation may make exactly these times
@@ -177,7 +167,7 @@ class LeastTime:
         if self._same_times != NO_CHANGE or np.all(guess.passing.given):
             return after
         change = Change(NO_CHANGE.final, reach * guess.duration)
-        for _ in range(_CORRECTIONS):
+        for _ in range(2):  # second-order corrections
             if after is not None:
                 break
             again = self._tried(guess, change)

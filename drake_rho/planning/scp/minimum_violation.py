@@ -21,10 +21,6 @@ from drake_rho.planning.scp.restoration import SoftRows, least_violating
 from drake_rho.planning.scp.subproblem import Subproblem
 from drake_rho.scenario.fields import IntArray
 
-_MAX_PENALTIES = 8
-"""Largest number of penalties that are tried. Larger penalties do not reduce the remaining
-violations, and make other constraints less exact."""
-
 
 def minimum_violation(problem: Problem, backend: Backend | None = None) -> Plan:
     """Return the plan with the least total violation of goals and constraints, each scaled.
@@ -87,7 +83,8 @@ def minimum_distance_violation(plan: Plan, backend: Backend | None = None) -> Pl
         ]
 
     step = SoftRows(subproblem, limits)
-    found = least_violating(subproblem, plan, step, most=_MAX_PENALTIES)
+    # penalties beyond the first few do not reduce violations, and make other constraints less exact
+    found = least_violating(subproblem, plan, step, most=8)
     if not subproblem.holds(found) and (violated := _violated_limits(found, limits(1.0))):
         raise InfeasibleError(violated, statistics=found.statistics)
     return found

@@ -39,9 +39,6 @@ _ROUNDS_AMONG_OBSTACLES = 4
 """Rounds of rows in the first steps of a restoration among obstacles. With fewer, motions end
 inside some obstacles and pass others on the wrong side."""
 
-_RETRY = 0.5
-"""Fraction of the last violation at which hard rows failed; below it they are tried again."""
-
 
 class Step(Protocol):
     """One step of a feasibility restoration."""
@@ -83,14 +80,15 @@ class SoftRows:
     def __init__(
         self, subproblem: Subproblem, limits: Callable[[float], list[Constraint]] | None = None
     ) -> None:
-        self._subproblem, self._limits = subproblem, limits
+        self._subproblem = subproblem
+        self._limits = limits or (lambda penalty: [*subproblem.problem.convex])
         self._failed_violation = np.inf
 
     def __call__(self, reference: Plan, penalty: float, number: int) -> Plan:
         """Return the plan of a step, as every `Step` does."""
         problem, found = self._subproblem.problem, self._subproblem.violations(reference)
         worst = found.worst
-        if found.is_small and worst < _RETRY * self._failed_violation:
+        if found.is_small and worst < self._failed_violation / 2.0:
             try:
                 return self._subproblem.solve_around(reference)
             except (InfeasibleError, SolverError):  # hard rows come too early
@@ -98,7 +96,7 @@ class SoftRows:
         motion, rounds = reference.motion(), number // 2
         vehicles = problem.with_linked(found.vehicles)
         rounds += 1 if found.is_of_pairs_only else _ROUNDS_AMONG_OBSTACLES
-        constraints = list(problem.convex) if self._limits is None else self._limits(penalty)
+        constraints = self._limits(penalty)
         for each in problem.obstacles_around(motion):
             soft = each.softened_for(penalty, rounds)
             constraints.append(each if found.is_of_pairs_only else soft)
