@@ -1,4 +1,4 @@
-"""Planning problem: a scenario compiled once and passed on to planners."""
+"""Planning problem: a scenario, compiled once for all planners."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Base class of constraints, and rows of half-spaces n · x(t) >= b on motions.
 
-A constraint keeps a quantity in a convex set (`boxes`, `convex_sets`) or out of one (`obstacles`,
+A constraint keeps a quantity in a convex set (`boxes`, `keep_in`) or out of one (`obstacles`,
 `separation`). Both kinds are imposed by rows, which are added where a motion violates them.
 """
 
@@ -56,7 +56,7 @@ class Quadratic:
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class Constraint(Form, abc.ABC):
-    """Constraint on all vehicles, as loops and messages see it; programs see its form only."""
+    """Constraint on all vehicles. Loops and messages use all of it, programs its form only."""
 
     kind: str
     """kind of the requirement, one of `drake_rho.scenario.kinds.KINDS`"""
@@ -90,7 +90,7 @@ class Constraint(Form, abc.ABC):
 
     @property
     def obstacles(self) -> frozenset[int]:
-        """Numbers of the obstacles that it avoids, where 0 stands for other vehicles."""
+        """Numbers of the avoided obstacles; 0 stands for other vehicles."""
         return frozenset()
 
     def encounters(self, rows: HalfSpaces) -> list[IntArray]:
@@ -129,7 +129,7 @@ class Constraint(Form, abc.ABC):
         return f"{self.name}{self.detail(rows, names)} {when}"
 
     def detail(self, rows: HalfSpaces, names: Sequence[str]) -> str:
-        """Return the text of `describe` between name and times: empty, or a space and words."""
+        """Return details for `describe`, after a space; empty if there are none."""
         return ""
 
     def softened(self, penalty: float) -> Self:

@@ -86,7 +86,7 @@ class KeepOut(Constraint):
 
     @abc.abstractmethod
     def penetrations(self, motion: Motion, vehicles: IntArray) -> EvaluationPoints:
-        """Return points of a motion inside S: worst instants, or knots if only knots count."""
+        """Return the points of a motion inside S, at the worst instants or at the knots."""
 
     @abc.abstractmethod
     def rows(self, points: EvaluationPoints) -> HalfSpaces:
@@ -194,7 +194,7 @@ class KeepOutOfObstacle(KeepOut):
         return offsets
 
     def approaches(self, motion: Motion) -> CloseApproaches:
-        """Return violating points of a motion, with their distances less r, below zero [m]."""
+        """Return the violating points of a motion; their distances are less r, so negative [m]."""
         motion = motion.subdivided(self.margins.pieces)
         points = self.penetrations(motion, np.arange(len(self.required)))
         distances = self.distances(motion, points) - self.radius(points)

@@ -64,7 +64,7 @@ def norms_of(scenario: Scenario, margins: PlanMargins) -> list[KeepInSets]:
 
 
 def waypoints_of(scenario: Scenario, margins: PlanMargins) -> list[KeepInSets]:
-    """Return the waypoints of all vehicles: the k-th of every vehicle with at least k of them.
+    """Return the waypoints of all vehicles; the k-th of each vehicle are one constraint.
 
     A waypoint is a ball of positions at one time, which need not be a knot's. If it is to be passed
     exactly the radius is zero, which needs no special treatment: the boundary of every half-space
@@ -93,11 +93,11 @@ def waypoints_of(scenario: Scenario, margins: PlanMargins) -> list[KeepInSets]:
 
 
 def requirements_of(scenario: Scenario, margins: PlanMargins) -> list[KeepInSets]:
-    """Return the constraints of all requirements, except those that have ended."""
+    """Return the constraints of all requirements that have not ended."""
     found, names, grid = list[KeepInSets](), scenario.names, scenario.grid
     local = grid.beginning_at(0.0)
-    for number, asked in enumerate(scenario.requirements, start=1):
-        each = asked.since(grid).longer(scenario.lead)
+    for number, requirement in enumerate(scenario.requirements, start=1):
+        each = requirement.since(grid).longer(scenario.lead)
         if (interval := each.interval(local)) is None:
             continue
         own, quantity = margins.of(each.quantity), each.quantity
@@ -111,7 +111,7 @@ def requirements_of(scenario: Scenario, margins: PlanMargins) -> list[KeepInSets
             KeepInSets(
                 kind="requirements",
                 key=("requirement", number),
-                name=asked.called(number),
+                name=requirement.called(number),
                 quantity=quantity,
                 active=None if each.active is None else interval,
                 clock=grid.clock,
@@ -138,7 +138,7 @@ def _instants(
     *,
     every_instant: bool,
 ) -> FloatArray:
-    """Return the times of a requirement's rows that are not searched for, (T,).
+    """Return the times at which a requirement is checked without a search, (T,).
 
     Accelerations have one time for each step that meets the interval. So have jerks, which are
     changes at the beginnings of steps, and one at the last knot. Velocities are linear in a step,

@@ -33,7 +33,7 @@ class KeepOutOfMap(KeepOutOfObstacle):
     """convex parts that cover the map"""
 
     def encounters(self, rows: HalfSpaces) -> list[IntArray]:
-        """Return the vehicles, which meet the parts of a map one after the other."""
+        """Return the vehicles, since a motion meets several parts one after the other."""
         return [rows.vehicles]
 
     def softened_for(self, penalty: float, rounds: int) -> Self:
@@ -151,7 +151,7 @@ class KeepOutOfMap(KeepOutOfObstacle):
 def _least_of_each(
     vehicles: IntArray, moments: FloatArray | IntArray, values: FloatArray
 ) -> IntArray:
-    """Return the index of the least value of each vehicle and moment, sorted by these."""
+    """Return the index of the least value of each vehicle at each moment, sorted by both."""
     order = np.lexsort((values, moments, vehicles))
     vehicles, moments = vehicles[order], moments[order]
     first = np.ones(len(order), dtype=bool)
@@ -161,7 +161,7 @@ def _least_of_each(
 
 
 def _sorted(vehicles: IntArray, parts: IntArray, times: FloatArray) -> EvaluationPoints:
-    """Return points by vehicle, part and time, each once."""
+    """Return points sorted by vehicle, part and time, without duplicates."""
     order = np.lexsort((times, parts, vehicles))
     vehicles, parts, times = vehicles[order], parts[order], times[order]
     new = np.ones(len(order), dtype=bool)

@@ -122,8 +122,8 @@ def margins_of(
             larger = _of_positions(none, margins)
             return PlanMargins(larger, larger, none, none)
         tube, grid = tube_of(scenario), scenario.grid
-        convex = _reached(tube, grid.step, grid.knots, grid.start, scenario.lead)
-        own = _reached(tube, grid.step, grid.knots, grid.start, 0.0).steps["position"]
+        convex = _around_averages(tube, grid.step, grid.knots, grid.start, scenario.lead)
+        own = _around_averages(tube, grid.step, grid.knots, grid.start, 0.0).steps["position"]
         larger = _of_positions(without_errors(grid), margins + own)
         return PlanMargins(larger, larger, convex, convex)
     steps = _margins(scenario, 1)
@@ -178,22 +178,24 @@ def _around(tube: ErrorTube, start: float, count: int, pieces: int, between_knot
 
 
 @lru_cache(maxsize=64)
-def _reached(tube: ErrorTube, step: float, knots: int, start: float, lead: float) -> Margins:
-    """Return margins of a plan for the tube around its averages.
+def _around_averages(
+    tube: ErrorTube, step: float, knots: int, start: float, half_width: float
+) -> Margins:
+    """Return the margins of a plan whose averages an error tube surrounds.
 
-    An average depends on values of the plan up to `lead` before and after its time, and each of
+    An average depends on values of the plan up to `half_width` before and after its time. Each of
     these has to be in the set tightened by the radius at that time. So a step has the largest
-    radius over all times within `lead` of it.
+    radius over all times within `half_width` of it.
 
     Args:
         tube: tube around the smooth motion.
         step: h [s].
         knots: K.
         start: time of the first knot [s].
-        lead: half the total width of the averages [s].
+        half_width: half the total width of the averages [s].
     """
     grid = Grid(step, knots, start)
-    begins, ends = grid.times[:-1] - lead, grid.times[1:] + lead
+    begins, ends = grid.times[:-1] - half_width, grid.times[1:] + half_width
     begins[0] = max(begins[0], tube.grid.start)
     steps: dict[Quantity, FloatArray] = {
         "position": tube.position_over(begins, ends),

@@ -1,4 +1,4 @@
-"""Rows normal · quantity(vehicle, time) >= bound: half-spaces of motions, a table for each form."""
+"""Rows normal · quantity(vehicle, time) >= bound: half-spaces of motions, in a table."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ class Rows(Table):
 
 
 def slacks_of(rows: Sequence[Rows]) -> IntArray:
-    """Return the index of each half-space's slack, constraint by constraint, shape (R,)."""
+    """Return the index of each row's slack variable, constraint by constraint, shape (R,)."""
     if all(not part.soft for part in rows):
         return np.zeros(sum(map(len, rows)), dtype=int)  # no slacks
     first = np.cumsum([0, *(1 + part.slacks().max(initial=-1) for part in rows)])[:-1]
@@ -117,23 +117,25 @@ def groups_of(vehicles: int, coupled: Sequence[Rows]) -> IntArray:
 
 
 def each_of(
-    wanted: IntArray, numbers: IntArray, rows: Sequence[Rows]
+    parts: IntArray, numbers: IntArray, rows: Sequence[Rows]
 ) -> Iterator[tuple[int, list[Rows]]]:
-    """Yield the rows of parts of a fleet; rows are sorted by part once, since there may be many.
+    """Yield the rows of each part of a fleet.
+
+    Rows are sorted by part once, since there may be many.
 
     Args:
-        wanted: the numbers of the parts to yield.
+        parts: the numbers of the parts to yield.
         numbers: the number of each vehicle's part, shape (N,).
         rows: the rows of all vehicles.
 
     Yields:
         The number of each part, and the rows of its vehicles.
     """
-    if len(wanted) == 0:
+    if len(parts) == 0:
         return
     rows = [part.select(np.argsort(numbers[part.vehicles], kind="stable")) for part in rows]
     labels = [numbers[part.vehicles] for part in rows]
-    for number in wanted.tolist():
+    for number in parts.tolist():
         ranges = [slice(*np.searchsorted(label, [number, number + 1])) for label in labels]
         own = [part.select(each) for part, each in zip(rows, ranges, strict=True)]
         yield number, [part for part in own if len(part) > 0]

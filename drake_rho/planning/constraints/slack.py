@@ -60,7 +60,7 @@ class TighteningSlack:
 
 
 def states_at(scenario: Scenario, end: int) -> dict[Quantity, FloatArray]:
-    """Return the positions and velocities at start or goal, and zero accelerations of averages."""
+    """Return the given states at start or goal; with a smoothing, accelerations are zero there."""
     fleet = scenario.fleet
     states: dict[Quantity, FloatArray] = {
         "position": fleet.start_positions if end == 0 else fleet.goal_positions,
@@ -110,12 +110,14 @@ def _of_requirement(
         available: distance inside the set's boundary of each vehicle, in its unit, shape (N,).
         needed: needed margins of each vehicle, in its unit, shape (1,).
     """
-    asked, names = scenario.requirements[number - 1], scenario.names
-    members = asked.members(names)
+    requirement, names = scenario.requirements[number - 1], scenario.names
+    members = requirement.members(names)
     own, tolerances = np.full(len(names), np.inf), np.zeros(len(names))
-    own[members] = available[members] / (1.0 if asked.leader is None else 2.0)
-    tolerances[members] = asked.tolerances(scenario.fleet, names)
-    return TighteningSlack(asked.called(number), where, asked.quantity, own, needed, tolerances)
+    own[members] = available[members] / (1.0 if requirement.leader is None else 2.0)
+    tolerances[members] = requirement.tolerances(scenario.fleet, names)
+    return TighteningSlack(
+        requirement.called(number), where, requirement.quantity, own, needed, tolerances
+    )
 
 
 _WHERE = "held goal"
@@ -148,7 +150,7 @@ def slacks_at_rest(scenario: Scenario, tube: ErrorTube | None) -> Iterator[Tight
 
 
 def _place(column: Column) -> tuple[int, int]:
-    """Return the place of a constraint in messages."""
+    """Return the sorting key of a constraint in messages."""
     if column.kind in _AFTER_LIMITS:
         return 1 + _AFTER_LIMITS.index(column.kind), 0
     return 0, list(_QUANTITIES).index(column.unit)

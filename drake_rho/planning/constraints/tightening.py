@@ -1,4 +1,4 @@
-"""Tightening slack: a check before planning that limits have room for the error tube."""
+"""Check before planning that constraints have room for the error tube."""
 
 from __future__ import annotations
 
@@ -126,8 +126,9 @@ def largest_tolerable_wind(scenario: Scenario, margins: PlanMargins, calm: PlanM
     for windy, still in zip(_slacks(scenario, margins), _slacks(scenario, calm), strict=True):
         with np.errstate(invalid="ignore"):  # unbounded errors, in any wind
             more = windy.needed - still.needed
-        left = windy.available + windy.tolerances - still.needed
-        tolerable = np.divide(left, more, out=np.where(left < 0.0, 0.0, np.inf), where=more > 0.0)
+        slack = windy.available + windy.tolerances - still.needed
+        none = np.where(slack < 0.0, 0.0, np.inf)
+        tolerable = np.divide(slack, more, out=none, where=more > 0.0)
         part = min(part, float(np.min(tolerable)))
     return max(0.0, part) * tube_of(scenario).disturbance.acceleration
 

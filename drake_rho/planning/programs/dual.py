@@ -105,12 +105,12 @@ def _bounded(
     y = np.minimum(np.maximum(begin, 0.0), most)
     full = y >= most
     free = ~full & ((y > 0.0) | (needed - gram @ y > KKT_TOLERANCE))
-    left = needed - gram @ np.where(full, most, 0.0)
+    remaining = needed - gram @ np.where(full, most, 0.0)
     for _ in range(10 * len(y)):  # changes of the active set
         rows = free.nonzero()[0]
         z, failed = np.zeros(0), 0
         if len(rows) > 0:
-            _, z, failed = dposv(gram[rows[:, None], rows], left[rows])
+            _, z, failed = dposv(gram[rows[:, None], rows], remaining[rows])
         if failed:
             break
         out = ((z <= 0.0) | (z >= most[rows])).nonzero()[0]
@@ -135,7 +135,7 @@ def _bounded(
             bounds = y[gone]
             free[gone], full[gone] = True, False
         if bounds.any():  # the set at upper bounds has changed
-            left = needed - gram @ np.where(full, most, 0.0)
+            remaining = needed - gram @ np.where(full, most, 0.0)
     return None
 
 
@@ -160,8 +160,8 @@ _FAR = 1e8
 """Norm of x, relative to the right-hand sides, beyond which a program counts as infeasible."""
 
 
-def solved(program: DenseProgram) -> Solution | None:
-    """Return the solution or a proof that there is none; None if DAQP finds neither."""
+def solved_by_daqp(program: DenseProgram) -> Solution | None:
+    """Return DAQP's solution or proof of infeasibility; None if the check of either fails."""
     return _soft(program) if program.soft else _hard(program)
 
 
@@ -231,8 +231,8 @@ def contradiction(matrix: FloatArray, needed: FloatArray) -> FloatArray | None:
     least /= max(np.abs(least).max(), np.finfo(float).tiny)
     rows = np.concatenate([(matrix / lengths[:, None]).T, least[None]])
     try:
-        weights, left = nnls(rows, np.append(np.zeros(len(rows) - 1), 1.0))
+        weights, residual = nnls(rows, np.append(np.zeros(len(rows) - 1), 1.0))
     except RuntimeError:  # too many iterations
         return None
     found: FloatArray = weights / lengths
-    return found if left < 1.0 / _FAR else None
+    return found if residual < 1.0 / _FAR else None

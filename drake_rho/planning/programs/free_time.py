@@ -61,11 +61,11 @@ class FreeTimePrograms:
 
     @property
     def bound_time(self) -> bool:
-        """Whether a limit on velocity, acceleration or jerk bounds the time from below."""
+        """Whether a limit on velocity, acceleration or jerk bounds the final time from below."""
         return len(self._boxes) > 0 or len(self._cones) > 0
 
     def _limit(self) -> float:
-        """Return the largest limit of accelerations [m/s²]; 0 without any.
+        """Return the largest limit of accelerations [m/s²]; 0 if there is none.
 
         Least-time motions are often at their limits, so that values in this unit are about 1. For a
         ball around an origin away from zero, as for thrusts, it is the half-width perpendicular to
@@ -77,7 +77,7 @@ class FreeTimePrograms:
                 limits.append(float(np.abs(rows.bounds).max(initial=0.0)))
         for cones in self._cones:
             if cones.constraint.quantity == "acceleration":
-                limits.append(float(cones.spare.max()))
+                limits.append(float(cones.half_widths.max()))
         return max(limits)
 
     def solve(

@@ -116,10 +116,10 @@ class FreeTimeProgram:
         program.AddBoundingBoxConstraint(*ends, self._time)
         if len(passing) == 0:
             return
-        reach = np.where(passing.may_change, change.waypoints, 0.0)
+        largest = np.where(passing.may_change, change.waypoints, 0.0)
         allowed = np.clip(passing.allowed, passing.least, T - passing.least)
-        earliest = np.maximum(-reach, np.minimum(allowed[:, 0] - passing.times, 0.0))
-        latest = np.minimum(reach, np.maximum(allowed[:, 1] - passing.times, 0.0))
+        earliest = np.maximum(-largest, np.minimum(allowed[:, 0] - passing.times, 0.0))
+        latest = np.minimum(largest, np.maximum(allowed[:, 1] - passing.times, 0.0))
         program.AddBoundingBoxConstraint(earliest, latest, self._changes)
         if change.curvature > 0.0:
             curvatures = np.diag(change.curvature * passing.curvatures(T))
@@ -129,7 +129,7 @@ class FreeTimeProgram:
         if len(later := passing.ordered) > 0:
             # on the program's time scale, a given time t is earlier by t (y - 1) / 2
             by_y = np.where(passing.given, passing.times, 0.0) / 2.0
-            both = np.eye(len(reach), 1 + len(reach), 1)
+            both = np.eye(len(largest), 1 + len(largest), 1)
             both[:, 0] = -by_y
             both = both[later] - both[later - 1]
             gaps = passing.times[later] - passing.times[later - 1]
@@ -289,7 +289,7 @@ def boosts_of(cones: Cones) -> FloatArray:
     ball = ~cones.matrices[:, 0].any(axis=1) & (away < cones.constants)
     ball &= away > _CLOSE * cones.constants
     speeds, along = away[ball] / cones.constants[ball], -origins[ball] / away[ball, None]
-    growth = cones.constants[ball] / cones.spare[ball]
+    growth = cones.constants[ball] / cones.half_widths[ball]
     mixed = -(growth * speeds)[:, None] * along
     boosts[ball, 0, 0], boosts[ball, 0, 1:], boosts[ball, 1:, 0] = growth, mixed, mixed
     boosts[ball, 1:, 1:] += (growth - 1.0)[:, None, None] * along[:, :, None] * along[:, None]

@@ -1,4 +1,4 @@
-"""Free times: of the end and of waypoints, with their effect on limits and motions.
+"""Free times of waypoints and of the end, and how limits and motions change with them.
 
 Replacing a motion's step h0 by h = h0 sqrt(y) divides velocities by sqrt(y), accelerations by y and
 jerks by y^1.5, and leaves positions at the knots as they are. For the motion with the step h0, a
@@ -102,7 +102,7 @@ class Passing:
 
     @property
     def may_change(self) -> BoolArray:
-        """Mask of the waypoints with normalised times that a program may change, shape (W,)."""
+        """Mask of the waypoints whose times, relative to the final time, are variables, (W,)."""
         return ~self.given & ~self.in_proportion
 
     def lasting(self, duration: float, before: float) -> Passing:
@@ -230,7 +230,7 @@ def bound_rates(rows: HalfSpaces) -> FloatArray:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class TimeScaling:
-    """Derivatives by y and s of limits and of minimum-effort motions, from which motions differ."""
+    """Derivatives of limits and of minimum-effort motions by y and s."""
 
     by_y: Motion
     """derivative of minimum-effort motions by y"""
@@ -292,7 +292,7 @@ class TimeScaling:
 
 
 def _growth(problem: Problem, jerk: tuple[float, float]) -> Mapping[Quantity, tuple[float, float]]:
-    """Return the growth of limits, where that of jerks is given unless they are of averages."""
+    """Return the growth of limits; with a smoothing, limits of jerks grow like accelerations."""
     smooth = problem.scenario.smoothing is not None
     return {**_GROWTH, "jerk": _GROWTH["acceleration"] if smooth else jerk}
 

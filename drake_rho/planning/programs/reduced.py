@@ -1,4 +1,4 @@
-"""The quadratic program (16), on Drake's `MathematicalProgram`.
+"""The quadratic program (16) of each vehicle or coupled group, in its cheaper form.
 
 Let u be the accelerations of a vehicle, or of several that rows couple, minus those of minimum
 effort:
@@ -201,7 +201,7 @@ def _sparse_responses(grid: Grid, rows: Rows) -> csr_array:
 def rows_of(
     changes: Changes, group: IntArray, rows: Sequence[Rows]
 ) -> tuple[csc_array, FloatArray, FloatArray]:
-    """Return half-spaces as rows M @ u >= b of length one, with u of a group in its unit.
+    """Return rows as M @ u >= b of length one, for the accelerations u of a group in its unit.
 
     Returns:
         M, shape (R, 3 G (K-1)), b, shape (R,), and penalties of a violation by one, shape (R,).

@@ -94,15 +94,15 @@ def solve(programs: Sequence[Program], backend: Backend | None = None) -> list[S
         if len(solutions) == len(programs):
             break
         check_time()
-        left = [
+        pending = [
             index
             for index, program in enumerate(programs)
             if index not in solutions and _accepts(name, program)
         ]
-        if not left:
+        if not pending:
             continue
-        answers = _solve_with(attempt, name, options, [programs[index] for index in left])
-        for index, answer in zip(left, answers, strict=True):
+        answers = _solve_with(attempt, name, options, [programs[index] for index in pending])
+        for index, answer in zip(pending, answers, strict=True):
             if answer is not None:
                 found = solutions if answer.exact else inexact
                 found.setdefault(index, answer)
@@ -173,7 +173,7 @@ def _accepts(name: str, program: Program) -> bool:
 
 
 def _work(program: Program, dense: bool) -> int:
-    """Return the squared number of variables, or the equivalent work of a dense solver."""
+    """Return the work of a solution, in squared numbers of variables."""
     if not isinstance(program, DenseProgram):
         return int(program.num_vars()) ** 2
     if dense:
@@ -185,12 +185,12 @@ def _solve_with(
     solver: Solver, name: str, values: _Options, programs: Sequence[Program]
 ) -> list[Solution | None]:
     if name == "DAQP":
-        return [dual.solved(each) for each in programs if isinstance(each, DenseProgram)]
+        return [dual.solved_by_daqp(each) for each in programs if isinstance(each, DenseProgram)]
     options = SolverOptions()
     for key, value in values.items():
         options.SetOption(solver.solver_id(), key, value)
-    if name == "Clarabel" and (left := seconds_left()) < np.inf:
-        options.SetOption(solver.solver_id(), "time_limit", max(left, 1e-3))
+    if name == "Clarabel" and (remaining := seconds_left()) < np.inf:
+        options.SetOption(solver.solver_id(), "time_limit", max(remaining, 1e-3))
     in_drake = [each.written if isinstance(each, DenseProgram) else each for each in programs]
     results = SolveInParallel(
         progs=in_drake,

@@ -1,4 +1,4 @@
-"""Relaxations for lower bounds on one vehicle's least time, over an interval of final times.
+"""Relaxations that bound the least time of one vehicle from below.
 
 In units of the longest final time T1, with s = T / T1 in [s0, 1] and y = s², a motion's positions
 are affine in accelerations and s, and limits of accelerations and velocities grow with y and s
@@ -192,7 +192,7 @@ _NONE = np.zeros((0, 3))
 
 
 def _passing(effort: MinimumEffort, places: Sequence[Place]) -> Passing:
-    """Return the instants of places, in the form of waypoints."""
+    """Return places as waypoints at their instants."""
     times = effort.grid.duration * np.array([each.part for each in places])
     centers, zeros = np.array([each.center for each in places]), np.zeros(len(times))
     none = zeros.astype(int)

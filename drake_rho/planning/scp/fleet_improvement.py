@@ -1,4 +1,4 @@
-"""Iterations of fleets whose vehicles are not all coupled, around references that cost less.
+"""Improvement of fleets by linearisation around cheaper references.
 
 In a decoupled linearisation each vehicle of a pair can use only half of the slack between the two.
 Approximate, fast references first explore where repeated linearisation leads (`group_references`).
@@ -20,7 +20,7 @@ from drake_rho.scenario.fields import IntArray
 
 
 class AroundReferences:
-    """Improvement of a fleet's plan by linearisation around references that cost less.
+    """Improvement of a fleet's plan by linearisation around cheaper references.
 
     Args:
         subproblem: the subproblem of a scenario with a separation, its pairs not all coupled.

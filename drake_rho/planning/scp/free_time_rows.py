@@ -39,7 +39,7 @@ def violated_rows(
             for each in constraints
             if not between or each.searches > 0
         ]
-        if more := [left for each in rows if len(left := _still_violated(each, found, problem))]:
+        if more := [rest for each in rows if len(rest := _still_violated(each, found, problem))]:
             return more
     return []
 

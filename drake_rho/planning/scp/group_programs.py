@@ -76,11 +76,11 @@ class GroupPrograms:
     def add(self, rows: HalfSpaces) -> BoolArray:
         """Add rows; return flags of vehicles with new or still unsatisfied rows, shape (N,)."""
         affected = np.zeros(len(self._problem), dtype=bool)
-        new, left = self.working.enter(rows, self.motion)
-        if len(left) > 0:
-            left = left.select(self._inexact[left.vehicles] == 0)
-            self._unsatisfied += [left] * (len(left) > 0)
-        affected[new.vehicles] = affected[left.vehicles] = True
+        new, unsatisfied = self.working.enter(rows, self.motion)
+        if len(unsatisfied) > 0:
+            unsatisfied = unsatisfied.select(self._inexact[unsatisfied.vehicles] == 0)
+            self._unsatisfied += [unsatisfied] * (len(unsatisfied) > 0)
+        affected[new.vehicles] = affected[unsatisfied.vehicles] = True
         return affected
 
     def forget_unsatisfied(self) -> None:
@@ -163,8 +163,8 @@ class GroupPrograms:
         rounds = self._inexact[solved]
         if not rounds.any():
             return
-        left = np.setdiff1d(solved[rounds > 0], self.with_groups(np.flatnonzero(violating)))
-        if len(left) > 0 or rounds.max() > _MAX_INEXACT:
+        stuck = np.setdiff1d(solved[rounds > 0], self.with_groups(np.flatnonzero(violating)))
+        if len(stuck) > 0 or rounds.max() > _MAX_INEXACT:
             raise SolverError("all solvers failed numerically", self.statistics())
 
     def _record(self, answers: Answers) -> tuple[IntArray, FloatArray]:

@@ -142,14 +142,14 @@ class LeastTime:
 
     @contextmanager
     def or_cut(self) -> Iterator[None]:
-        """Return without an error when time is up; the statistics then say so."""
+        """Suppress the error when time is up, and record it in the statistics."""
         try:
             yield
         except OutOfTimeError:
             self.statistics = dataclasses.replace(self.statistics, cut=True)
 
     def at_same_times(self, timed: Timed) -> Timed | None:
-        """Return a motion around another at the same times; None if none or solvers fail."""
+        """Return a motion around another at the same times; None if none is found."""
         return self._tried(timed, self._same_times)
 
     def near(self, guess: Timed, reach: float = 1e-3) -> Timed | None:
@@ -178,7 +178,7 @@ class LeastTime:
         return after
 
     def linearised(self, timed: Timed, reach: float, curvature: float = 0.0) -> Timed | None:
-        """Return the solution of one linearised program; None if there is none or solvers fail.
+        """Return the solution of one linearised program; None if none is found.
 
         It satisfies constraints to first order in the changes of times.
 
@@ -236,12 +236,12 @@ class LeastTime:
         """
         change = self._same_times
         after = self._solve(timed, change)
-        kept = self._kept(after, change)
-        if kept is None and after is not None and timed.reference is None:
-            kept = self._kept(self._solve(timed.lasting(after.duration), change), change)
-        return kept
+        checked = self._checked(after, change)
+        if checked is None and after is not None and timed.reference is None:
+            checked = self._checked(self._solve(timed.lasting(after.duration), change), change)
+        return checked
 
-    def _kept(self, after: Timed | None, change: Change) -> Timed | None:
+    def _checked(self, after: Timed | None, change: Change) -> Timed | None:
         """Return the solution of a program; None if it misses a waypoint with a fixed time.
 
         Solvers may accept contradictory equations as satisfied.
@@ -259,9 +259,9 @@ class LeastTime:
         return None if exact and after.missed > _MISSED else after
 
     def _tried(self, timed: Timed, change: Change) -> Timed | None:
-        """Return the minimum-time motion around another; None if there is none or solvers fail."""
+        """Return the minimum-time motion around another; None if none is found."""
         with suppress(SolverError):
-            return self._kept(self._solve(timed, change), change)
+            return self._checked(self._solve(timed, change), change)
         return None
 
     @property

@@ -152,7 +152,7 @@ class Subproblem:
 
     @property
     def converging_together(self) -> IntArray:
-        """Labels of vehicles, equal for those that converge together, shape (N,)."""
+        """Labels of vehicles, equal for vehicles that converge together, shape (N,)."""
         if self.problem.scenario.separation is not None:
             return np.zeros(len(self.problem), dtype=int)
         return self.problem.linked_groups

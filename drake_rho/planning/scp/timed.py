@@ -152,7 +152,7 @@ class Timed:
         return Timed(scenario, self.step / ratio, accelerations, passing)
 
     def linearised(self) -> list[Constraint]:
-        """Return the constraints, linearised around the motion, that enter by row generation."""
+        """Return the constraints that row generation adds, linearised around the motion."""
         reference = self.reference or Plan.from_motion(self.problem.scenario, self.motion)
         constraints = [
             *(each for each in self.problem.boxes if each.quantity == "position"),

@@ -1,4 +1,4 @@
-"""Violations of distances, limits and dynamics by a motion that is not yet a plan."""
+"""Violations of distances, limits and dynamics by motions, which need not be plans."""
 
 from __future__ import annotations
 

@@ -84,7 +84,7 @@ class WorkingSet:
         return known
 
     def _known_cuts(self, rows: HalfSpaces, motion: Motion) -> BoolArray:
-        """Return flags of the known rows of a curved set, in which each new normal is another cut.
+        """Return flags of the known cuts of a curved set; cuts of one instant differ in normals.
 
         A cut is known if another of the same instant is violated as much, up to `_EQUAL_CUTS`. A
         solution satisfies all hard cuts in its program, so that a hard constraint is cut until it
@@ -158,9 +158,9 @@ class WorkingSet:
         rows = list(self.rows.values())
         if len(vehicles) == count:
             return rows
-        wanted = np.zeros(count, dtype=bool)
-        wanted[vehicles] = True
-        chosen = (part.select(wanted[part.vehicles]) for part in rows)
+        own = np.zeros(count, dtype=bool)
+        own[vehicles] = True
+        chosen = (part.select(own[part.vehicles]) for part in rows)
         return [part for part in chosen if len(part) > 0]
 
     def active(self, motion: Motion) -> list[HalfSpaces]:
