@@ -44,7 +44,7 @@ class CurvedSets:
         """Register further constraints."""
         for each in constraints:
             self.soft |= bool(np.isfinite(each.penalty))
-            if isinstance(each, KeepInSets) and each.as_cone:
+            if each.curved and isinstance(each, KeepInSets) and each.as_cone:
                 self.sets[each.key] = each
 
     def planes_to_add(self, rows: HalfSpaces, motion: Motion) -> HalfSpaces:

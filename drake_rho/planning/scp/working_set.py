@@ -74,11 +74,12 @@ class WorkingSet:
             rows: the candidate rows.
             motion: the motion of all vehicles for which the rows were written.
         """
-        if rows.constraint.key not in self.rows:
+        constraint = rows.constraint
+        if constraint.key not in self.rows:
             return np.zeros(len(rows), dtype=bool)
-        if rows.constraint.curved:
+        if constraint.curved:
             return self._known_cuts(rows, motion)
-        keys, index = self._keys.of(rows), self._index(rows.constraint.key)
+        keys, index = self._keys.of(rows), self._index(constraint.key)
         place = np.minimum(np.searchsorted(index, keys), len(index) - 1)
         known: BoolArray = index[place] == keys
         return known
@@ -128,13 +129,14 @@ class WorkingSet:
         """Add rows that are not known."""
         if len(rows) == 0:  # no earlier row is required around a new reference
             return
-        if rows.constraint.curved:
+        constraint = rows.constraint
+        if constraint.curved:
             self._cuts += 1
             rows = dataclasses.replace(rows, sides=np.full(len(rows), self._cuts))
-        key = rows.constraint.key
-        self.coupled |= rows.constraint.coupled
+        key = constraint.key
+        self.coupled |= constraint.coupled
         self.rows[key] = self.rows[key].union(rows) if key in self.rows else rows
-        if not rows.constraint.curved:  # cuts of curved sets are compared by their margins
+        if not constraint.curved:  # cuts of curved sets are compared by their margins
             self._not_indexed.setdefault(key, []).append(rows)
 
     def exchange(self, group: IntArray, rows: HalfSpaces) -> None:
