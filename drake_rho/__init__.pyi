@@ -41,9 +41,9 @@ from .motion.simulation import Simulation as Simulation
 from .motion.statistics import Statistics as Statistics
 from .motion.tube import ErrorTube as ErrorTube
 from .planning.call.options import Options as Options
-from .planning.constraints.coupling import coupled as coupled
-from .planning.constraints.coupling import decoupled as decoupled
-from .planning.constraints.coupling import grouped as grouped
+from .planning.constraints.separation import coupled as coupled
+from .planning.constraints.separation import decoupled as decoupled
+from .planning.constraints.separation import grouped as grouped
 from .planning.errors import InfeasibleError as InfeasibleError
 from .planning.errors import OutOfTimeError as OutOfTimeError
 from .planning.errors import SolverError as SolverError

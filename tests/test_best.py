@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import drake_rho as rho
-from drake_rho.planning.constraints.coupling import Coupling
+from drake_rho.planning.constraints.separation import Coupling
 from drake_rho.planning.planners import first_plan
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs import backend, solve

@@ -14,14 +14,13 @@ from pydrake.solvers import ClarabelSolver
 
 import drake_rho as rho
 from drake_rho.planning.constraints.base import about
-from drake_rho.planning.constraints.rows import Rows
+from drake_rho.planning.constraints.rows import Rows, groups_of
 from drake_rho.planning.minimum_effort import MinimumEffort
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs import backend
-from drake_rho.planning.programs import parallel as blocks
+from drake_rho.planning.programs import solve as blocks
 from drake_rho.planning.programs.backend import Backend
-from drake_rho.planning.programs.groups import groups_of
-from drake_rho.planning.programs.parallel import solve_all
+from drake_rho.planning.programs.solve import solve_all
 
 
 class Sent(Executor):

@@ -19,10 +19,8 @@ import drake_rho as rho
 from drake_rho.planning.programs import daqp
 from drake_rho.planning.programs import reduced as program
 from drake_rho.planning.programs.backend import Backend
-from drake_rho.planning.programs.dense import DenseProgram
-from drake_rho.planning.programs.dense_duals import contradiction
-from drake_rho.planning.programs.dual import is_optimal
-from drake_rho.planning.programs.solution import Solution
+from drake_rho.planning.programs.dual import contradiction, is_optimal
+from drake_rho.planning.programs.program import DenseProgram, Solution
 from drake_rho.planning.programs.solve import solve
 from tests.arrays import FloatArray
 from tests.scenarios import box, random_fleet, random_scenario, single, slow, through_the_middle

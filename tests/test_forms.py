@@ -11,8 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import drake_rho as rho
-from drake_rho.planning.constraints.base import about
-from drake_rho.planning.constraints.stretches import with_neighbours
+from drake_rho.planning.constraints.base import about, with_neighbours
 from drake_rho.planning.minimum_effort import MinimumEffort
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs import reduced as program

@@ -14,10 +14,10 @@ import drake_rho as rho
 from drake_rho.motion.dynamics import Motion, sparse_response
 from drake_rho.planning.constraints.base import Constraint, HalfSpaces
 from drake_rho.planning.constraints.boxes import boxes_of
-from drake_rho.planning.constraints.coupling import Coupling
 from drake_rho.planning.constraints.goals import goals_of
 from drake_rho.planning.constraints.keep_out import across, side_of
 from drake_rho.planning.constraints.margins import margins_of
+from drake_rho.planning.constraints.separation import Coupling
 from drake_rho.planning.problem import Problem
 from tests.scenarios import acceleration_outside, box, fleet, single
 from tests.tolerances import ROUNDING
@@ -504,7 +504,7 @@ def test_descriptions_of_rows_name_constraint_axes_or_partners_and_times() -> No
     names = ["v0", "v1", "v2"]
     _, velocity, *_ = boxes_of(scenario, margins_of(scenario))
     sides, times = np.array([0, 3, 2]), np.array([1.0, 2.5, 1.5])
-    rows = velocity.rows(np.zeros(3, dtype=int), sides, times)  # type: ignore[attr-defined]
+    rows = velocity.rows(np.zeros(3, dtype=int), sides, times)
     assert velocity.describe(rows, names, 0.0) == "velocity box x/z from 1 s to 2.5 s"
     assert velocity.describe(rows.select(slice(1)), names, 0.0) == "velocity box x at 1 s"
     pairs = Problem.of(scenario).pairs_around(_flown(scenario, 4, 0.2), rho.coupled)

@@ -20,9 +20,9 @@ from drake_rho.planning.planners.first_plan import first_plan
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs import group_duals
 from drake_rho.planning.programs.backend import Backend
-from drake_rho.planning.programs.dense import add_rows
 from drake_rho.planning.programs.dual import multipliers_of
 from drake_rho.planning.programs.group_duals import GroupDuals
+from drake_rho.planning.programs.program import add_rows
 from drake_rho.planning.programs.reduced import rows_of
 from drake_rho.planning.scp.fleet_improvement import AroundReferences
 from drake_rho.planning.scp.group_references import InGroups

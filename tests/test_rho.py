@@ -15,7 +15,7 @@ from pydrake.solvers import SolverInterface
 import drake_rho as rho
 from drake_rho.planning.horizon.interfaces import Planner
 from drake_rho.planning.minimum_effort import Changes
-from drake_rho.planning.programs import parallel as blocks
+from drake_rho.planning.programs import solve as blocks
 from drake_rho.planning.programs.reduced import programs_of
 from tests.scenarios import box, scenarios, single
 from tests.tolerances import INDEX, ROUNDING

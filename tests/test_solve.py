@@ -12,8 +12,7 @@ from pydrake.solvers import ClarabelSolver, SolverInterface
 import drake_rho as rho
 from drake_rho.planning.programs import backend, solve
 from drake_rho.planning.programs.backend import Backend
-from drake_rho.planning.programs.dense import DenseProgram, Program
-from drake_rho.planning.programs.solution import Solution
+from drake_rho.planning.programs.program import DenseProgram, Program, Solution
 from drake_rho.planning.programs.solve import solve_side_by_side
 from tests.scenarios import box, single
 from tests.tolerances import INDEX

@@ -15,15 +15,15 @@ import drake_rho as rho
 from drake_rho.motion.costs import cost_of
 from drake_rho.motion.dynamics import Motion
 from drake_rho.planning.constraints.base import HalfSpaces, about
-from drake_rho.planning.constraints.coupling import CouplingName
 from drake_rho.planning.constraints.keep_in import KeepInSets
+from drake_rho.planning.constraints.separation import CouplingName
 from drake_rho.planning.minimum_effort import Changes
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs import reduced
 from drake_rho.planning.programs.backend import Backend, SolverName
 from drake_rho.planning.programs.conic import ConicPrograms
 from drake_rho.planning.programs.group_duals import GroupDuals
-from drake_rho.planning.programs.parallel import solve_all
+from drake_rho.planning.programs.solve import solve_all
 from drake_rho.planning.scp import curved_sets
 from drake_rho.planning.scp.minimum_violation import minimum_violation
 from tests.arrays import FloatArray, IntArray

@@ -32,7 +32,7 @@ from drake_rho.motion.plan import Plan
 from drake_rho.planning.call.options import ALONE
 from drake_rho.planning.call.progress import Progress, tell
 from drake_rho.planning.call.time_limit import seconds_left, with_time_limit
-from drake_rho.planning.constraints.coupling import coupled
+from drake_rho.planning.constraints.separation import coupled
 from drake_rho.planning.errors import InfeasibleError, OutOfTimeError, SolverError
 from drake_rho.planning.planners.plan import plan_scp
 from drake_rho.planning.problem import Problem

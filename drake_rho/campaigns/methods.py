@@ -21,7 +21,7 @@ from drake_rho.motion.flight import Flight
 from drake_rho.motion.flown import Flown
 from drake_rho.motion.plan import Plan
 from drake_rho.planning.call.options import Options
-from drake_rho.planning.constraints.coupling import CouplingName
+from drake_rho.planning.constraints.separation import CouplingName
 from drake_rho.planning.horizon.plan_rho import plan_rho
 from drake_rho.planning.horizon.settings import DEFAULTS, Windows, by_names
 from drake_rho.planning.planners.convex import plan_convex

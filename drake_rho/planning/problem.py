@@ -1,4 +1,4 @@
-"""Planning problem: a scenario compiled once and passed on to planners."""
+"""Planning problem: a scenario, compiled once for all planners."""
 
 from __future__ import annotations
 
@@ -13,11 +13,13 @@ from drake_rho.motion.close_pairs import CloseApproaches
 from drake_rho.motion.dynamics import Motion
 from drake_rho.motion.plan import Plan
 from drake_rho.planning.constraints.base import Constraint
-from drake_rho.planning.constraints.catalogue import convex_constraints, obstacles_of
-from drake_rho.planning.constraints.coupling import Coupling
-from drake_rho.planning.constraints.margins import PlanMargins, margins_of
-from drake_rho.planning.constraints.obstacles import KeepOutOfObstacle
-from drake_rho.planning.constraints.separation import KeepApart, pairs_of
+from drake_rho.planning.constraints.boxes import KeepInBox, boxes_of
+from drake_rho.planning.constraints.keep_in import KeepInSets
+from drake_rho.planning.constraints.keep_out import KeepOutOfObstacle
+from drake_rho.planning.constraints.limits import norms_of, requirements_of, waypoints_of
+from drake_rho.planning.constraints.margins import UNBOUNDED, PlanMargins, margins_of
+from drake_rho.planning.constraints.obstacles import obstacles_of
+from drake_rho.planning.constraints.separation import Coupling, KeepApart, pairs_of
 from drake_rho.planning.constraints.tightening import (
     CANNOT_HOLD,
     NO_SLACK,
@@ -53,7 +55,7 @@ class Problem:
     """number of equal pieces of a step with constant margins of positions and velocities"""
     elastic: bool = False
     """true if only violations are penalised and goals may be missed"""
-    accelerations: FloatArray | None = None
+    accelerations: FloatArray | np.float64 = UNBOUNDED
     """largest accelerations for the margin of a smoothing, as in `margins_of`"""
 
     @classmethod
@@ -82,9 +84,25 @@ class Problem:
         return effort.without_goals() if self.elastic else effort
 
     @cached_property
+    def boxes(self) -> list[KeepInBox]:
+        """Limits that are boxes."""
+        return boxes_of(self.scenario, self.margins)
+
+    @cached_property
+    def norms_and_waypoints(self) -> list[KeepInSets]:
+        """Limits on norms, and waypoints."""
+        scenario, margins = self.scenario, self.margins
+        return [*norms_of(scenario, margins), *waypoints_of(scenario, margins)]
+
+    @cached_property
+    def requirements(self) -> list[KeepInSets]:
+        """Requirements (`KeepIn`) that have not ended."""
+        return requirements_of(self.scenario, self.margins)
+
+    @cached_property
     def convex(self) -> tuple[Constraint, ...]:
-        """Convex constraints, which need no reference: boxes, norms and waypoints."""
-        return tuple(convex_constraints(self.scenario, self.margins))
+        """Convex constraints, which need no reference."""
+        return (*self.boxes, *self.norms_and_waypoints, *self.requirements)
 
     @cached_property
     def linked_groups(self) -> IntArray:
@@ -143,6 +161,19 @@ class Problem:
     ) -> list[Constraint]:
         """Return all constraints, with obstacles and pairs linearised around a reference.
 
+        Arguments and errors are those of `avoidance`.
+        """
+        return [*self.convex, *self.avoidance(reference, coupling, vehicles=vehicles)]
+
+    def avoidance(
+        self,
+        reference: Plan | None,
+        coupling: Coupling | None = None,
+        *,
+        vehicles: IntArray | None = None,
+    ) -> list[Constraint]:
+        """Return the constraints of obstacles and pairs, linearised around a reference.
+
         Args:
             reference: the reference plan; None omits obstacles and pairs.
             coupling: the form of rows for pairs; None omits pairs.
@@ -152,12 +183,11 @@ class Problem:
         Raises:
             ValueError: the reference has another number of vehicles or another grid.
         """
-        constraints = list(self.convex)
         if reference is None:
-            return constraints
+            return []
         self.check_fits(reference)
         motion = reference.motion()
-        constraints += self.obstacles_around(motion)
+        constraints: list[Constraint] = [*self.obstacles_around(motion)]
         if coupling is not None and self.scenario.separation is not None:
             constraints.append(self.pairs_around(motion, coupling, of=vehicles))
         return constraints

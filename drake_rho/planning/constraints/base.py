@@ -1,6 +1,6 @@
 """Base class of constraints, and rows of half-spaces n · x(t) >= b on motions.
 
-A constraint keeps a quantity in a convex set (`boxes`, `convex_sets`) or out of one (`obstacles`,
+A constraint keeps a quantity in a convex set (`boxes`, `keep_in`) or out of one (`obstacles`,
 `separation`). Both kinds are imposed by rows, which are added where a motion violates them.
 """
 
@@ -18,11 +18,9 @@ import numpy as np
 from drake_rho.motion.dynamics import Motion
 from drake_rho.motion.smooth import averaged
 from drake_rho.planning.constraints.rows import Form, Rows
-from drake_rho.planning.constraints.stretches import worst_of_pieces
 from drake_rho.scenario.clock import clock_time
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.parts import Quantity
-from drake_rho.scenario.times import EXACT, Clock
 
 VIOLATED = 0.01
 """Fraction of the verifier's tolerance by which a motion has to violate a row for a planner to add
@@ -58,7 +56,7 @@ class Quadratic:
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class Constraint(Form, abc.ABC):
-    """Constraint on all vehicles, as loops and messages see it; programs see its form only."""
+    """Constraint on all vehicles. Loops and messages use all of it, programs its form only."""
 
     kind: str
     """kind of the requirement, one of `drake_rho.scenario.kinds.KINDS`"""
@@ -70,24 +68,6 @@ class Constraint(Form, abc.ABC):
     """number of rounds that add violated rows at the knots; small while plans are intermediate"""
     searches: int = 0
     """number of searches for worst instants between knots; 0 if only knots can violate it"""
-    as_cone: bool = False
-    """true if its sets can enter programs as second-order cones instead of rows"""
-    linearised: bool = False
-    """true if rows are valid around one reference only"""
-    obstacle_number: int | None = None
-    """number of the obstacle to avoid, 0 for other vehicles; None for any other constraint"""
-    active: tuple[float, float] | None = None
-    """first and last active time since the first knot [s]; None if it is always active"""
-    of_parts: bool = False
-    """true if sides are numbers of a map's parts, which a motion meets one after the other"""
-    clock: Clock = EXACT
-    """clock by which instants are compared with the active interval"""
-    per_width: bool = False
-    """true if it bounds the jerk of averages: changes of acceleration over their width, which does
-    not change with the step"""
-    pieces: int = 1
-    """number of equal pieces of each step (`Motion.subdivided`), each with its own knots and
-    margin"""
 
     @abc.abstractmethod
     def violated_rows(
@@ -103,11 +83,19 @@ class Constraint(Form, abc.ABC):
                 as well.
         """
 
-    def holds_at(self, times: FloatArray) -> BoolArray:
-        """Return whether the constraint is active at times since the first knot [s], shape (R,)."""
-        if self.active is None:
-            return np.ones(len(times), dtype=bool)
-        return self.clock.within(times, self.active)
+    @property
+    def linearised(self) -> bool:
+        """Whether rows are valid around one reference only."""
+        return False
+
+    @property
+    def obstacles(self) -> frozenset[int]:
+        """Numbers of the avoided obstacles; 0 stands for other vehicles."""
+        return frozenset()
+
+    def encounters(self, rows: HalfSpaces) -> list[IntArray]:
+        """Return labels that successive rows of one violated stretch have in common, (R,) each."""
+        return [rows.vehicles, rows.sides]
 
     @cached_property
     def none(self) -> HalfSpaces:
@@ -141,7 +129,7 @@ class Constraint(Form, abc.ABC):
         return f"{self.name}{self.detail(rows, names)} {when}"
 
     def detail(self, rows: HalfSpaces, names: Sequence[str]) -> str:
-        """Return the text of `describe` between name and times: empty, or a space and words."""
+        """Return details for `describe`, after a space; empty if there are none."""
         return ""
 
     def softened(self, penalty: float) -> Self:
@@ -194,9 +182,10 @@ class HalfSpaces(Rows):
             return self
         later = self.times[1:] - self.times[:-1]
         follows = (later > 0.0) & (later < gap)
-        alike = [self.vehicles] + [self.partners] * bool(np.isfinite(gap))
-        alike += [self.sides] * (not self.constraint.of_parts)
-        for labels in alike:
+        shared = self.constraint.encounters(self)
+        if np.isfinite(gap):
+            shared.append(self.partners)
+        for labels in shared:
             follows &= labels[1:] == labels[:-1]
         if not follows.any():
             return self
@@ -228,3 +217,44 @@ def about(motion: Motion, parts: Iterable[HalfSpaces]) -> list[Rows]:
 
 _WHOLE, _REAL = np.zeros(0, dtype=np.int64), np.zeros(0)
 _NONE = _WHOLE, _WHOLE, _WHOLE, _REAL, np.zeros((0, 3)), _REAL, _REAL
+
+
+def with_neighbours(marked: BoolArray, runs: IntArray, neighbours: int) -> BoolArray:
+    """Return a mask of the marked rows and of their neighbours in the same run, shape (R,).
+
+    Args:
+        marked: the mask of the marked rows, shape (R,).
+        runs: the increasing number of each row's run, shape (R,).
+        neighbours: the number of neighbours before and after each marked row, at least 0.
+    """
+    if neighbours == 0:
+        return marked
+    count = len(marked)
+    neighbours = min(neighbours, count)
+    first, last = np.searchsorted(runs, runs), np.searchsorted(runs, runs, side="right")
+    before = np.concatenate([[0], np.cumsum(marked)])
+    place = np.arange(count)
+    ends = before[np.minimum(place + neighbours + 1, last)]
+    found: BoolArray = ends > before[np.maximum(place - neighbours, first)]
+    return found
+
+
+def worst_of_pieces(follows: BoolArray, margins: FloatArray, pieces: int) -> IntArray:
+    """Return the index of the worst row in each piece of every stretch of violated rows.
+
+    Args:
+        follows: mask of the rows, except the first, that continue the stretch of the row before,
+            shape (R-1,).
+        margins: the margins of all violated rows, sorted by stretch, shape (R,).
+        pieces: the number of pieces of each stretch.
+    """
+    begins = np.ones(len(margins), dtype=bool)
+    begins[1:] = ~follows
+    stretch = np.cumsum(begins) - 1
+    place = np.arange(len(margins)) - begins.nonzero()[0][stretch]
+    piece = stretch * pieces + place * pieces // np.maximum(np.bincount(stretch)[stretch], pieces)
+    order = np.lexsort((margins, piece))
+    piece = piece[order]
+    begins[1:] = piece[1:] != piece[:-1]
+    worst: IntArray = order[begins]
+    return worst

@@ -16,10 +16,9 @@ from drake_rho.planning.constraints.base import (
     Constraint,
     HalfSpaces,
     constrained_knots,
+    with_neighbours,
 )
-from drake_rho.planning.constraints.margins import Margins, PlanMargins
-from drake_rho.planning.constraints.smooth_jerks import jerk_factor
-from drake_rho.planning.constraints.stretches import with_neighbours
+from drake_rho.planning.constraints.margins import Margins, PlanMargins, jerk_factor
 from drake_rho.scenario.bounds import Bounds
 from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.parts import Quantity
@@ -50,7 +49,7 @@ class KeepInBox(Constraint):
         self, motion: Motion, vehicles: IntArray, *, between: bool = False, neighbours: int = 0
     ) -> HalfSpaces:
         """Return rows of violated sides at the knots, or at extrema of a coordinate."""
-        motion = motion.subdivided(self.pieces)
+        motion = motion.subdivided(self.margins.pieces)
         if between:
             return self._violated_between(motion, vehicles)
         values = motion.values(self.quantity)[:, self.first : self.first + len(self.times)]
@@ -126,7 +125,7 @@ class KeepInBox(Constraint):
         return " " + "/".join(axis for axis, taken in zip("xyz", axes, strict=True) if taken)
 
 
-def boxes_of(scenario: Scenario, margins: PlanMargins) -> list[Constraint]:
+def boxes_of(scenario: Scenario, margins: PlanMargins) -> list[KeepInBox]:
     """Return the box constraints of all vehicles.
 
     Positions and velocities are not constrained at the first and the last knot, where start and
@@ -134,26 +133,25 @@ def boxes_of(scenario: Scenario, margins: PlanMargins) -> list[Constraint]:
     accelerations are constant, and jerks are their changes at the knots. Those of averages follow
     from these (`jerk_factor`).
     """
-    boxes = list[Constraint]()
+    boxes = list[KeepInBox]()
     for quantity in QUANTITIES:
         bounds = scenario.fleet.bounds(quantity)
         if bounds is None:
             continue
         inner = quantity in ("position", "velocity")
-        own, pieces = margins.of(quantity)
-        times, factor = own.grid.elapsed, jerk_factor(scenario) if quantity == "jerk" else None
+        own = margins.of(quantity)
+        if quantity == "jerk":
+            bounds = bounds.scaled(jerk_factor(scenario))
         boxes.append(
             KeepInBox(
                 kind=quantity,
                 key=quantity,
                 name=f"{quantity} box",
                 quantity=quantity,
-                bounds=bounds if factor is None else bounds.scaled(factor),
-                per_width=factor is not None,
-                times=times[constrained_knots(quantity)],
+                bounds=bounds,
+                times=own.grid.elapsed[constrained_knots(quantity)],
                 first=int(inner),
                 margins=own,
-                pieces=pieces,
                 searches=sys.maxsize * (scenario.between_knots and quantity == "position"),
             )
         )

@@ -25,7 +25,7 @@ class ReachGoal(Constraint):
     """index of the axis, 0, 1 or 2"""
     time: float
     """time T of the last knot since the first knot [s]"""
-    wanted: FloatArray
+    goals: FloatArray
     """goals of all vehicles, in the quantity's unit, shape (N, 3)"""
     tolerances: FloatArray
     """largest deviations that count as reached, in the quantity's unit, shape (N,)"""
@@ -34,7 +34,7 @@ class ReachGoal(Constraint):
         self, motion: Motion, vehicles: IntArray, *, between: bool = False, neighbours: int = 0
     ) -> HalfSpaces:
         """Return one row, a lower or an upper bound, for each vehicle that misses its goal."""
-        missed = (motion.values(self.quantity)[vehicles, -1] - self.wanted[vehicles])[:, self.axis]
+        missed = (motion.values(self.quantity)[vehicles, -1] - self.goals[vehicles])[:, self.axis]
         violated = np.abs(missed) > VIOLATED * self.tolerances[vehicles]
         own, above = vehicles[violated], missed[violated] > 0.0
         normals = np.zeros((len(own), 3))
@@ -46,7 +46,7 @@ class ReachGoal(Constraint):
             sides=above.astype(int),
             times=np.full(len(own), self.time),
             normals=normals,
-            bounds=normals[:, self.axis] * self.wanted[own, self.axis],
+            bounds=normals[:, self.axis] * self.goals[own, self.axis],
             tolerances=self.tolerances[own],
         )
 
@@ -70,9 +70,9 @@ def goals_of(scenario: Scenario) -> list[Constraint]:
             quantity=quantity,
             axis=axis,
             time=scenario.grid.duration,
-            wanted=wanted,
+            goals=goals,
             tolerances=TOLERANCE * fleet.scale(quantity),
         )
         for axis in range(3)
-        for quantity, wanted in states
+        for quantity, goals in states
     ]

@@ -15,13 +15,12 @@ import numpy as np
 
 from drake_rho.motion.dynamics import Motion
 from drake_rho.motion.smooth import averaged
-from drake_rho.planning.constraints.base import VIOLATED, Constraint, HalfSpaces
+from drake_rho.planning.constraints.base import VIOLATED, Constraint, HalfSpaces, with_neighbours
 from drake_rho.planning.constraints.margins import Margins
-from drake_rho.planning.constraints.stretches import with_neighbours
 from drake_rho.planning.constraints.worst_instants import worst_instants
 from drake_rho.scenario.convex_sets import ConvexSets
 from drake_rho.scenario.fields import FloatArray, IntArray
-from drake_rho.scenario.times import END_MARGIN
+from drake_rho.scenario.times import END_MARGIN, EXACT, Clock
 from drake_rho.system.table import Table
 
 _SOFT_ROUNDS = 16
@@ -33,8 +32,8 @@ _SOFT_THRESHOLD = 1e3
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class KeptValues(Table):
-    """Values of a quantity to keep in their vehicles' sets, less the places of these."""
+class LocalValues(Table):
+    """Values of a quantity, relative to the places of their vehicles' sets."""
 
     vehicles: IntArray
     """indices of the vehicles in increasing order, shape (R,)"""
@@ -79,7 +78,12 @@ class KeepInSets(Constraint):
     unit, shape (N,): else planes through points far from the origin, or late on a clock, may
     contradict each other"""
     curved: bool = True
+    active: tuple[float, float] | None = None
+    """first and last active time since the first knot [s]; None if it is always active"""
+    clock: Clock = EXACT
+    """clock by which instants are compared with the active interval"""
     as_cone: bool = True
+    """true if its sets can enter programs as second-order cones instead of rows"""
     threshold: float = VIOLATED
     """violation, in tolerances, up to which no row is added"""
 
@@ -93,15 +97,15 @@ class KeepInSets(Constraint):
         self, motion: Motion, vehicles: IntArray, *, between: bool = False, neighbours: int = 0
     ) -> HalfSpaces:
         """Return rows of values outside of C, at the given times or at the worst between knots."""
-        kept = self.values_between(motion, vehicles) if between else self.values(motion, vehicles)
-        distances = self.sets.signed_distance(kept.vehicles, kept.values)
-        violated = distances + self.margin(kept.times) > self._accepted[kept.vehicles]
+        local = self.values_between(motion, vehicles) if between else self.values(motion, vehicles)
+        distances = self.sets.signed_distance(local.vehicles, local.values)
+        violated = distances + self.margin(local.times) > self._accepted[local.vehicles]
         if not violated.any():
             return self.none
-        wanted = with_neighbours(violated, kept.vehicles, 0 if between else neighbours)
-        kept = kept.select(np.flatnonzero(wanted))
-        outward = self.sets.outward(kept.vehicles, kept.values)
-        rows = self.rows(kept.vehicles, kept.times, outward, kept.places)
+        marked = with_neighbours(violated, local.vehicles, 0 if between else neighbours)
+        local = local.select(np.flatnonzero(marked))
+        outward = self.sets.outward(local.vehicles, local.values)
+        rows = self.rows(local.vehicles, local.times, outward, local.places)
         return rows if np.isinf(self.penalty) else self._with_faces(rows)
 
     @cached_property
@@ -109,7 +113,7 @@ class KeepInSets(Constraint):
         """Violations up to which no row is added, in the quantity's unit, shape (N,)."""
         return np.asarray(self.threshold * self.sets.tolerances)
 
-    def values(self, motion: Motion, vehicles: IntArray) -> KeptValues:
+    def values(self, motion: Motion, vehicles: IntArray) -> LocalValues:
         """Return the values at the given times, sorted by vehicle.
 
         Args:
@@ -125,15 +129,15 @@ class KeepInSets(Constraint):
         if self.knots is None:
             values = self._at(motion, who, times)
         else:
-            motion = motion.subdivided(self.pieces)
+            motion = motion.subdivided(self.margins.pieces)
             values = motion.values(self.quantity)[own, self.knots].reshape(-1, 3)
-        kept = self._placed(who, times, values)
+        local = self._placed(who, times, values)
         if self.quantity != "jerk":
-            return kept
-        return kept.select(~np.isnan(values[:, 0]))  # unknown ones are not limited
+            return local
+        return local.select(~np.isnan(values[:, 0]))  # unknown ones are not limited
 
     def _concerned(self, vehicles: IntArray) -> IntArray:
-        """Return the members with a new motion: all of them if the partner has one."""
+        """Return the members whose values change: all of them if the partner's motion is new."""
         if len(vehicles) == len(self.roundings) or self.partner in vehicles:
             return self.members
         return np.intersect1d(self.members, vehicles, assume_unique=True)
@@ -145,17 +149,17 @@ class KeepInSets(Constraint):
             return values
         return values - motion.each_at(self.quantity, np.full(len(who), self.partner), times)
 
-    def _placed(self, who: IntArray, times: FloatArray, values: FloatArray) -> KeptValues:
+    def _placed(self, who: IntArray, times: FloatArray, values: FloatArray) -> LocalValues:
         """Return values less the places of their sets: of both places, where the sets jump."""
         places = self.sets.offset(times, clock=self.clock)
         if not self.sets.jumps:
-            return KeptValues(who, times, values - places, places)
+            return LocalValues(who, times, values - places, places)
         late = self.clock.after(times, self._interval[0])
         before = self.sets.offset(times[late], before=True, clock=self.clock)
         places = np.concatenate([places, before])
         which = np.append(np.arange(len(who)), np.flatnonzero(late))
-        kept = KeptValues(who[which], times[which], values[which] - places, places)
-        return kept.select(np.lexsort((kept.times, kept.vehicles)))
+        local = LocalValues(who[which], times[which], values[which] - places, places)
+        return local.select(np.lexsort((local.times, local.vehicles)))
 
     @property
     def _interval(self) -> tuple[float, float]:
@@ -166,7 +170,7 @@ class KeepInSets(Constraint):
     def _duration(self) -> float:
         return float(self.margins.grid.duration)
 
-    def values_between(self, motion: Motion, vehicles: IntArray) -> KeptValues:
+    def values_between(self, motion: Motion, vehicles: IntArray) -> LocalValues:
         """Return the positions at the worst instants of pieces of time with violations."""
         members, pieces = self._concerned(vehicles), self._pieces
         steps = motion.accelerations.shape[-2]
@@ -224,7 +228,7 @@ class KeepInSets(Constraint):
             outward: outward unit normals, shape (R, 3).
             places: places of the sets, in the quantity's unit, shape (R, 3).
         """
-        reach = self.sets.support(who, outward) + np.vecdot(outward, places)
+        supports = self.sets.support(who, outward) + np.vecdot(outward, places)
         return HalfSpaces(
             self,
             vehicles=who,
@@ -232,18 +236,18 @@ class KeepInSets(Constraint):
             sides=np.zeros(len(who), dtype=int),
             times=times,
             normals=-outward,
-            bounds=self.margin(times) - reach - self.roundings[who],
+            bounds=self.margin(times) - supports - self.roundings[who],
             tolerances=self.sets.tolerances[who],
         )
 
     @property
     def is_own_rate(self) -> bool:
-        """Whether it always keeps velocities or accelerations of single vehicles in fixed sets."""
+        """Whether fixed sets always limit the velocities or accelerations of single vehicles."""
         fixed = self.active is None and self.partner is None and len(self.sets.corners) == 0
         return fixed and self.quantity in ("velocity", "acceleration")
 
     def faces(self) -> HalfSpaces:
-        """Return the rows of the sides of a box around C, where it is bounded, at all `times`."""
+        """Return the rows of a bounding box of C at all `times`."""
         sides = np.concatenate([np.eye(3), -np.eye(3)])
         who, times = (
             np.repeat(self.members, len(self.times)),
@@ -252,7 +256,7 @@ class KeepInSets(Constraint):
         return self._around(who, times, np.repeat(sides[:, None], len(who), axis=1))
 
     def _with_faces(self, rows: HalfSpaces) -> HalfSpaces:
-        """Return rows together with the faces of a polyhedron around the set at their instants.
+        """Return rows together with the faces of a polyhedron around the set.
 
         Without these faces, a motion with penalised violations only may move far away in a
         direction that no tangent plane bounds yet.

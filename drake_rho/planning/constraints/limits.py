@@ -8,8 +8,7 @@ import numpy as np
 
 from drake_rho.planning.constraints.base import constrained_knots
 from drake_rho.planning.constraints.keep_in import KeepInSets
-from drake_rho.planning.constraints.margins import Margins, PlanMargins
-from drake_rho.planning.constraints.smooth_jerks import jerk_factor
+from drake_rho.planning.constraints.margins import Margins, PlanMargins, jerk_factor
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.norms import NORMS
 from drake_rho.scenario.parts import Grid
@@ -43,8 +42,8 @@ def norms_of(scenario: Scenario, margins: PlanMargins) -> list[KeepInSets]:
             continue
         limit = scenario.fleet.norms[norm]
         quantity = limit.kind.quantity
-        factor = jerk_factor(scenario) if quantity == "jerk" else None
-        own, pieces = margins.of(quantity)
+        jerks = quantity == "jerk"
+        own = margins.of(quantity)
         times = own.grid.elapsed[constrained_knots(quantity)]
         first = int(quantity == "velocity")
         norms.append(
@@ -53,21 +52,19 @@ def norms_of(scenario: Scenario, margins: PlanMargins) -> list[KeepInSets]:
                 key=norm,
                 name=limit.kind.name,
                 quantity=quantity,
-                sets=limit.sets if factor is None else limit.sets.scaled(factor),
+                sets=limit.sets.scaled(jerk_factor(scenario)) if jerks else limit.sets,
                 members=np.arange(len(scenario.vehicles)),
-                per_width=factor is not None,
                 times=times,
                 knots=slice(first, first + len(times)),
                 margins=own,
                 roundings=np.zeros(len(scenario.vehicles)),
-                pieces=pieces,
             )
         )
     return norms
 
 
 def waypoints_of(scenario: Scenario, margins: PlanMargins) -> list[KeepInSets]:
-    """Return the waypoints of all vehicles: the k-th of every vehicle with at least k of them.
+    """Return the waypoints of all vehicles; the k-th of each vehicle are one constraint.
 
     A waypoint is a ball of positions at one time, which need not be a knot's. If it is to be passed
     exactly the radius is zero, which needs no special treatment: the boundary of every half-space
@@ -75,7 +72,7 @@ def waypoints_of(scenario: Scenario, margins: PlanMargins) -> list[KeepInSets]:
     positions, which are linear in the accelerations too.
     """
     fleet, clock = scenario.fleet, scenario.grid.clock
-    scale, own = fleet.scale("position"), margins.convex or margins.steps
+    scale = fleet.scale("position")
     late = clock.tick * _FASTEST * fleet.scale("velocity")  # by the rounding of times
     return [
         KeepInSets(
@@ -89,37 +86,37 @@ def waypoints_of(scenario: Scenario, margins: PlanMargins) -> list[KeepInSets]:
             + np.minimum(late, _ROUNDED * waypoints.tolerances(scale)),
             times=scenario.grid.since_start(waypoints.times)[:, None],
             averaged=scenario.smoothing,
-            margins=own.pointwise,
+            margins=margins.states.pointwise,
         )
         for index, waypoints in enumerate(fleet.waypoints)
     ]
 
 
 def requirements_of(scenario: Scenario, margins: PlanMargins) -> list[KeepInSets]:
-    """Return the constraints of all requirements, except those that have ended."""
+    """Return the constraints of all requirements that have not ended."""
     found, names, grid = list[KeepInSets](), scenario.names, scenario.grid
     local = grid.beginning_at(0.0)
-    for number, asked in enumerate(scenario.requirements, start=1):
-        each = asked.since(grid).longer(scenario.lead)
+    for number, requirement in enumerate(scenario.requirements, start=1):
+        each = requirement.since(grid).longer(scenario.lead)
         if (interval := each.interval(local)) is None:
             continue
-        own, quantity = margins.of(each.quantity)[0], each.quantity
-        factor = jerk_factor(scenario) if quantity == "jerk" else None
+        own, quantity = margins.of(each.quantity), each.quantity
         sets, every_instant = each.sets(scenario.fleet, names), scenario.between_knots
         times = _instants(each, interval, local, own, every_instant=every_instant)
-        if factor is not None:  # jerks of averages are those at knots
-            times = times[grid.clock.within(times, interval)]
+        if quantity == "jerk":
+            sets = sets.scaled(jerk_factor(scenario))
+            if scenario.smoothing is not None:  # jerks of averages are those at knots
+                times = times[grid.clock.within(times, interval)]
         found.append(
             KeepInSets(
                 kind="requirements",
                 key=("requirement", number),
-                name=asked.called(number),
+                name=requirement.called(number),
                 quantity=quantity,
                 active=None if each.active is None else interval,
                 clock=grid.clock,
-                sets=sets if factor is None else sets.scaled(factor),
+                sets=sets,
                 members=each.members(names),
-                per_width=factor is not None,
                 partner=each.partner(names),
                 coupled=each.leader is not None,
                 times=times,
@@ -141,7 +138,7 @@ def _instants(
     *,
     every_instant: bool,
 ) -> FloatArray:
-    """Return the times of a requirement's rows that are not searched for, (T,).
+    """Return the times at which a requirement is checked without a search, (T,).
 
     Accelerations have one time for each step that meets the interval. So have jerks, which are
     changes at the beginnings of steps, and one at the last knot. Velocities are linear in a step,

@@ -9,17 +9,20 @@ from __future__ import annotations
 
 import dataclasses
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 
 from drake_rho.motion.dynamics import Motion, step_at
 from drake_rho.motion.penetration import deepest, pieces_near
-from drake_rho.planning.constraints.base import VIOLATED, HalfSpaces
-from drake_rho.planning.constraints.keep_out import EvaluationPoints
-from drake_rho.planning.constraints.obstacles import KeepOutOfObstacle
-from drake_rho.planning.constraints.stretches import with_neighbours
+from drake_rho.planning.constraints.base import VIOLATED, HalfSpaces, with_neighbours
+from drake_rho.planning.constraints.keep_out import EvaluationPoints, KeepOutOfObstacle
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.maps.parts import Parts
+
+_SOFT_SEARCHES = 3
+"""Searches for worst instants among the parts of a map in one step of a restoration. Parts have
+rows only where a motion enters them: a motion that avoids one part may enter another."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -28,7 +31,15 @@ class KeepOutOfMap(KeepOutOfObstacle):
 
     shape: Parts
     """convex parts that cover the map"""
-    of_parts: bool = True
+
+    def encounters(self, rows: HalfSpaces) -> list[IntArray]:
+        """Return the vehicles, since a motion meets several parts one after the other."""
+        return [rows.vehicles]
+
+    def softened_for(self, penalty: float, rounds: int) -> Self:
+        """Return this constraint for one step of a restoration, with more searches."""
+        soft = super().softened_for(penalty, rounds)
+        return dataclasses.replace(soft, searches=_SOFT_SEARCHES)
 
     def distances(self, motion: Motion, points: EvaluationPoints) -> FloatArray:
         """Return signed distances from the points' own parts [m], shape (R,)."""
@@ -64,10 +75,6 @@ class KeepOutOfMap(KeepOutOfObstacle):
             bounds=beyond + np.vecdot(normals, centers),
             tolerances=self.tolerances[points.vehicles],
         )
-
-    def worst_nearby(self, motion: Motion, rows: HalfSpaces) -> HalfSpaces:
-        """Return the most violated row of each row's part within a step."""
-        return self.most_violated(motion, rows)
 
     def penetrations(self, motion: Motion, vehicles: IntArray) -> EvaluationPoints:
         """Return the deepest instant of each penetrating step, with its part.
@@ -144,7 +151,7 @@ class KeepOutOfMap(KeepOutOfObstacle):
 def _least_of_each(
     vehicles: IntArray, moments: FloatArray | IntArray, values: FloatArray
 ) -> IntArray:
-    """Return the index of the least value of each vehicle and moment, sorted by these."""
+    """Return the index of the least value of each vehicle at each moment, sorted by both."""
     order = np.lexsort((values, moments, vehicles))
     vehicles, moments = vehicles[order], moments[order]
     first = np.ones(len(order), dtype=bool)
@@ -154,7 +161,7 @@ def _least_of_each(
 
 
 def _sorted(vehicles: IntArray, parts: IntArray, times: FloatArray) -> EvaluationPoints:
-    """Return points by vehicle, part and time, each once."""
+    """Return points sorted by vehicle, part and time, without duplicates."""
     order = np.lexsort((times, parts, vehicles))
     vehicles, parts, times = vehicles[order], parts[order], times[order]
     new = np.ones(len(order), dtype=bool)

@@ -23,6 +23,10 @@ _AT_KNOTS: tuple[Quantity, ...] = ("position", "velocity", "jerk")
 """Quantities with a value at every knot."""
 
 
+UNBOUNDED = np.float64(np.inf)
+"""Accelerations that only limits bound [m/s²]."""
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
 class Margins:
     """Radii of an error tube for planning, constant over each step: the largest radius in it.
@@ -42,6 +46,8 @@ class Margins:
     """margins at each knot, (K,), of accelerations in the step that begins there, (K-1,)"""
     tube: ErrorTube | None = None
     """error tube with these radii; None without a disturbance"""
+    pieces: int = 1
+    """number of equal pieces of each step of the plan (`Motion.subdivided`) that `grid` has"""
 
     def at(self, quantity: Quantity, times: FloatArray) -> FloatArray:
         """Return margins at times since the first knot [s] of any shape, in the quantity's unit."""
@@ -60,7 +66,7 @@ class Margins:
     @cached_property
     def pointwise(self) -> Margins:
         """Radii of the same tube at the instants themselves, not the largest in their steps."""
-        return PointMargins(self.grid, self.steps, self.knots, self.tube)
+        return PointMargins(self.grid, self.steps, self.knots, self.tube, self.pieces)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -77,28 +83,28 @@ class PointMargins(Margins):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class PlanMargins:
-    """Margins of all quantities of a scenario, on the grids on which they are constant."""
+    """Margins of distances, and of values in convex sets, on the grids on which they are constant.
+
+    The grids have the plan's steps or, for `inner` and `states`, pieces of these if no plan is
+    found with margins over whole steps.
+    """
 
     steps: Margins
-    """margins that are constant over each step of the plan"""
+    """margins of distances from obstacles and between vehicles, constant over each step"""
     inner: Margins
-    """margins of positions and velocities: `steps` or, if no plan is found with these, margins
-    that are constant over pieces of each step"""
-    pieces: int
-    """number of equal pieces of a step over which `inner` is constant"""
-    convex: Margins | None = None
-    """margins of values in convex sets at all times, if not `steps` and `inner`"""
+    """margins of these distances, constant over each piece of a step"""
+    states: Margins
+    """margins of positions and velocities in convex sets"""
+    inputs: Margins
+    """margins of accelerations and jerks in convex sets"""
 
-    def of(self, quantity: Quantity) -> tuple[Margins, int]:
-        """Return the margins of a quantity in convex sets, and the number of pieces of a step."""
-        if self.convex is not None:
-            return self.convex, 1
-        inner = quantity in ("position", "velocity")
-        return (self.inner, self.pieces) if inner else (self.steps, 1)
+    def of(self, quantity: Quantity) -> Margins:
+        """Return the margins of a quantity in convex sets."""
+        return self.states if quantity in ("position", "velocity") else self.inputs
 
 
 def margins_of(
-    scenario: Scenario, pieces: int = 1, accelerations: FloatArray | None = None
+    scenario: Scenario, pieces: int = 1, accelerations: FloatArray | np.float64 = UNBOUNDED
 ) -> PlanMargins:
     """Return the margins for plans of a scenario; zero without a disturbance or a smoothing.
 
@@ -106,23 +112,23 @@ def margins_of(
         scenario: the scenario to plan.
         pieces: the number of pieces of each step for positions and velocities.
         accelerations: largest norms in each step and the neighbours within the averages' width
-            [m/s²], shape (K-1,), for the margin of a smoothing; from the limits if not given.
+            [m/s²], shape (K-1,), for the margin of a smoothing. Limits bound them as well.
     """
     if scenario.smoothing is not None:
         margins = np.full(scenario.grid.knots - 1, scenario.smoothing_margin)
-        if accelerations is not None:
-            margins = np.minimum(margins, scenario.smoothing.margins(accelerations))
+        margins = np.minimum(margins, scenario.smoothing.margins(accelerations))
         if scenario.disturbance is None:
             none = without_errors(scenario.grid)
             larger = _of_positions(none, margins)
-            return PlanMargins(larger, larger, 1, convex=none)
+            return PlanMargins(larger, larger, none, none)
         tube, grid = tube_of(scenario), scenario.grid
-        convex = _reached(tube, grid.step, grid.knots, grid.start, scenario.lead)
-        own = _reached(tube, grid.step, grid.knots, grid.start, 0.0).steps["position"]
+        convex = _around_averages(tube, grid.step, grid.knots, grid.start, scenario.lead)
+        own = _around_averages(tube, grid.step, grid.knots, grid.start, 0.0).steps["position"]
         larger = _of_positions(without_errors(grid), margins + own)
-        return PlanMargins(larger, larger, 1, convex=convex)
+        return PlanMargins(larger, larger, convex, convex)
     steps = _margins(scenario, 1)
-    return PlanMargins(steps, steps if pieces == 1 else _margins(scenario, pieces), pieces)
+    inner = steps if pieces == 1 else _margins(scenario, pieces)
+    return PlanMargins(steps, inner, inner, steps)
 
 
 def _margins(scenario: Scenario, pieces: int) -> Margins:
@@ -168,26 +174,28 @@ def _around(tube: ErrorTube, start: float, count: int, pieces: int, between_knot
         knots[quantity] = _greater(steps[quantity])
     if not between_knots:  # positions are constrained at knots only
         knots["position"] = greatest.ends
-    return Margins(grid, steps, knots, tube)
+    return Margins(grid, steps, knots, tube, pieces)
 
 
 @lru_cache(maxsize=64)
-def _reached(tube: ErrorTube, step: float, knots: int, start: float, lead: float) -> Margins:
-    """Return margins of a plan for the tube around its averages.
+def _around_averages(
+    tube: ErrorTube, step: float, knots: int, start: float, half_width: float
+) -> Margins:
+    """Return the margins of a plan whose averages an error tube surrounds.
 
-    An average depends on values of the plan up to `lead` before and after its time, and each of
+    An average depends on values of the plan up to `half_width` before and after its time. Each of
     these has to be in the set tightened by the radius at that time. So a step has the largest
-    radius over all times within `lead` of it.
+    radius over all times within `half_width` of it.
 
     Args:
         tube: tube around the smooth motion.
         step: h [s].
         knots: K.
         start: time of the first knot [s].
-        lead: half the total width of the averages [s].
+        half_width: half the total width of the averages [s].
     """
     grid = Grid(step, knots, start)
-    begins, ends = grid.times[:-1] - lead, grid.times[1:] + lead
+    begins, ends = grid.times[:-1] - half_width, grid.times[1:] + half_width
     begins[0] = max(begins[0], tube.grid.start)
     steps: dict[Quantity, FloatArray] = {
         "position": tube.position_over(begins, ends),
@@ -202,3 +210,16 @@ def _greater(steps: FloatArray) -> FloatArray:
     """Return the larger value of the two steps adjacent to each knot."""
     greater: FloatArray = np.maximum(np.append(steps, 0.0), np.append(0.0, steps))
     return greater
+
+
+def jerk_factor(scenario: Scenario) -> float:
+    """Return the factor w / h of limits of jerks for the plan itself; 1 without a smoothing.
+
+    The jerk of one average over w is (a(t + w/2) - a(t - w/2)) / w; that of several is an average
+    of it. As w is at most a step, it is 0 or the difference of two accelerations, of neighbouring
+    steps or of rest and the first or last step, over w. These are the plan's own jerks (7) times
+    h / w. So it is in a convex set with 0 if the plan's jerks are in w / h times the set. The bound
+    is tight with one or two averages, and conservative with three.
+    """
+    smoothing = scenario.smoothing
+    return 1.0 if smoothing is None else smoothing.width / scenario.grid.step

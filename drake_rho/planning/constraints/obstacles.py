@@ -1,70 +1,177 @@
-"""Collision avoidance with obstacles (8), at rest or moving, linearised around a reference (15)."""
+"""Collision avoidance with obstacles: convex shapes, and maps (`maps`)."""
 
 from __future__ import annotations
 
-import abc
 import dataclasses
+import sys
+from functools import cached_property
 
 import numpy as np
 
-from drake_rho.motion.close_pairs import CloseApproaches
-from drake_rho.motion.dynamics import Motion
-from drake_rho.planning.constraints.base import HalfSpaces
-from drake_rho.planning.constraints.keep_out import EvaluationPoints, KeepOut
-from drake_rho.planning.constraints.margins import Margins
-from drake_rho.scenario.fields import FloatArray
-from drake_rho.scenario.obstacles import Obstacle
+from drake_rho.motion.dynamics import Motion, step_at
+from drake_rho.motion.penetration import deepest, pieces_near
+from drake_rho.planning.constraints.base import VIOLATED, HalfSpaces, Quadratic, with_neighbours
+from drake_rho.planning.constraints.keep_out import EvaluationPoints, KeepOutOfObstacle, side_of
+from drake_rho.planning.constraints.maps import KeepOutOfMap
+from drake_rho.planning.constraints.margins import PlanMargins
+from drake_rho.scenario.fields import FloatArray, IntArray
+from drake_rho.scenario.maps.parts import Parts
+from drake_rho.scenario.records import Scenario
+from drake_rho.scenario.shapes.base import Shape, Solid
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
-class KeepOutOfObstacle(KeepOut):
-    """Collision avoidance constraint (8) of one obstacle, linearised (15) around a reference."""
+class KeepOutOfShape(KeepOutOfObstacle):
+    """Collision avoidance constraint of a convex shape, with rows at all inner knots."""
 
-    obstacle: Obstacle
-    """obstacle to avoid, on a clock that is 0 at the first knot"""
-    inner_knots: EvaluationPoints
-    """points of all vehicles at all inner knots"""
-    required: FloatArray
-    """required distance of each vehicle from the shape without a disturbance [m], shape (N,)"""
-    margins: Margins
-    """margins for the disturbance; r is the sum of required distance, margin and uncertainty"""
-    tolerances: FloatArray
-    """largest penetration that counts as outside, for each vehicle [m], shape (N,)"""
+    shape: Shape
+    """shape of the obstacle"""
 
-    def radius(self, points: EvaluationPoints) -> FloatArray:
-        """Return the required distances r [m], shape (R,)."""
-        margins = self.margins.at("position", points.times)
-        errors = self.obstacle.uncertainty(points.times)
-        radii: FloatArray = self.required[points.vehicles] + margins + errors
-        return radii
-
-    @abc.abstractmethod
     def distances(self, motion: Motion, points: EvaluationPoints) -> FloatArray:
-        """Return signed distances of a motion from the obstacle at points [m], shape (R,)."""
+        """Return signed distances from the shape at points [m], shape (R,)."""
+        return self.shape.local_distance(self.offsets(motion, points))
 
-    def offsets(self, motion: Motion, points: EvaluationPoints) -> FloatArray:
-        """Return positions relative to the centre of the obstacle [m], shape (R, 3)."""
-        position = points.position(motion, points.vehicles)
-        offsets: FloatArray = position - self.obstacle.centers(points.times)
-        return offsets
+    def directions(self, points: EvaluationPoints) -> FloatArray:
+        """Return unit vectors from the nearest point of the shape to the reference, shape (R, 3).
 
-    def approaches(self, motion: Motion) -> CloseApproaches:
-        """Return violating points of a motion, with their distances less r, below zero [m]."""
-        motion = motion.subdivided(self.pieces)
-        points = self.penetrations(motion, np.arange(len(self.required)))
-        distances = self.distances(motion, points) - self.radius(points)
-        return CloseApproaches(points.vehicles, points.partners, points.times, distances)
+        If the reference is at the centre, the direction is orthogonal to its relative velocity.
+        """
+        shape, x = self.shape, self.offsets(self.reference, points)
+        directions = shape.local_outward(x)
+        squares = np.vecdot(x, x)
+        for row in (squares <= shape.tolerance**2).nonzero()[0]:
+            at = points.times[row : row + 1]
+            velocity = self.reference.each_at("velocity", points.vehicles[row : row + 1], at)
+            side = side_of(np.zeros(3), (velocity - self.obstacle.velocities(at))[0])
+            if np.isfinite(shape.local_support(side)):  # not along an infinite cylinder's axis
+                directions[row] = side
+        return directions
 
-    def bounds_at(self, rows: HalfSpaces, times: FloatArray) -> FloatArray:
-        """Return bounds with the obstacle's position at other times."""
-        if not self.obstacle.changes:
-            return rows.bounds
-        moved = self.obstacle.centers(times) - self.obstacle.centers(rows.times)
-        grown = self.obstacle.uncertainty(times) - self.obstacle.uncertainty(rows.times)
-        bounds: FloatArray = rows.bounds + np.vecdot(rows.normals, moved) + grown
-        return bounds
+    def rows(self, points: EvaluationPoints) -> HalfSpaces:
+        """Return the rows n · p >= n · c + h(n) + r at points."""
+        normals, shape = self.directions(points), self.shape
+        centers = self.obstacle.centers(points.times)
+        beyond = shape.local_support(normals) + self.radius(points)
+        return HalfSpaces(
+            self,
+            points.vehicles,
+            points.partners,
+            sides=np.zeros(len(points), dtype=int),
+            times=points.times,
+            normals=normals,
+            bounds=beyond + np.vecdot(normals, centers),
+            tolerances=self.tolerances[points.vehicles],
+        )
 
-    def renewed(self, rows: HalfSpaces) -> HalfSpaces:
-        """Return rows around this reference at the same instants."""
-        points = EvaluationPoints(rows.vehicles, rows.partners, rows.times, parts=rows.sides)
-        return self.rows(points)
+    def penetrations(self, motion: Motion, vehicles: IntArray) -> EvaluationPoints:
+        """Return the deepest instant of each penetrating step, without duplicates."""
+        if not self.every_instant:
+            return self._penetrating_knots(motion, vehicles)
+        below = self.required[vehicles] - VIOLATED * self.tolerances[vehicles]
+        within = np.maximum(below + self.margins.largest, 0.0)
+        pieces = pieces_near(motion.of(vehicles), self.obstacle, within)
+        steps = step_at(pieces.times, motion.step)
+        below = below[pieces.owners] + self.margins.steps["position"][steps]
+        tolerances = self.tolerances[vehicles[pieces.owners]]
+        which, times = deepest(self.shape, pieces, below, tolerances)
+        whose = vehicles[pieces.owners[which]]
+        repeated = (np.diff(whose, prepend=-1) == 0) & (np.diff(times, prepend=-1.0) == 0.0)
+        return EvaluationPoints(whose[~repeated], whose[~repeated], times[~repeated])
+
+    def _penetrating_knots(self, motion: Motion, vehicles: IntArray) -> EvaluationPoints:
+        """Return the points at inner knots that are inside."""
+        points = self.inner_knots.select(np.isin(self.inner_knots.vehicles, vehicles))
+        distances = self.shape.local_distance(self.offsets(motion, points))
+        below = self.radius(points) - VIOLATED * self.tolerances[points.vehicles]
+        return points.select((distances < below) & self.holds_at(points.times))
+
+    def violated_at_knots(self, motion: Motion, vehicles: IntArray, neighbours: int) -> HalfSpaces:
+        """Return violated rows at inner knots, together with the rows of neighbouring knots.
+
+        The reference's margin to a row is its clearance beyond the required distance. A motion can
+        violate the row only if its distance from the reference is larger.
+        """
+        checked = vehicles if len(vehicles) < len(self.required) else slice(None)
+        moved = motion.positions[checked, 1:-1] - self.reference.positions[checked, 1:-1]
+        far = np.sqrt(np.vecdot(moved, moved)) >= self._clearances[checked]
+        if not far.any():
+            return self.none
+        every = np.zeros_like(self._clearances, dtype=bool)
+        every[checked] = far
+        which = every.reshape(-1).nonzero()[0]
+        rows, knots = self._knot_rows.select(which), 1 + which % every.shape[1]
+        violated = rows.margins_at(motion, knots) < -VIOLATED * rows.tolerances
+        if neighbours == 0 or not violated.any():
+            return rows.select(violated)
+        every[every] = violated
+        selected = with_neighbours(every.reshape(-1), self._knot_rows.vehicles, neighbours)
+        return self._knot_rows.select(selected & self.holds_at(self._knot_rows.times))
+
+    @cached_property
+    def _knot_rows(self) -> HalfSpaces:
+        """Rows at all inner knots."""
+        return self.rows(self.inner_knots)
+
+    @cached_property
+    def _clearances(self) -> FloatArray:
+        """Distances of the reference beyond the required ones at inner knots [m], (N, K-2)."""
+        offsets = self.offsets(self.reference, self.inner_knots)
+        distances = self.shape.local_distance(offsets).reshape(len(self.required), -1)
+        times = self.inner_knots.times[: distances.shape[1]]
+        inside = self.margins.knots["position"][1:-1] + self.obstacle.uncertainty(times)
+        clearances: FloatArray = distances - self.required[:, None] - inside
+        clearances[:, ~self.holds_at(times)] = np.inf
+        return clearances
+
+    def quadratics(self, rows: HalfSpaces) -> Quadratic | None:
+        """Return bounds on scaled distances from the centre; None for other shapes."""
+        points = EvaluationPoints(rows.vehicles, rows.partners, rows.times)
+        inside = [self.shape.quadric_inside(radius) for radius in self.radius(points)]
+        quadrics = [each for each in inside if each is not None]
+        if len(quadrics) < len(inside):
+            return None
+        sizes = np.array([each.radius for each in quadrics])
+        supports = [
+            each.local_support(normal) for each, normal in zip(quadrics, rows.normals, strict=True)
+        ]
+        return Quadratic(
+            centers=self.obstacle.centers(rows.times),
+            scales=np.array([each.scales for each in quadrics]).reshape(-1, 3),
+            sizes=sizes,
+            lengths=sizes / np.array(supports),
+        )
+
+
+def obstacles_of(
+    scenario: Scenario, margins: PlanMargins, reference: Motion
+) -> list[KeepOutOfObstacle]:
+    """Return constraints of the obstacles known at the start, linearised (15) around a motion."""
+    known = scenario.avoided
+    if not known:
+        return []
+    reference = reference.subdivided(margins.inner.pieces)
+    inner_knots = EvaluationPoints.at_inner_knots(reference)
+    constraints: list[KeepOutOfObstacle] = []
+    for number, obstacle in known:
+        shape: Solid = obstacle.shape
+        kind = KeepOutOfMap if isinstance(shape, Parts) else KeepOutOfShape
+        constraints.append(
+            kind(
+                shape=shape,  # type: ignore[arg-type]  # of that kind
+                kind="obstacles",
+                key=("obstacle", number),
+                number=number,
+                clock=scenario.grid.clock,
+                name=scenario.obstacle_name(number),
+                quantity="position",
+                reference=reference,
+                searches=sys.maxsize * scenario.between_knots,
+                every_instant=scenario.between_knots,
+                obstacle=obstacle,
+                inner_knots=inner_knots,
+                required=scenario.fleet.radii + obstacle.deviation,
+                margins=margins.inner,
+                tolerances=scenario.fleet.obstacle_tolerances(obstacle.shape),
+            )
+        )
+    return constraints

@@ -1,11 +1,14 @@
-"""Rows normal · quantity(vehicle, time) >= bound: half-spaces of motions, a table for each form."""
+"""Rows normal · quantity(vehicle, time) >= bound: half-spaces of motions, in a table."""
 
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterator, Sequence
 from functools import cached_property
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from drake_rho.motion.smooth import response_of
 from drake_rho.scenario.fields import FloatArray, IntArray
@@ -87,3 +90,52 @@ class Rows(Table):
         instants = np.stack([self.vehicles, self.partners, self.times])
         numbers: IntArray = np.unique(instants, axis=1, return_inverse=True)[1]
         return numbers
+
+
+def slacks_of(rows: Sequence[Rows]) -> IntArray:
+    """Return the index of each row's slack variable, constraint by constraint, shape (R,)."""
+    if all(not part.soft for part in rows):
+        return np.zeros(sum(map(len, rows)), dtype=int)  # no slacks
+    first = np.cumsum([0, *(1 + part.slacks().max(initial=-1) for part in rows)])[:-1]
+    return np.concatenate([n + part.slacks() for n, part in zip(first, rows, strict=True)])
+
+
+def groups_of(vehicles: int, coupled: Sequence[Rows]) -> IntArray:
+    """Return the number of each vehicle's group; vehicles that rows couple are in one group.
+
+    Args:
+        vehicles: the number of vehicles, N.
+        coupled: the rows that couple two vehicles.
+    """
+    if not coupled:
+        return np.arange(vehicles)
+    one = np.concatenate([part.vehicles for part in coupled])
+    other = np.concatenate([part.partners for part in coupled])
+    links = coo_array((np.ones(len(one)), (one, other)), shape=(vehicles, vehicles))
+    labels: IntArray = connected_components(links, directed=False)[1]
+    return labels
+
+
+def each_of(
+    parts: IntArray, numbers: IntArray, rows: Sequence[Rows]
+) -> Iterator[tuple[int, list[Rows]]]:
+    """Yield the rows of each part of a fleet.
+
+    Rows are sorted by part once, since there may be many.
+
+    Args:
+        parts: the numbers of the parts to yield.
+        numbers: the number of each vehicle's part, shape (N,).
+        rows: the rows of all vehicles.
+
+    Yields:
+        The number of each part, and the rows of its vehicles.
+    """
+    if len(parts) == 0:
+        return
+    rows = [part.select(np.argsort(numbers[part.vehicles], kind="stable")) for part in rows]
+    labels = [numbers[part.vehicles] for part in rows]
+    for number in parts.tolist():
+        ranges = [slice(*np.searchsorted(label, [number, number + 1])) for label in labels]
+        own = [part.select(each) for part, each in zip(rows, ranges, strict=True)]
+        yield number, [part for part in own if len(part) > 0]

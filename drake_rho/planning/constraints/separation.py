@@ -10,6 +10,7 @@ import dataclasses
 import sys
 from collections.abc import Sequence
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 
@@ -22,13 +23,50 @@ from drake_rho.planning.constraints.close_pairs import (
     separation_of,
     violating_pairs,
 )
-from drake_rho.planning.constraints.coupling import Coupling
 from drake_rho.planning.constraints.keep_out import EvaluationPoints, KeepOut, side_of
-from drake_rho.planning.constraints.margins import Margins, PlanMargins
+from drake_rho.planning.constraints.margins import PlanMargins
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.parts import Quantity, Separation
 from drake_rho.scenario.records import TOLERANCE, Scenario
 from drake_rho.scenario.shapes.quadrics import Ellipsoid
+
+
+@dataclasses.dataclass(frozen=True)
+class Coupling:
+    """Form of the rows for pairs of vehicles."""
+
+    name: str
+    """name of the coupling, for options and messages"""
+    responsibility: float
+    """responsibility of one row for the distance between the vehicles of a reference: 1 for a
+    single row about their difference, 1/2 for two rows, one for each vehicle"""
+    in_groups: bool = False
+    """true if references are planned with groups of coupled vehicles"""
+
+    @property
+    def together(self) -> bool:
+        """True if rows couple vehicles into one program."""
+        return self.responsibility == 1.0
+
+    def __repr__(self) -> str:
+        return f"drake_rho.{self.name}"
+
+
+coupled = Coupling("coupled", 1.0)
+"""One row for each pair, about the difference of its vehicles, which thus share a program."""
+
+decoupled = Coupling("decoupled", 0.5)
+"""Two rows for each pair, one for each vehicle, so that every vehicle has its own program."""
+
+grouped = Coupling("grouped", 0.5, in_groups=True)
+"""Decoupled rows around references whose groups with the largest multiplier sums are coupled."""
+
+CouplingName = Literal["coupled", "decoupled", "grouped"]
+"""Names of the couplings."""
+
+COUPLINGS = {each.name: each for each in (coupled, decoupled, grouped)}
+"""Couplings by name."""
+
 
 NAME = "separation"
 
@@ -60,10 +98,13 @@ class KeepApart(KeepOut):
     """points that always have rows, sorted by pair and time"""
     responsibility: float
     """responsibility s of one row for a pair's distance, 1 (coupled) or 1/2"""
-    margins: Margins
-    """margins of single vehicles; r is the sum of the margins of both vehicles of a pair"""
     one_normal: bool = False
     """true if all rows of a close encounter of the reference have one normal"""
+
+    @property
+    def obstacles(self) -> frozenset[int]:
+        """0, which stands for other vehicles."""
+        return frozenset({0})
 
     def radius(self, times: FloatArray) -> FloatArray:
         """Return r, the sum of both margins [m], at times since the first knot [s], shape (R,)."""
@@ -153,7 +194,7 @@ class KeepApart(KeepOut):
         """Return one row for each point, or two if decoupled, sorted by vehicle, partner, time."""
         directions = self.directions(points)
         if self.coupled:
-            return self._write(points, directions, None)
+            return self._write(points, directions, np.zeros(3))
         one = self.reference.each_at("position", points.vehicles, points.times)
         other = self.reference.each_at("position", points.partners, points.times)
         between = self.responsibility * (other - one)
@@ -163,19 +204,17 @@ class KeepApart(KeepOut):
         return rows.select(np.lexsort((rows.times, rows.partners, rows.vehicles)))
 
     def _write(
-        self, points: EvaluationPoints, normals: FloatArray, anchors: FloatArray | None
+        self, points: EvaluationPoints, normals: FloatArray, anchors: FloatArray
     ) -> HalfSpaces:
         """Return rows with given normals.
 
         Args:
             points: the vehicles, partners and times of the rows.
             normals: the unit normals from `directions`, shape (R, 3).
-            anchors: q - s x_q [m], shape (R, 3); None for rows about a difference.
+            anchors: q - s x_q [m], shape (R, 3); zero for rows about a difference, shape (3,).
         """
         distances = self.shape.local_support(normals) + self.radius(points.times)
-        bounds = supports = self.responsibility * distances
-        if anchors is not None:
-            bounds = supports + np.sum(normals * anchors, axis=1)
+        supports = self.responsibility * distances
         return HalfSpaces(
             self,
             points.vehicles,
@@ -183,7 +222,7 @@ class KeepApart(KeepOut):
             sides=np.zeros(len(points), dtype=int),
             times=points.times,
             normals=normals,
-            bounds=bounds,
+            bounds=supports + np.sum(normals * anchors, axis=1),
             tolerances=TOLERANCE * supports,
         )
 
@@ -248,7 +287,7 @@ def pairs_of(
         ValueError: the scenario has no separation.
     """
     separation, soft = separation_of(scenario), np.isfinite(penalty)
-    reference = reference.subdivided(margins.pieces)
+    reference = reference.subdivided(margins.inner.pieces)
     required = separation.distance + max_pair_margin(separation, margins.inner)
     near = pairs_within(separation, reference, NEAR * required, between=False, of=of)
     if close is None:
@@ -260,7 +299,6 @@ def pairs_of(
     return KeepApart(
         kind="separation",
         key=PAIRS,
-        obstacle_number=0,
         name=NAME,
         quantity="position",
         penalty=penalty,
@@ -269,7 +307,6 @@ def pairs_of(
         shape=shape,
         required=separation,
         margins=margins.inner,
-        pieces=margins.pieces,
         responsibility=coupling.responsibility,
         one_normal=one_normal,
         reference=reference,

@@ -1,4 +1,4 @@
-"""Tightening slack: a check before planning that limits have room for the error tube."""
+"""Check before planning that constraints have room for the error tube."""
 
 from __future__ import annotations
 
@@ -10,13 +10,15 @@ import numpy as np
 from drake_rho.motion.scenario_tube import tube_of
 from drake_rho.planning.constraints.close_pairs import max_pair_margin
 from drake_rho.planning.constraints.margins import Margins, PlanMargins
-from drake_rho.planning.constraints.requirement_slack import (
+from drake_rho.planning.constraints.slack import (
+    ENDS,
+    TighteningSlack,
     ends_in_requirements,
     sizes_of_requirements,
+    slacks_at_rest,
+    states_at,
 )
-from drake_rho.planning.constraints.rest_slack import slacks_at_rest
-from drake_rho.planning.constraints.slack import ENDS, TighteningSlack
-from drake_rho.scenario.fields import FloatArray, unchecked
+from drake_rho.scenario.fields import unchecked
 from drake_rho.scenario.parts import Quantity
 from drake_rho.scenario.records import Scenario
 
@@ -67,13 +69,13 @@ def _missing(
 
 def starts_beyond_limits(scenario: Scenario, margins: PlanMargins) -> bool:
     """Return whether a start lacks slack in the limits of its position or velocity."""
-    slacks = _state_slacks(scenario, margins.convex or margins.inner, 0)
+    slacks = _state_slacks(scenario, margins.states, 0)
     return any(np.any(each.missing(_MEASURED_START) > 0.0) for each in slacks)
 
 
 def has_room_for(scenario: Scenario, margins: PlanMargins, quantity: Quantity) -> bool:
     """Return whether margins leave room inside every limit of a quantity."""
-    slacks = _limit_slacks(scenario, margins.convex or margins.inner)
+    slacks = _limit_slacks(scenario, margins.states)
     return not any(np.any(each.missing(0.0) > 0.0) for each in slacks if each.quantity == quantity)
 
 
@@ -99,15 +101,16 @@ def largest_tolerable_wind(scenario: Scenario, margins: PlanMargins, calm: PlanM
     for windy, still in zip(_slacks(scenario, margins), _slacks(scenario, calm), strict=True):
         with np.errstate(invalid="ignore"):  # unbounded errors, in any wind
             more = windy.needed - still.needed
-        left = windy.available + windy.tolerances - still.needed
-        tolerable = np.divide(left, more, out=np.where(left < 0.0, 0.0, np.inf), where=more > 0.0)
+        slack = windy.available + windy.tolerances - still.needed
+        none = np.where(slack < 0.0, 0.0, np.inf)
+        tolerable = np.divide(slack, more, out=none, where=more > 0.0)
         part = min(part, float(np.min(tolerable)))
     return max(0.0, part) * tube_of(scenario).disturbance.acceleration
 
 
 def _slacks(scenario: Scenario, margins: PlanMargins) -> Iterator[TighteningSlack]:
     """Yield the slack of every constraint, in the middle of limits and at start and goal."""
-    in_sets = margins.convex or margins.inner
+    in_sets = margins.states
     yield from _limit_slacks(scenario, in_sets)
     for end in ENDS:
         yield from _end_slacks(scenario, margins, end)
@@ -116,7 +119,7 @@ def _slacks(scenario: Scenario, margins: PlanMargins) -> Iterator[TighteningSlac
 
 def _end_slacks(scenario: Scenario, margins: PlanMargins, end: int) -> Iterator[TighteningSlack]:
     """Yield the slack of every constraint at start or goal."""
-    in_sets = margins.convex or margins.inner
+    in_sets = margins.states
     yield from _state_slacks(scenario, in_sets, end)
     yield from _obstacle_slacks(scenario, margins.inner, end)
     yield from _pair_slacks(scenario, margins.inner, end)
@@ -150,13 +153,7 @@ def _limit_slacks(scenario: Scenario, margins: Margins) -> Iterator[TighteningSl
 def _state_slacks(scenario: Scenario, margins: Margins, end: int) -> Iterator[TighteningSlack]:
     """Yield the slack of positions and velocities in their boxes and balls at start or goal."""
     fleet = scenario.fleet
-    states: dict[Quantity, FloatArray] = {"position": fleet.start_positions}
-    states["velocity"] = fleet.start_velocities
-    if end != 0:
-        states = {"position": fleet.goal_positions, "velocity": fleet.goal_velocities}
-    if scenario.smoothing is not None:  # averages have rest before the start and after the goal
-        states["acceleration"] = np.zeros_like(fleet.goal_positions)
-    for quantity, values in states.items():
+    for quantity, values in states_at(scenario, end).items():
         needed = margins.knots[quantity][[end]]
         if (bounds := fleet.bounds(quantity)) is not None:
             available = np.minimum(values - bounds.lower, bounds.upper - values).min(axis=1)

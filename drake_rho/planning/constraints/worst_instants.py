@@ -18,9 +18,6 @@ from drake_rho.scenario.fields import FloatArray, IntArray
 _PRECISION = 0.05
 """Precision of the greatest value, relative to it or to the threshold, the larger of both."""
 
-_LEVELS = 30
-"""Largest number of successive halvings: an interval is then 1e-9 of a piece of time."""
-
 
 def worst_instants(
     states: tuple[FloatArray, FloatArray, FloatArray],
@@ -64,7 +61,7 @@ def worst_instants(
     at = value(each, ends)
     later = np.argmax(at, axis=1)
     times, most = ends[each, later], at[each, later]
-    for _ in range(_LEVELS):
+    for _ in range(30):  # halvings: the last intervals are 1e-9 of a piece of time
         allowed = (1.0 + _PRECISION) * np.maximum(most, least)[each]
         unclear = _bounds(at, bends[each] * (ends[:, 1] - ends[:, 0]) ** 2 / 8.0) > allowed
         if not unclear.any():

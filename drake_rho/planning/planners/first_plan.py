@@ -17,7 +17,7 @@ from drake_rho.motion.plan import Plan
 from drake_rho.planning.call.options import Options
 from drake_rho.planning.call.progress import Progress, tell, within
 from drake_rho.planning.call.time_limit import within_time
-from drake_rho.planning.constraints.coupling import decoupled
+from drake_rho.planning.constraints.separation import decoupled
 from drake_rho.planning.errors import InfeasibleError, OutOfTimeError, SolverError
 from drake_rho.planning.planners.convex import linearised_once
 from drake_rho.planning.planners.from_paths import PathResult, no_plan, plan_along_paths

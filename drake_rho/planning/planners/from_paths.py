@@ -17,7 +17,7 @@ from drake_rho.motion.plan import Plan
 from drake_rho.motion.statistics import Statistics
 from drake_rho.planning.call.options import DEFAULTS, Options
 from drake_rho.planning.call.progress import Progress, tell, within
-from drake_rho.planning.constraints.coupling import decoupled
+from drake_rho.planning.constraints.separation import decoupled
 from drake_rho.planning.constraints.tightening import enlarged_by_margins
 from drake_rho.planning.errors import InfeasibleError, Names, OutOfTimeError, SolverError
 from drake_rho.planning.path_search.continuation import continuation_step

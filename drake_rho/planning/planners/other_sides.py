@@ -17,8 +17,8 @@ from drake_rho.motion.dynamics import Motion, response
 from drake_rho.motion.plan import Plan
 from drake_rho.motion.statistics import Statistics
 from drake_rho.planning.call.progress import Progress, tell, within
-from drake_rho.planning.constraints.convex_obstacles import KeepOutOfShape
 from drake_rho.planning.constraints.keep_out import EvaluationPoints, side_of
+from drake_rho.planning.constraints.obstacles import KeepOutOfShape
 from drake_rho.planning.errors import InfeasibleError, OutOfTimeError, SolverError
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs.backend import Backend

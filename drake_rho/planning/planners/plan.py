@@ -11,7 +11,7 @@ from drake_rho.planning.call.options import DEFAULTS, Options
 from drake_rho.planning.call.progress import Progress
 from drake_rho.planning.call.time_limit import with_time_limit
 from drake_rho.planning.call.wall_time import with_wall_time
-from drake_rho.planning.constraints.coupling import COUPLINGS, Coupling, CouplingName
+from drake_rho.planning.constraints.separation import COUPLINGS, Coupling, CouplingName
 from drake_rho.planning.errors import InfeasibleError, OutOfTimeError, SolverError
 from drake_rho.planning.planners.first_plan import FirstPlan, plan_near
 from drake_rho.planning.planners.other_sides import has_other_sides, on_cheaper_sides

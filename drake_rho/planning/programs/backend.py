@@ -94,7 +94,7 @@ def _checked(solver: Solver | SolverName) -> Solver:
 
 
 def _is_for_quadratic_programs(solver: SolverInterface) -> bool:
-    """Return whether a solver solves a small quadratic program, since Drake has no such query."""
+    """Return whether a solver solves a small quadratic program; Drake cannot tell."""
     program = MathematicalProgram()
     x = program.NewContinuousVariables(2)
     program.AddQuadraticCost(np.eye(2), np.zeros(2), x, is_convex=True)

@@ -22,12 +22,10 @@ from scipy.sparse import bsr_array, csc_array, csc_matrix, eye_array, hstack, kr
 from drake_rho.motion.dynamics import Motion
 from drake_rho.planning.constraints.base import HalfSpaces, about
 from drake_rho.planning.constraints.keep_in import KeepInSets
-from drake_rho.planning.constraints.rows import Rows
+from drake_rho.planning.constraints.rows import Rows, slacks_of
 from drake_rho.planning.minimum_effort import MinimumEffort
 from drake_rho.planning.programs.backend import Backend
-from drake_rho.planning.programs.dense import add_rows
-from drake_rho.planning.programs.parallel import Answers
-from drake_rho.planning.programs.reduced import slacks_of
+from drake_rho.planning.programs.program import Answers, add_rows
 from drake_rho.planning.programs.solve import solve
 from drake_rho.planning.programs.sparse import SparseRows, scale_of, without_rows
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
@@ -213,10 +211,10 @@ class Cones:
     @classmethod
     def of(cls, constraint: KeepInSets, motion: Motion, group: IntArray) -> Self:
         """Return the cones of some vehicles at all instants of the constraint."""
-        kept = constraint.values(motion, group)
-        matrices, constants = constraint.sets.cones(kept.vehicles)
+        local = constraint.values(motion, group)
+        matrices, constants = constraint.sets.cones(local.vehicles)
         limited = np.isfinite(constants)
-        vehicles, times = kept.vehicles[limited], kept.times[limited]
+        vehicles, times = local.vehicles[limited], local.times[limited]
         room = constraint.roundings[vehicles] - constraint.margin(times)
         constants = constants[limited] + room
         return cls(constraint, vehicles, times, matrices[limited], constants)
@@ -231,7 +229,7 @@ class Cones:
         return np.asarray(np.linalg.norm(self.constraint.sets.origins[self.vehicles], axis=1))
 
     @cached_property
-    def spare(self) -> FloatArray:
+    def half_widths(self) -> FloatArray:
         """Half-widths of balls at zero, perpendicular to the origins; 0 outside, shape (R,)."""
         product = (self.constants - self.away) * (self.constants + self.away)
         return np.asarray(np.sqrt(np.maximum(product, 0.0)))

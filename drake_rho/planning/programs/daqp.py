@@ -37,8 +37,8 @@ _OPTIMAL, _INFEASIBLE = 1, -1
 class Daqp(metaclass=Described):
     """DAQP as `solver=`, in addition to Drake's solvers: fast for small, dense programs.
 
-    Clarabel solves linear programs, programs in the sparse form, and those that DAQP does not solve
-    to this package's tolerances.
+    Clarabel solves linear and sparse programs, and programs that DAQP does not solve to this
+    package's tolerances.
 
     Raises:
         NotInstalledError: the package daqp is not installed; the error is an ImportError.

@@ -11,6 +11,7 @@ Multipliers of hard rows have no upper bound. y is half the derivative of the co
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 from contextlib import suppress
 
@@ -20,13 +21,11 @@ from scipy.optimize import nnls
 
 from drake_rho.planning.errors import SolverError
 from drake_rho.planning.programs import daqp
+from drake_rho.planning.programs.program import DenseProgram, Solution
 from drake_rho.scenario.fields import FloatArray
 
 KKT_TOLERANCE = 1e-9
 """Largest violation of an optimality condition, relative to the largest entry of b or to one."""
-
-_MOST = 10
-"""Largest number of changes of the active set, relative to the number of rows."""
 
 
 def multipliers_of(
@@ -106,12 +105,12 @@ def _bounded(
     y = np.minimum(np.maximum(begin, 0.0), most)
     full = y >= most
     free = ~full & ((y > 0.0) | (needed - gram @ y > KKT_TOLERANCE))
-    left = needed - gram @ np.where(full, most, 0.0)
-    for _ in range(_MOST * len(y)):
+    remaining = needed - gram @ np.where(full, most, 0.0)
+    for _ in range(10 * len(y)):  # changes of the active set
         rows = free.nonzero()[0]
         z, failed = np.zeros(0), 0
         if len(rows) > 0:
-            _, z, failed = dposv(gram[rows[:, None], rows], left[rows])
+            _, z, failed = dposv(gram[rows[:, None], rows], remaining[rows])
         if failed:
             break
         out = ((z <= 0.0) | (z >= most[rows])).nonzero()[0]
@@ -136,7 +135,7 @@ def _bounded(
             bounds = y[gone]
             free[gone], full[gone] = True, False
         if bounds.any():  # the set at upper bounds has changed
-            left = needed - gram @ np.where(full, most, 0.0)
+            remaining = needed - gram @ np.where(full, most, 0.0)
     return None
 
 
@@ -148,3 +147,92 @@ def _unbounded(gram: FloatArray, needed: FloatArray) -> FloatArray | None:
             y: FloatArray = nnls(factor.T, dtrtrs(factor, needed, lower=True)[0])[0]
             return y
     return None
+
+
+_RIDGE = 1e-13
+"""Regularisation of the Gram matrix's diagonal, relative to its largest entry, which gives linearly
+dependent rows a Cholesky factor too."""
+
+_ZERO = 1e-11
+"""Length below which a row counts as zero, as it does in DAQP."""
+
+_FAR = 1e8
+"""Norm of x, relative to the right-hand sides, beyond which a program counts as infeasible."""
+
+
+def solved_by_daqp(program: DenseProgram) -> Solution | None:
+    """Return DAQP's solution or proof of infeasibility; None if the check of either fails."""
+    return _soft(program) if program.soft else _hard(program)
+
+
+def _hard(program: DenseProgram) -> Solution | None:
+    """Return the point of least norm that satisfies all rows; None if DAQP fails."""
+    found = daqp.with_hard_rows(program.matrix, program.needed)
+    if found.infeasible:
+        return _refuted(program, found.seconds)
+    slope, y = program.matrix @ found.x - program.needed, found.y
+    if not (found.optimal and is_optimal(slope, program.needed, y, program.penalties)):
+        return None
+    return Solution(found.x, True, daqp.NAME, found.seconds, lambda: 2.0 * y)
+
+
+def _soft(program: DenseProgram) -> Solution | None:
+    """Return the point of least cost, each soft row with its own slack; None if DAQP fails."""
+    soft = program.slacks[np.isfinite(program.penalties)]
+    if len(np.unique(soft)) < len(soft):
+        return None  # for shared slacks, penalties bound sums of multipliers
+    start, most = time.perf_counter(), program.penalties / 2.0
+    gram = program.matrix @ program.matrix.T
+    ridge = _RIDGE * gram.max() * np.eye(len(gram))
+    y = daqp.bounded_least_squares(gram + ridge, program.needed, most)
+    if y is None:
+        return _refuted(program, time.perf_counter() - start)
+    free = np.flatnonzero((y > 0.0) & (y < most))
+    own = (gram + ridge)[np.ix_(free, free)]
+    for _ in range(2):  # refinements, since the ridge leaves residuals in active rows
+        y[free] += np.linalg.solve(own, (program.needed - gram @ y)[free])
+    if not is_optimal(gram @ y - program.needed, program.needed, y, most):
+        return None
+    x, seconds = y @ program.matrix, time.perf_counter() - start
+    return Solution(x, True, daqp.NAME, seconds, lambda: 2.0 * y)
+
+
+def _refuted(program: DenseProgram, seconds: float) -> Solution | None:
+    """Return the proof that there is no solution; None if no weights prove it."""
+    hard = np.isinf(program.penalties)
+    weights = contradiction(program.matrix[hard], program.needed[hard])
+    if weights is None:
+        return None
+    every = np.zeros(len(hard))
+    every[hard] = weights
+    x = np.zeros(program.matrix.shape[1])
+    return Solution(x, False, daqp.NAME, seconds, lambda: every)
+
+
+def contradiction(matrix: FloatArray, needed: FloatArray) -> FloatArray | None:
+    """Return weights y >= 0 with matrix.T @ y = 0 and needed · y > 0; None if there are none.
+
+    By Farkas' lemma they prove that no x satisfies matrix @ x >= needed. Following Lawson and
+    Hanson, the y >= 0 for which (matrix.T @ y, needed · y) is closest to (0, 1) attains it if rows
+    contradict each other; otherwise the residual is parallel to the x of least norm.
+
+    Args:
+        matrix: the coefficients, shape (R, V).
+        needed: the right-hand sides, shape (R,).
+    """
+    if len(needed) == 0:  # scipy's nnls crashes without columns
+        return None
+    lengths = np.linalg.norm(matrix, axis=1)
+    impossible = (lengths < _ZERO) & (needed > _ZERO)
+    if impossible.any():  # 0 x >= b > 0
+        return np.where(impossible, 1.0, 0.0)
+    lengths = np.where(lengths < _ZERO, np.inf, lengths)
+    least = needed / lengths
+    least /= max(np.abs(least).max(), np.finfo(float).tiny)
+    rows = np.concatenate([(matrix / lengths[:, None]).T, least[None]])
+    try:
+        weights, residual = nnls(rows, np.append(np.zeros(len(rows) - 1), 1.0))
+    except RuntimeError:  # too many iterations
+        return None
+    found: FloatArray = weights / lengths
+    return found if residual < 1.0 / _FAR else None

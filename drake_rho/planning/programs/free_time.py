@@ -19,15 +19,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from drake_rho.planning.constraints.base import HalfSpaces
-from drake_rho.planning.constraints.boxes import KeepInBox
-from drake_rho.planning.constraints.keep_in import KeepInSets
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs.backend import Backend
 from drake_rho.planning.programs.conic import Cones
 from drake_rho.planning.programs.free_time_program import FreeTimeProgram
-from drake_rho.planning.programs.free_times import Change, FreeTime, Passing
+from drake_rho.planning.programs.free_times import Change, FreeTime, Passing, TimeScaling
 from drake_rho.planning.programs.solve import solve
-from drake_rho.planning.programs.time_scaling import TimeScaling
 from drake_rho.scenario.fields import FloatArray, IntArray
 
 LITTLE_EFFORT = 1e-7
@@ -52,25 +49,23 @@ class FreeTimePrograms:
         self._effort, self._backend, self._weight = problem.effort, backend, effort
         self._scaling = TimeScaling.around(problem)
         group, motion = np.arange(len(problem)), problem.effort.motion
-        boxes = [each for each in problem.convex if isinstance(each, KeepInBox)]
-        self._boxes = [each.every_row(motion) for each in boxes if each.quantity != "position"]
-        self._cones = list[Cones]()
-        for each in problem.convex:
-            if not isinstance(each, KeepInSets) or not (each.as_cone or each.is_own_rate):
-                continue
-            if len(cones := Cones.of(each, motion, group)) > 0:
-                self._cones.append(cones)
-            elif not each.as_cone and len(faces := each.faces()) > 0:
-                self._boxes.append(faces)
+        boxes = [each for each in problem.boxes if each.quantity != "position"]
+        rates = [each for each in problem.requirements if each.is_own_rate]
+        sets = [*problem.norms_and_waypoints, *rates]
+        cones = {each.key: Cones.of(each, motion, group) for each in sets}
+        faces = [each.faces() for each in rates if len(cones[each.key]) == 0]
+        self._cones = [each for each in cones.values() if len(each) > 0]
+        self._boxes = [each.every_row(motion) for each in boxes]
+        self._boxes += [each for each in faces if len(each) > 0]
         self._unit = self._limit() or float(problem.effort.units.max())
 
     @property
     def bound_time(self) -> bool:
-        """Whether a limit on velocity, acceleration or jerk bounds the time from below."""
+        """Whether a limit on velocity, acceleration or jerk bounds the final time from below."""
         return len(self._boxes) > 0 or len(self._cones) > 0
 
     def _limit(self) -> float:
-        """Return the largest limit of accelerations [m/s²]; 0 without any.
+        """Return the largest limit of accelerations [m/s²]; 0 if there is none.
 
         Least-time motions are often at their limits, so that values in this unit are about 1. For a
         ball around an origin away from zero, as for thrusts, it is the half-width perpendicular to
@@ -82,7 +77,7 @@ class FreeTimePrograms:
                 limits.append(float(np.abs(rows.bounds).max(initial=0.0)))
         for cones in self._cones:
             if cones.constraint.quantity == "acceleration":
-                limits.append(float(cones.spare.max()))
+                limits.append(float(cones.half_widths.max()))
         return max(limits)
 
     def solve(

@@ -22,10 +22,9 @@ from drake_rho.planning.constraints.base import HalfSpaces, about
 from drake_rho.planning.constraints.rows import Rows
 from drake_rho.planning.minimum_effort import Changes, MinimumEffort
 from drake_rho.planning.programs.conic import Cones
-from drake_rho.planning.programs.free_times import Change, FreeTime, Passing
-from drake_rho.planning.programs.solution import Solution
+from drake_rho.planning.programs.free_times import Change, FreeTime, Passing, TimeScaling
+from drake_rho.planning.programs.program import Solution
 from drake_rho.planning.programs.sparse import SparseRows, add_goal, scale_of
-from drake_rho.planning.programs.time_scaling import TimeScaling
 from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.parts import Quantity
 
@@ -68,7 +67,7 @@ class FreeTimeProgram:
             effort.grid, effort.goals.rows, np.full(len(group), unit), np.ones(len(group))
         )
         sparse = SparseRows(changes, group, parts)
-        self._steps, self._unit = sparse.steps, unit
+        self._sparse, self._steps, self._unit = sparse, sparse.steps, unit
         self.program = MathematicalProgram()
         self._x = self.program.NewContinuousVariables(sparse.columns)
         self._time = self.program.NewContinuousVariables(2)  # y and s
@@ -86,7 +85,7 @@ class FreeTimeProgram:
             scaled = csc_matrix(equations @ self._scales) / float(self._steps) ** order
             self.program.AddLinearEqualityConstraint(scaled, np.zeros(count), self._x)
         by_time = [*map(self._by_time, halves), self._passing_by_time(velocities)]
-        self._matrix, self._needed = self._in_time(sparse, parts, np.concatenate(by_time))
+        self._matrix, self._needed = self._in_time(parts, np.concatenate(by_time))
         ends = np.cumsum([0, *map(len, parts)])
         self._first = int(ends[len(limits)])
         self._parts = [slice(*each) for each in pairwise(ends[len(limits) :].tolist())]
@@ -117,12 +116,10 @@ class FreeTimeProgram:
         program.AddBoundingBoxConstraint(*ends, self._time)
         if len(passing) == 0:
             return
-        reach = np.where(passing.may_change, change.waypoints, 0.0)
-        allowed = np.tile([passing.least, T - passing.least], (len(passing), 1))
-        if passing.allowed is not None:
-            allowed = np.clip(passing.allowed, passing.least, T - passing.least)
-        earliest = np.maximum(-reach, np.minimum(allowed[:, 0] - passing.times, 0.0))
-        latest = np.minimum(reach, np.maximum(allowed[:, 1] - passing.times, 0.0))
+        largest = np.where(passing.may_change, change.waypoints, 0.0)
+        allowed = np.clip(passing.allowed, passing.least, T - passing.least)
+        earliest = np.maximum(-largest, np.minimum(allowed[:, 0] - passing.times, 0.0))
+        latest = np.minimum(largest, np.maximum(allowed[:, 1] - passing.times, 0.0))
         program.AddBoundingBoxConstraint(earliest, latest, self._changes)
         if change.curvature > 0.0:
             curvatures = np.diag(change.curvature * passing.curvatures(T))
@@ -132,7 +129,7 @@ class FreeTimeProgram:
         if len(later := passing.ordered) > 0:
             # on the program's time scale, a given time t is earlier by t (y - 1) / 2
             by_y = np.where(passing.given, passing.times, 0.0) / 2.0
-            both = np.eye(len(reach), 1 + len(reach), 1)
+            both = np.eye(len(largest), 1 + len(largest), 1)
             both[:, 0] = -by_y
             both = both[later] - both[later - 1]
             gaps = passing.times[later] - passing.times[later - 1]
@@ -170,16 +167,14 @@ class FreeTimeProgram:
         own = self._unit * scale_of(quantity, self._effort.grid.step)
         return own / self._unit_of(quantity)
 
-    def _in_time(
-        self, sparse: SparseRows, parts: Sequence[Rows], by_time: FloatArray
-    ) -> tuple[csc_array, FloatArray]:
+    def _in_time(self, parts: Sequence[Rows], by_time: FloatArray) -> tuple[csc_array, FloatArray]:
         """Return rows as matrix @ (x, y, s) >= needed, in the units of this program.
 
         Args:
-            sparse: the rows, in units of sparse programs.
-            parts: the same rows, by form.
+            parts: the rows, by form.
             by_time: derivatives of their bounds by y and s, shape (R, 2).
         """
+        sparse = SparseRows(self._sparse.changes, self._sparse.group, parts)
         matrix, needed, _, _ = sparse.matrix()
         finer = [np.full(len(each), self._finer(each.form.quantity)) for each in parts]
         unit = np.concatenate(finer)
@@ -294,7 +289,7 @@ def boosts_of(cones: Cones) -> FloatArray:
     ball = ~cones.matrices[:, 0].any(axis=1) & (away < cones.constants)
     ball &= away > _CLOSE * cones.constants
     speeds, along = away[ball] / cones.constants[ball], -origins[ball] / away[ball, None]
-    growth = cones.constants[ball] / cones.spare[ball]
+    growth = cones.constants[ball] / cones.half_widths[ball]
     mixed = -(growth * speeds)[:, None] * along
     boosts[ball, 0, 0], boosts[ball, 0, 1:], boosts[ball, 1:, 0] = growth, mixed, mixed
     boosts[ball, 1:, 1:] += (growth - 1.0)[:, None, None] * along[:, :, None] * along[:, None]

@@ -1,4 +1,4 @@
-"""The quadratic program (16), on Drake's `MathematicalProgram`.
+"""The quadratic program (16) of each vehicle or coupled group, in its cheaper form.
 
 Let u be the accelerations of a vehicle, or of several that rows couple, minus those of minimum
 effort:
@@ -29,11 +29,9 @@ from pydrake.solvers import MathematicalProgram
 from scipy.sparse import coo_array, csc_array, csr_array
 
 from drake_rho.motion.dynamics import sparse_response
-from drake_rho.planning.constraints.rows import Rows
+from drake_rho.planning.constraints.rows import Rows, each_of, groups_of, slacks_of
 from drake_rho.planning.minimum_effort import Changes
-from drake_rho.planning.programs.dense import DenseProgram, Program, add_rows
-from drake_rho.planning.programs.groups import each_of, groups_of
-from drake_rho.planning.programs.solution import Solution
+from drake_rho.planning.programs.program import DenseProgram, Program, Solution, add_rows
 from drake_rho.planning.programs.sparse import SparseRows, without_rows
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.parts import Grid
@@ -200,18 +198,10 @@ def _sparse_responses(grid: Grid, rows: Rows) -> csr_array:
     return sparse_response(rows.form.quantity, grid.step, grid.knots, rows.times)
 
 
-def slacks_of(rows: Sequence[Rows]) -> IntArray:
-    """Return the index of each half-space's slack, constraint by constraint, shape (R,)."""
-    if all(not part.soft for part in rows):
-        return np.zeros(sum(map(len, rows)), dtype=int)  # no slacks
-    first = np.cumsum([0, *(1 + part.slacks().max(initial=-1) for part in rows)])[:-1]
-    return np.concatenate([n + part.slacks() for n, part in zip(first, rows, strict=True)])
-
-
 def rows_of(
     changes: Changes, group: IntArray, rows: Sequence[Rows]
 ) -> tuple[csc_array, FloatArray, FloatArray]:
-    """Return half-spaces as rows M @ u >= b of length one, with u of a group in its unit.
+    """Return rows as M @ u >= b of length one, for the accelerations u of a group in its unit.
 
     Returns:
         M, shape (R, 3 G (K-1)), b, shape (R,), and penalties of a violation by one, shape (R,).

@@ -1,7 +1,8 @@
-"""Solution of programs, with fallback solvers after numerical failures."""
+"""Solution of programs, with other solvers after failures, and of many vehicles in blocks."""
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import Future
 from contextvars import copy_context
@@ -22,14 +23,16 @@ from pydrake.solvers import (
 )
 
 from drake_rho.planning.call.time_limit import check_time, seconds_left
+from drake_rho.planning.constraints.rows import Rows, each_of, groups_of
 from drake_rho.planning.errors import SolverError
-from drake_rho.planning.programs import daqp, dense_duals
+from drake_rho.planning.minimum_effort import Changes
+from drake_rho.planning.programs import dual
 from drake_rho.planning.programs.backend import Backend, Solver, name_of
-from drake_rho.planning.programs.dense import DenseProgram, Program
-from drake_rho.planning.programs.solution import Solution
+from drake_rho.planning.programs.program import Answers, DenseProgram, Program, Solution
+from drake_rho.planning.programs.reduced import Batch, programs_of
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.system.drake_log import keep_to_news
-from drake_rho.system.threads import thread_pool
+from drake_rho.system.threads import single_threaded_blas, thread_pool
 
 keep_to_news()
 
@@ -58,15 +61,9 @@ _OSQP: _Options = {
     "polish_refine_iter": 10,
 }
 
-_LEAST_TIME = 1e-3
-"""Least time limit of a solver [s]."""
-
 _CHUNK = 40_000
 """Sum of squared numbers of variables of the programs that a thread solves at once, about ten
 milliseconds of work. Less work is done in the calling thread, since starting another takes time."""
-
-MAX_RETRIES = 1
-"""Number of repeated solutions if solutions violate their rows."""
 
 _INFEASIBLE = {SolutionResult.kInfeasibleConstraints, SolutionResult.kInfeasibleOrUnbounded}
 
@@ -97,15 +94,15 @@ def solve(programs: Sequence[Program], backend: Backend | None = None) -> list[S
         if len(solutions) == len(programs):
             break
         check_time()
-        left = [
+        pending = [
             index
             for index, program in enumerate(programs)
             if index not in solutions and _accepts(name, program)
         ]
-        if not left:
+        if not pending:
             continue
-        answers = _solve_with(attempt, name, options, [programs[index] for index in left])
-        for index, answer in zip(left, answers, strict=True):
+        answers = _solve_with(attempt, name, options, [programs[index] for index in pending])
+        for index, answer in zip(pending, answers, strict=True):
             if answer is not None:
                 found = solutions if answer.exact else inexact
                 found.setdefault(index, answer)
@@ -172,11 +169,11 @@ def _accepts(name: str, program: Program) -> bool:
     if not dense and program.lorentz_cone_constraints():
         return name == "Clarabel"
     linear = program.linear if dense else not program.quadratic_costs()
-    return {daqp.NAME: dense and not linear, "OSQP": not linear, "Clp": linear}.get(name, True)
+    return {"DAQP": dense and not linear, "OSQP": not linear, "Clp": linear}.get(name, True)
 
 
 def _work(program: Program, dense: bool) -> int:
-    """Return the squared number of variables, or the equivalent work of a dense solver."""
+    """Return the work of a solution, in squared numbers of variables."""
     if not isinstance(program, DenseProgram):
         return int(program.num_vars()) ** 2
     if dense:
@@ -187,13 +184,13 @@ def _work(program: Program, dense: bool) -> int:
 def _solve_with(
     solver: Solver, name: str, values: _Options, programs: Sequence[Program]
 ) -> list[Solution | None]:
-    if name == daqp.NAME:
-        return [dense_duals.solved(each) for each in programs if isinstance(each, DenseProgram)]
+    if name == "DAQP":
+        return [dual.solved_by_daqp(each) for each in programs if isinstance(each, DenseProgram)]
     options = SolverOptions()
     for key, value in values.items():
         options.SetOption(solver.solver_id(), key, value)
-    if name == "Clarabel" and (left := seconds_left()) < np.inf:
-        options.SetOption(solver.solver_id(), "time_limit", max(left, _LEAST_TIME))
+    if name == "Clarabel" and (remaining := seconds_left()) < np.inf:
+        options.SetOption(solver.solver_id(), "time_limit", max(remaining, 1e-3))
     in_drake = [each.written if isinstance(each, DenseProgram) else each for each in programs]
     results = SolveInParallel(
         progs=in_drake,
@@ -223,3 +220,92 @@ def _solution(
 def _multipliers(program: MathematicalProgram, result: MathematicalProgramResult) -> FloatArray:
     rows = [*program.linear_constraints(), *program.lorentz_cone_constraints()]
     return np.concatenate([np.zeros(0), *(result.GetDualSolution(each) for each in rows)])
+
+
+_BLOCK = 128
+"""Number of vehicles in a block: tens of milliseconds of work. It does not depend on the number of
+workers, so that plans are equal to the last digit."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Block:
+    """Block of vehicles in a picklable form."""
+
+    changes: Changes
+    rows: Sequence[Rows]
+    backend: Backend
+
+    def batches(self) -> Iterator[Batch]:
+        dense = self.backend.is_dense and not self.changes.free  # DAQP: no linear ones
+        return programs_of(self.changes, self.rows, dense=dense)
+
+    @single_threaded_blas()
+    def solved(self) -> list[Answers]:
+        """Solve all programs of the block in sequence."""
+        answers = list[Answers]()
+        for batch in self.batches():
+            found = solve(batch.programs, self.backend)
+            answers.append(_answers(batch, found, self.changes.grid.knots - 1).sent())
+        return answers
+
+
+def solve_all(
+    changes: Changes, rows: Sequence[Rows], backend: Backend | None = None
+) -> list[Answers]:
+    """Write and solve the programs of all vehicles that have rows.
+
+    Answers do not depend on the process that computes them, to the last digit.
+
+    Args:
+        changes: the changes of minimum-effort motions that rows refer to.
+        rows: the rows, constraint by constraint.
+        backend: if not given, Clarabel in this process, to full accuracy.
+
+    Raises:
+        SolverError: the solvers fail numerically.
+    """
+    backend = backend or Backend()
+    executor, here = backend.executor, backend.here()
+    blocks = [_Block(changes, own, here) for own in _in_blocks(len(changes.units), rows)]
+    if executor is not None and len(blocks) > 1:
+        found = [executor.submit(_Block.solved, block) for block in blocks]
+        return [answers for each in found for answers in each.result()]
+    batches = list[Batch]()
+
+    def written() -> Iterator[Sequence[Program]]:
+        for block in blocks:
+            for batch in block.batches():
+                batches.append(batch)
+                yield batch.programs
+
+    answers = solve_side_by_side(written(), here)
+    steps = changes.grid.knots - 1
+    return [_answers(*each, steps) for each in zip(batches, answers, strict=True)]
+
+
+def _in_blocks(vehicles: int, rows: Sequence[Rows]) -> Iterator[Sequence[Rows]]:
+    """Yield the rows of blocks of about `_BLOCK` vehicles; rows of a group are in one block."""
+    has_rows = np.zeros(vehicles, dtype=bool)
+    for part in rows:
+        has_rows[part.vehicles] = True
+    if has_rows.sum() <= _BLOCK:
+        yield rows
+        return
+    groups = groups_of(vehicles, [part for part in rows if part.form.coupled])
+    sizes = np.bincount(groups, has_rows)
+    numbers = ((np.cumsum(sizes) - sizes) // _BLOCK).astype(int)[groups]
+    for _, own in each_of(np.unique(numbers[has_rows]), numbers, rows):
+        yield own
+
+
+def _answers(batch: Batch, solutions: list[Solution], steps: int) -> Answers:
+    return Answers(
+        batch.groups,
+        batch.accelerations(solutions, steps),
+        np.array([solution.feasible for solution in solutions]),
+        np.array([solution.exact for solution in solutions]),
+        [solution.multipliers for solution in solutions],
+        batch.lengths,
+        solutions[-1].solver,
+        sum(solution.seconds for solution in solutions),
+    )

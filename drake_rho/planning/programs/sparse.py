@@ -21,7 +21,7 @@ from drake_rho.motion.dynamics import step_at
 from drake_rho.motion.smooth import steps_around
 from drake_rho.planning.constraints.rows import Rows
 from drake_rho.planning.minimum_effort import Changes
-from drake_rho.planning.programs.dense import add_cost
+from drake_rho.planning.programs.program import add_cost
 from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.parts import Quantity
 

@@ -1,4 +1,4 @@
-"""Relaxations for lower bounds on one vehicle's least time, over an interval of final times.
+"""Relaxations that bound the least time of one vehicle from below.
 
 In units of the longest final time T1, with s = T / T1 in [s0, 1] and y = s², a motion's positions
 are affine in accelerations and s, and limits of accelerations and velocities grow with y and s
@@ -17,19 +17,14 @@ import numpy as np
 from scipy.sparse import block_diag, csc_array, csc_matrix, eye_array, kron
 
 from drake_rho.motion.dynamics import Motion
-from drake_rho.planning.constraints.base import HalfSpaces
-from drake_rho.planning.constraints.boxes import KeepInBox
 from drake_rho.planning.errors import SolverError
-from drake_rho.planning.minimum_effort import Changes, MinimumEffort
+from drake_rho.planning.minimum_effort import MinimumEffort
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs.backend import Backend
-from drake_rho.planning.programs.conic import Cones
 from drake_rho.planning.programs.free_time import FreeTimePrograms
 from drake_rho.planning.programs.free_time_program import FreeTimeProgram
-from drake_rho.planning.programs.free_times import Passing
+from drake_rho.planning.programs.free_times import Passing, TimeScaling
 from drake_rho.planning.programs.solve import solve
-from drake_rho.planning.programs.sparse import SparseRows
-from drake_rho.planning.programs.time_scaling import TimeScaling
 from drake_rho.scenario.fields import FloatArray
 
 PRECISION = 1e-6
@@ -80,12 +75,11 @@ class TimeRelaxations(FreeTimePrograms):
     def __init__(self, problem: Problem, backend: Backend) -> None:
         super().__init__(problem, backend, 0.0)
         self._problem, self._scenario = problem, problem.scenario
-        boxes = [each for each in problem.convex if isinstance(each, KeepInBox)]
-        rows = [each.every_row(problem.effort.motion) for each in boxes]
+        rows = [each.every_row(problem.effort.motion) for each in problem.boxes]
         self._rows = [each for each in rows if len(each) > 0]
-        quantities = {each.quantity for each in problem.convex if each.kind != "requirements"}
-        self._has_jerks = "jerk" in quantities
-        self._written: dict[float, _Relaxation] = {}
+        limits = [*problem.boxes, *problem.norms_and_waypoints]
+        self._has_jerks = any(each.quantity == "jerk" for each in limits)
+        self._written: dict[float, tuple[_Relaxation, float]] = {}
 
     def least(self, shortest: float, places: Sequence[Place]) -> Relaxed | None:
         """Return the least time of a relaxation; None if it has no motion.
@@ -102,7 +96,8 @@ class TimeRelaxations(FreeTimePrograms):
         timed = not self._scenario.fleet.are_at_rest or any(
             np.any(each.velocity) for each in places
         )
-        program = self._without_places(first).copied()
+        program, chord = self._without_places(first)
+        program = program.copied()
         program.add_interval(first, 1.0 if timed else _LONGER)
         program.add_polyhedra([each for each in places if len(each.bounds) > 0])
         program.add_balls([each for each in places if np.isfinite(each.radius)])
@@ -120,56 +115,31 @@ class TimeRelaxations(FreeTimePrograms):
         motion = Motion.from_starts(self._scenario.fleet, found.accelerations / y, step)
         looseness = 1.0 - s**2 / y if timed else 0.0
         if self._has_jerks:
-            chord = 1.0 - program.chord * (1.0 - y)
-            looseness = max(looseness, chord / y**1.5 - 1.0)
+            limit = 1.0 - chord * (1.0 - y)
+            looseness = max(looseness, limit / y**1.5 - 1.0)
         return Relaxed(grid.duration * float(np.sqrt(y)), motion, looseness)
 
-    def _without_places(self, first: float) -> _Relaxation:
-        """Return the program with limits only, for s >= `first`; cached."""
+    def _without_places(self, first: float) -> tuple[_Relaxation, float]:
+        """Return the program with limits only, for s >= `first`, and the chord's slope; cached."""
         first = first if self._has_jerks else 0.0
         if first not in self._written:
             chord = (1.0 - first**3) / (1.0 - first**2)
             scaling = TimeScaling.relaxed(self._problem, chord)
-            parts = self._effort, self._unit, scaling, self._rows, self._cones
-            program = _Relaxation(*parts)
+            start = _passing(
+                self._effort, [Place(0.0, np.zeros(3), np.zeros(3), _NONE, np.zeros(0))]
+            )
+            parts = self._rows, self._cones, start, np.zeros((1, 3))
+            program = _Relaxation(self._effort, self._unit, scaling, *parts)
             program.add_costs(0.0)
             program.add_limits()
             for number in range(len(self._cones)):
                 program.add_cones(number)
-            self._written[first] = program
+            self._written[first] = program, chord
         return self._written[first]
 
 
 class _Relaxation(FreeTimeProgram):
-    """Builder of one relaxation.
-
-    Args:
-        effort: the minimum-effort motion in the longest final time.
-        unit: unit of accelerations in the program [m/s²].
-        scaling: derivatives of limits and of this motion by y and s.
-        limits: hard rows.
-        cones: limits of norms.
-
-    Attributes:
-        chord: slope of the chord of y^1.5.
-    """
-
-    def __init__(
-        self,
-        effort: MinimumEffort,
-        unit: float,
-        scaling: TimeScaling,
-        limits: Sequence[HalfSpaces],
-        cones: Sequence[Cones],
-    ) -> None:
-        self.chord, _ = scaling.growth["jerk"]
-        start = _passing(effort, [Place(0.0, np.zeros(3), np.zeros(3), _NONE, np.zeros(0))])
-        super().__init__(effort, unit, scaling, limits, cones, start, np.zeros((1, 3)))
-        self._sparse = SparseRows(
-            Changes(effort.grid, effort.goals.rows, np.full(1, unit), np.ones(1)),
-            np.zeros(1, dtype=int),
-            [start.axes(effort)],
-        )
+    """Builder of one relaxation; its waypoints are the start."""
 
     def copied(self) -> _Relaxation:
         """Return a copy for further constraints."""
@@ -213,17 +183,16 @@ class _Relaxation(FreeTimeProgram):
         """Return the positions less the centres, matrix @ variables - needed in their unit."""
         effort, passing = self._effort, _passing(self._effort, places)
         axes = passing.axes(effort)
-        sparse = SparseRows(self._sparse.changes, self._sparse.group, [axes])
         by_time = -self._scaling.of_positions(passing.vehicles, passing.times)
         by_time[:, :, 1] += passing.times[:, None] * np.array([each.velocity for each in places])
-        return self._in_time(sparse, [axes], by_time.reshape(-1, 2) / self._unit_of("position"))
+        return self._in_time([axes], by_time.reshape(-1, 2) / self._unit_of("position"))
 
 
 _NONE = np.zeros((0, 3))
 
 
 def _passing(effort: MinimumEffort, places: Sequence[Place]) -> Passing:
-    """Return the instants of places, in the form of waypoints."""
+    """Return places as waypoints at their instants."""
     times = effort.grid.duration * np.array([each.part for each in places])
     centers, zeros = np.array([each.center for each in places]), np.zeros(len(times))
     none = zeros.astype(int)

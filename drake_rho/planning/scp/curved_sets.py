@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Hashable, Iterable
 
 import numpy as np
 
@@ -30,13 +30,13 @@ class CurvedSets:
     Attributes:
         cones: the programs with cones.
         as_cones: flags of the vehicles whose sets are in the programs as cones, shape (N,).
-        sets: the constraints with curved sets.
+        sets: the constraints whose sets can be cones, by key.
         soft: whether any constraint may be violated, so that solutions are intermediate steps.
     """
 
     def __init__(self, cones: ConicPrograms) -> None:
         self.cones, self.as_cones = cones, cones.needed.copy()
-        self.sets, self.soft = list[KeepInSets](), False
+        self.sets, self.soft = dict[Hashable, KeepInSets](), False
         self._rounds = np.zeros(len(self.as_cones), dtype=int)
         self._back_to_planes: BoolArray = np.zeros(len(self.as_cones), dtype=bool)
 
@@ -44,8 +44,8 @@ class CurvedSets:
         """Register further constraints."""
         for each in constraints:
             self.soft |= bool(np.isfinite(each.penalty))
-            if each.as_cone and isinstance(each, KeepInSets):
-                self.sets.append(each)
+            if each.curved and isinstance(each, KeepInSets) and each.as_cone:
+                self.sets[each.key] = each
 
     def planes_to_add(self, rows: HalfSpaces, motion: Motion) -> HalfSpaces:
         """Return the tangent planes to add; sets that are in the programs as cones need none.

@@ -133,7 +133,7 @@ class CuttingPlanes:
             if violating.any():
                 return True
             if infeasible and self.problem.scenario.separation is not None:
-                return False  # the fleet is infeasible, whatever its pairs do between the knots
+                return False  # pairs between the knots cannot make the fleet feasible
             changed = moved.nonzero()[0]
             violating = self._add_violated(constraints, changed, searches, between=True)
             moved[:], number, searches = False, 0, searches + 1
@@ -170,19 +170,21 @@ class CuttingPlanes:
         """Add the rows that some vehicles violate; return flags of these vehicles, shape (N,)."""
         # a round of a large group is expensive
         patience = 0 if self._programs.are_coupled else _PATIENCE
-        reach = 2 ** max(0, number - patience) // 2
+        nearby = 2 ** max(0, number - patience) // 2
         gap = np.inf if between else 1.5 * self.problem.scenario.grid.step
         motion = self.motion
         found, cut = list[HalfSpaces](), list[IntArray]()
         for constraint in among if len(vehicles) > 0 else ():
             if number < (constraint.searches if between else constraint.rounds):
-                rows = constraint.violated_rows(motion, vehicles, between=between, neighbours=reach)
+                rows = constraint.violated_rows(
+                    motion, vehicles, between=between, neighbours=nearby
+                )
                 if len(rows) == 0:
                     continue
-                if constraint.as_cone:
+                if constraint.key in self._curved.sets:
                     rows = self._curved.planes_to_add(rows, motion)
                     cut.append(rows.vehicles)
-                if reach == 0:
+                if nearby == 0:
                     rows = rows.worst(motion, _PIECES * 2**number, gap=gap)
                 found.append(self._rows_of_planned(rows))
         if cut:

@@ -81,8 +81,8 @@ def obstacles_in(working: WorkingSet, vehicle: int) -> frozenset[int]:
     """
     group = working.group(vehicle)
     found = (
-        rows.constraint.obstacle_number
+        rows.constraint.obstacles
         for rows in working.rows.values()
         if np.any(np.isin(rows.vehicles, group))
     )
-    return frozenset(number for number in found if number is not None)
+    return frozenset[int]().union(*found)

@@ -1,4 +1,4 @@
-"""Iterations of fleets whose vehicles are not all coupled, around references that cost less.
+"""Improvement of fleets by linearisation around cheaper references.
 
 In a decoupled linearisation each vehicle of a pair can use only half of the slack between the two.
 Approximate, fast references first explore where repeated linearisation leads (`group_references`).
@@ -10,7 +10,7 @@ from __future__ import annotations
 from drake_rho.motion.plan import Plan
 from drake_rho.motion.statistics import Statistics
 from drake_rho.planning.call.options import DEFAULTS
-from drake_rho.planning.constraints.coupling import decoupled
+from drake_rho.planning.constraints.separation import decoupled
 from drake_rho.planning.errors import InfeasibleError, SolverError
 from drake_rho.planning.scp.fleet_steps import FleetSteps
 from drake_rho.planning.scp.group_references import InGroups
@@ -18,13 +18,9 @@ from drake_rho.planning.scp.restoration import restore_feasibility
 from drake_rho.planning.scp.subproblem import Subproblem
 from drake_rho.scenario.fields import IntArray
 
-_OFFSET, _STEPS = 7, 10
-"""Iteration offset of the restoration of a reference, whose violations are small already, and
-largest number of its steps."""
-
 
 class AroundReferences:
-    """Improvement of a fleet's plan by linearisation around references that cost less.
+    """Improvement of a fleet's plan by linearisation around cheaper references.
 
     Args:
         subproblem: the subproblem of a scenario with a separation, its pairs not all coupled.
@@ -69,6 +65,5 @@ class AroundReferences:
         if self._subproblem.holds(reference):
             return reference
         halves = Subproblem(self._subproblem.problem, decoupled, self._subproblem.backend)
-        return restore_feasibility(
-            halves, reference, step=FleetSteps(halves), offset=_OFFSET, most=_STEPS
-        )
+        # penalties begin late in their sequence, since violations are small already
+        return restore_feasibility(halves, reference, step=FleetSteps(halves), offset=7, most=10)

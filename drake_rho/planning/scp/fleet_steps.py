@@ -1,4 +1,4 @@
-"""Feasibility restoration of fleets: steps that separate vehicles which are too close.
+"""Feasibility restoration of fleets: steps that separate vehicles.
 
 While violations of the separation are large, a step needs no plan, only the next reference. It is
 found as in `group_references`, by dual programs in which the penalty bounds the multipliers. Once
@@ -111,7 +111,7 @@ class FleetSteps:
         return Plan.from_motion(self._subproblem.problem.scenario, motion, spent)
 
     def _neighbours(self, motion: Motion, infeasible: IntArray) -> CloseApproaches:
-        """Return the approaches in which other vehicles are neighbours of infeasible ones."""
+        """Return the close approaches of infeasible vehicles and their neighbours."""
         if len(infeasible) == 0:
             return NO_APPROACHES
         scenario = self._subproblem.problem.scenario

@@ -12,9 +12,10 @@ import numpy as np
 
 from drake_rho.motion.dynamics import Motion, roll_out
 from drake_rho.planning.constraints.base import VIOLATED, Constraint, HalfSpaces
+from drake_rho.planning.constraints.boxes import QUANTITIES
 from drake_rho.planning.problem import Problem
-from drake_rho.planning.programs.free_times import FreeTime
-from drake_rho.planning.programs.time_scaling import POWERS, bound_rates, power_of
+from drake_rho.planning.programs.free_times import FreeTime, bound_rates, powers
+from drake_rho.scenario.parts import Quantity
 
 _NEAR = 0.1
 """Largest margin of a nearly active row, as a fraction of the quantity's scale."""
@@ -30,15 +31,15 @@ def violated_rows(
         found: solution of the program.
         problem: problem of the program.
     """
-    motions = {each: _in_its_time(found, problem, each) for each in POWERS.values()}
+    motions = {each: _in_its_time(found, problem, each) for each in QUANTITIES}
     every = np.arange(len(problem))
     for between in (False, True):
         rows = [
-            each.violated_rows(motions[power_of(each)], every, between=between)
+            each.violated_rows(motions[each.quantity], every, between=between)
             for each in constraints
             if not between or each.searches > 0
         ]
-        if more := [left for each in rows if len(left := _still_violated(each, found, problem))]:
+        if more := [rest for each in rows if len(rest := _still_violated(each, found, problem))]:
             return more
     return []
 
@@ -54,7 +55,7 @@ def _still_violated(rows: HalfSpaces, found: FreeTime, problem: Problem) -> Half
     later = bound_rates(rows) * (found.factor - 1.0)
     if not later.any():
         return rows
-    margins = rows.margins(_in_its_time(found, problem, power_of(rows.constraint))) - later
+    margins = rows.margins(_in_its_time(found, problem, rows.constraint.quantity)) - later
     return rows.select(margins < -VIOLATED * rows.tolerances)
 
 
@@ -63,21 +64,21 @@ def near_rows(rows: Iterable[HalfSpaces], found: FreeTime, problem: Problem) -> 
     near = list[HalfSpaces]()
     for each in rows:
         quantity = each.constraint.quantity
-        margins = each.margins(_in_its_time(found, problem, power_of(each.constraint)))
+        margins = each.margins(_in_its_time(found, problem, quantity))
         scale = problem.scenario.fleet.scale(quantity)[each.vehicles]
         near.append(each.select(margins < _NEAR * scale))
     return [each for each in near if len(each) > 0]
 
 
-def _in_its_time(found: FreeTime, problem: Problem, power: float) -> Motion:
-    """Return a solution as a motion with the program's step, scaled for one kind of limit.
+def _in_its_time(found: FreeTime, problem: Problem, quantity: Quantity) -> Motion:
+    """Return a solution as a motion with the program's step, scaled for limits of a quantity.
 
     Args:
         found: solution of the program.
         problem: problem of the program.
-        power: power of y by which values are divided before they are compared with limits.
+        quantity: the quantity that the limits are of.
     """
-    divisor = found.factor**power
+    divisor = found.factor ** powers(problem.scenario)[quantity]
     fleet, step = problem.scenario.fleet, problem.scenario.grid.step
     velocities = (1.0 + found.factor) / 2.0 * fleet.start_velocities  # linearised in y
     p, v = roll_out(fleet.start_positions, velocities, found.accelerations, step)

@@ -9,12 +9,12 @@ import numpy as np
 from drake_rho.motion.statistics import Statistics
 from drake_rho.planning.call.options import SMALL_FLEET
 from drake_rho.planning.constraints.base import HalfSpaces, about
+from drake_rho.planning.constraints.rows import groups_of
 from drake_rho.planning.errors import SolverError
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs.backend import Accuracy, Backend
-from drake_rho.planning.programs.groups import groups_of
-from drake_rho.planning.programs.parallel import Answers, solve_all
-from drake_rho.planning.programs.solve import MAX_RETRIES
+from drake_rho.planning.programs.program import Answers
+from drake_rho.planning.programs.solve import solve_all
 from drake_rho.planning.scp.curved_sets import CurvedSets
 from drake_rho.planning.scp.working_set import RowKeys, WorkingSet
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
@@ -44,7 +44,7 @@ class GroupPrograms:
         accuracy: Accuracy = "quick" if len(problem) > SMALL_FLEET else "full"
         self._backend = dataclasses.replace(backend, accuracy=accuracy)
         self._inexact = np.zeros(len(problem), dtype=int)
-        self._unsatisfied, self._retries = list[HalfSpaces](), 0
+        self._unsatisfied, self._retried = list[HalfSpaces](), False
         self._solved, self._solver_name, self._solver_seconds = 0, "", 0.0
 
     def fly(self, vehicles: IntArray, accelerations: FloatArray) -> None:
@@ -76,11 +76,11 @@ class GroupPrograms:
     def add(self, rows: HalfSpaces) -> BoolArray:
         """Add rows; return flags of vehicles with new or still unsatisfied rows, shape (N,)."""
         affected = np.zeros(len(self._problem), dtype=bool)
-        new, left = self.working.enter(rows, self.motion)
-        if len(left) > 0:
-            left = left.select(self._inexact[left.vehicles] == 0)
-            self._unsatisfied += [left] * (len(left) > 0)
-        affected[new.vehicles] = affected[left.vehicles] = True
+        new, unsatisfied = self.working.enter(rows, self.motion)
+        if len(unsatisfied) > 0:
+            unsatisfied = unsatisfied.select(self._inexact[unsatisfied.vehicles] == 0)
+            self._unsatisfied += [unsatisfied] * (len(unsatisfied) > 0)
+        affected[new.vehicles] = affected[unsatisfied.vehicles] = True
         return affected
 
     def forget_unsatisfied(self) -> None:
@@ -126,7 +126,7 @@ class GroupPrograms:
     def _solve_rows(self, vehicles: IntArray) -> list[Answers]:
         """Solve the programs of vehicles whose rows involve no cones."""
         backend = self._backend
-        if self._retry() > 0:
+        if self._retry():
             backend = dataclasses.replace(backend, others_first=True)
         effort = self._problem.effort
         rows = about(effort.motion, self.working.of(vehicles, len(self._problem)))
@@ -139,8 +139,8 @@ class GroupPrograms:
         for label in np.unique(labels[vehicles]):
             group = np.flatnonzero(labels == label)
             rows = self.working.of(group, len(labels))
-            rows = [part for part in rows if not part.constraint.as_cone]
-            found = curved.cones.solve(group, rows, curved.sets, rough=curved.soft)
+            rows = [part for part in rows if part.constraint.key not in curved.sets]
+            found = curved.cones.solve(group, rows, [*curved.sets.values()], rough=curved.soft)
             for tangents, _ in found.tangents:
                 self.working.exchange(group, tangents)
             if not (found.exact or curved.soft):
@@ -163,8 +163,8 @@ class GroupPrograms:
         rounds = self._inexact[solved]
         if not rounds.any():
             return
-        left = np.setdiff1d(solved[rounds > 0], self.with_groups(np.flatnonzero(violating)))
-        if len(left) > 0 or rounds.max() > _MAX_INEXACT:
+        stuck = np.setdiff1d(solved[rounds > 0], self.with_groups(np.flatnonzero(violating)))
+        if len(stuck) > 0 or rounds.max() > _MAX_INEXACT:
             raise SolverError("all solvers failed numerically", self.statistics())
 
     def _record(self, answers: Answers) -> tuple[IntArray, FloatArray]:
@@ -182,17 +182,18 @@ class GroupPrograms:
         a = scales[:, None, None] * u.reshape(-1, *u.shape[2:])
         return vehicles, a + self._problem.effort.motion.accelerations[vehicles]
 
-    def _retry(self) -> int:
-        """Return the number of successive solves with unsatisfied rows."""
-        if not self._unsatisfied:
-            self._retries = 0
-        elif self._retries == MAX_RETRIES:
+    def _retry(self) -> bool:
+        """Return whether rows are unsatisfied, so that other solvers solve once again.
+
+        Raises:
+            SolverError: they have done so already.
+        """
+        if self._unsatisfied and self._retried:
             rows = self._unsatisfied[0]
             name = self._problem.scenario.vehicles[rows.vehicles[0]].name
             raise SolverError(
                 f"no solver satisfies the {rows.constraint.name} of {name}", self.statistics()
             )
-        else:
-            self._retries += 1
+        self._retried = len(self._unsatisfied) > 0
         self._unsatisfied = []
-        return self._retries
+        return self._retried

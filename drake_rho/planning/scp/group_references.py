@@ -26,9 +26,8 @@ from drake_rho.motion.plan import Plan
 from drake_rho.motion.statistics import Statistics
 from drake_rho.planning.call.time_limit import check_time
 from drake_rho.planning.constraints.base import Constraint, HalfSpaces
-from drake_rho.planning.constraints.coupling import coupled, decoupled
 from drake_rho.planning.constraints.keep_out import EvaluationPoints
-from drake_rho.planning.constraints.separation import PAIRS, KeepApart
+from drake_rho.planning.constraints.separation import PAIRS, KeepApart, coupled, decoupled
 from drake_rho.planning.errors import SolverError
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs.backend import Backend
@@ -42,9 +41,6 @@ from drake_rho.scenario.records import Scenario
 _ROUNDS, _FIRST_ROUNDS = 3, 5
 """Rounds in which violated rows are added; more at first, when no active row is known. Remaining
 violations are small: with six rounds, references cost the same to 0.4 % and take 50 % longer."""
-
-_MAX_LINEARISATIONS = 10
-"""Largest number of linearisations from one plan."""
 
 _FURTHER = 0.6
 """Fraction of a linearisation's step by which the next reference is extrapolated. With a whole
@@ -107,7 +103,7 @@ class InGroups:
         spent = Statistics()
         best = point = plan.motion()
         cost, self.converged = plan.cost, False
-        for number in range(_MAX_LINEARISATIONS):
+        for number in range(10):
             check_time()
             extrapolated = point is not best
             try:

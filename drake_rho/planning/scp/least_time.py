@@ -36,24 +36,14 @@ _ROUNDS = 60
 _MISSED = 1e-4
 """Largest miss of a waypoint with a fixed time, as a fraction of a motion's length."""
 
-_MOST = 200
-"""Largest number of iterations."""
-
 ROUGH = Backend(accuracy="rough")
 """Clarabel with tolerance 1e-8, relative to limits and lengths of motions in these programs."""
 
 CONVERGED = 1e-5
 """Relative fall of the final time in one iteration, predicted or reached, that ends the search."""
 
-_FIRST, _GROWTH, _SHRINKAGE = 0.1, 2.0, 0.1
-"""First trust region on changes of times, as a fraction of the final time; and the largest and the
-least factor from one trust region to the next."""
-
-_CORRECTIONS = 2
-"""Largest number of second-order corrections of waypoint times in one iteration."""
-
-_NEARBY = 1e-3
-"""Default bound on corrections of times, as a fraction of the final time."""
+_GROWTH = 0.1, 2.0
+"""Least and largest factor from one trust region to the next."""
 
 _FASTEST = 1e-8
 """Least factor on the squared final time in one program. It keeps quantities finite whose limits
@@ -105,7 +95,7 @@ class LeastTime:
         self.statistics = Statistics()
 
     def around(
-        self, timed: Timed, tolerance: float = CONVERGED, reach: float = _FIRST
+        self, timed: Timed, tolerance: float = CONVERGED, reach: float = 0.1
     ) -> Timed | None:
         """Return the minimum-time motion found from `timed`; None if no motion is found.
 
@@ -124,7 +114,7 @@ class LeastTime:
         moves = not self._steady or len(best.passing) > 0
         converged, curvature = False, 1.0 if self._final_time else 0.0
         with self.or_cut():
-            for _ in range(_MOST):
+            for _ in range(200):
                 tell(self._progress, self._described(best))
                 after, predicted, moved, bent = (
                     self._with_moved_times(best, reach, curvature) if moves else self._again(best)
@@ -137,7 +127,7 @@ class LeastTime:
                 if moves:
                     # the fall is about predicted · x - error · x² for x times the change
                     x = predicted / (2.0 * max(predicted - fall, predicted / 4.0))
-                    other = moved * float(np.clip(x, _SHRINKAGE, _GROWTH))
+                    other = moved * float(np.clip(x, *_GROWTH))
                     reach = max(reach, other) if x >= 1.0 else other
                     if bent > 0.0:
                         measured = curvature * (1.0 + (predicted - fall) / bent)
@@ -152,17 +142,17 @@ class LeastTime:
 
     @contextmanager
     def or_cut(self) -> Iterator[None]:
-        """Return without an error when time is up; the statistics then say so."""
+        """Suppress the error when time is up, and record it in the statistics."""
         try:
             yield
         except OutOfTimeError:
             self.statistics = dataclasses.replace(self.statistics, cut=True)
 
     def at_same_times(self, timed: Timed) -> Timed | None:
-        """Return a motion around another at the same times; None if none or solvers fail."""
+        """Return a motion around another at the same times; None if none is found."""
         return self._tried(timed, self._same_times)
 
-    def near(self, guess: Timed, reach: float = _NEARBY) -> Timed | None:
+    def near(self, guess: Timed, reach: float = 1e-3) -> Timed | None:
         """Return a feasible motion with times close to those of a guess.
 
         If the final time is fixed, any error of the linearisation may make exactly these times
@@ -177,7 +167,7 @@ class LeastTime:
         if self._same_times != NO_CHANGE or np.all(guess.passing.given):
             return after
         change = Change(NO_CHANGE.final, reach * guess.duration)
-        for _ in range(_CORRECTIONS):
+        for _ in range(2):  # second-order corrections
             if after is not None:
                 break
             again = self._tried(guess, change)
@@ -188,7 +178,7 @@ class LeastTime:
         return after
 
     def linearised(self, timed: Timed, reach: float, curvature: float = 0.0) -> Timed | None:
-        """Return the solution of one linearised program; None if there is none or solvers fail.
+        """Return the solution of one linearised program; None if none is found.
 
         It satisfies constraints to first order in the changes of times.
 
@@ -246,12 +236,12 @@ class LeastTime:
         """
         change = self._same_times
         after = self._solve(timed, change)
-        kept = self._kept(after, change)
-        if kept is None and after is not None and timed.reference is None:
-            kept = self._kept(self._solve(timed.lasting(after.duration), change), change)
-        return kept
+        checked = self._checked(after, change)
+        if checked is None and after is not None and timed.reference is None:
+            checked = self._checked(self._solve(timed.lasting(after.duration), change), change)
+        return checked
 
-    def _kept(self, after: Timed | None, change: Change) -> Timed | None:
+    def _checked(self, after: Timed | None, change: Change) -> Timed | None:
         """Return the solution of a program; None if it misses a waypoint with a fixed time.
 
         Solvers may accept contradictory equations as satisfied.
@@ -269,9 +259,9 @@ class LeastTime:
         return None if exact and after.missed > _MISSED else after
 
     def _tried(self, timed: Timed, change: Change) -> Timed | None:
-        """Return the minimum-time motion around another; None if there is none or solvers fail."""
+        """Return the minimum-time motion around another; None if none is found."""
         with suppress(SolverError):
-            return self._kept(self._solve(timed, change), change)
+            return self._checked(self._solve(timed, change), change)
         return None
 
     @property

@@ -10,8 +10,8 @@ import numpy as np
 from drake_rho.motion.plan import Plan
 from drake_rho.planning.call.time_limit import check_time
 from drake_rho.planning.constraints.base import Constraint
-from drake_rho.planning.constraints.coupling import decoupled
 from drake_rho.planning.constraints.goals import goals_of
+from drake_rho.planning.constraints.separation import decoupled
 from drake_rho.planning.constraints.tightening import has_room_for, starts_beyond_limits
 from drake_rho.planning.errors import InfeasibleError, SolverError
 from drake_rho.planning.problem import Problem
@@ -20,10 +20,6 @@ from drake_rho.planning.scp.cutting_planes import CuttingPlanes
 from drake_rho.planning.scp.restoration import SoftRows, least_violating
 from drake_rho.planning.scp.subproblem import Subproblem
 from drake_rho.scenario.fields import IntArray
-
-_MAX_PENALTIES = 8
-"""Largest number of penalties that are tried. Larger penalties do not reduce the remaining
-violations, and make other constraints less exact."""
 
 
 def minimum_violation(problem: Problem, backend: Backend | None = None) -> Plan:
@@ -80,13 +76,15 @@ def minimum_distance_violation(plan: Plan, backend: Backend | None = None) -> Pl
     def limits(penalty: float) -> list[Constraint]:
         beyond = starts_beyond_limits(problem.scenario, problem.margins)
         soft = ("position", "velocity") if beyond else ()
+        own = [*problem.boxes, *problem.norms_and_waypoints]
         return [
-            each.softened(penalty) if each.quantity in soft or each.kind == "requirements" else each
-            for each in problem.convex
+            *(each.softened(penalty) if each.quantity in soft else each for each in own),
+            *(each.softened(penalty) for each in problem.requirements),
         ]
 
     step = SoftRows(subproblem, limits)
-    found = least_violating(subproblem, plan, step, most=_MAX_PENALTIES)
+    # penalties beyond the first few do not reduce violations, and make other constraints less exact
+    found = least_violating(subproblem, plan, step, most=8)
     if not subproblem.holds(found) and (violated := _violated_limits(found, limits(1.0))):
         raise InfeasibleError(violated, statistics=found.statistics)
     return found

@@ -39,13 +39,6 @@ _ROUNDS_AMONG_OBSTACLES = 4
 """Rounds of rows in the first steps of a restoration among obstacles. With fewer, motions end
 inside some obstacles and pass others on the wrong side."""
 
-_SEARCHES_IN_MAPS = 3
-"""Searches for worst instants among the parts of a map, which have rows only where a motion enters
-them: a motion that avoids one part may enter another."""
-
-_RETRY = 0.5
-"""Fraction of the last violation at which hard rows failed; below it they are tried again."""
-
 
 class Step(Protocol):
     """One step of a feasibility restoration."""
@@ -87,14 +80,15 @@ class SoftRows:
     def __init__(
         self, subproblem: Subproblem, limits: Callable[[float], list[Constraint]] | None = None
     ) -> None:
-        self._subproblem, self._limits = subproblem, limits
+        self._subproblem = subproblem
+        self._limits = limits or (lambda penalty: [*subproblem.problem.convex])
         self._failed_violation = np.inf
 
     def __call__(self, reference: Plan, penalty: float, number: int) -> Plan:
         """Return the plan of a step, as every `Step` does."""
         problem, found = self._subproblem.problem, self._subproblem.violations(reference)
         worst = found.worst
-        if found.is_small and worst < _RETRY * self._failed_violation:
+        if found.is_small and worst < self._failed_violation / 2.0:
             try:
                 return self._subproblem.solve_around(reference)
             except (InfeasibleError, SolverError):  # hard rows come too early
@@ -102,10 +96,9 @@ class SoftRows:
         motion, rounds = reference.motion(), number // 2
         vehicles = problem.with_linked(found.vehicles)
         rounds += 1 if found.is_of_pairs_only else _ROUNDS_AMONG_OBSTACLES
-        constraints = list(problem.convex) if self._limits is None else self._limits(penalty)
+        constraints = self._limits(penalty)
         for each in problem.obstacles_around(motion):
-            searches = _SEARCHES_IN_MAPS if each.of_parts else 1
-            soft = dataclasses.replace(each.softened(penalty), rounds=rounds, searches=searches)
+            soft = each.softened_for(penalty, rounds)
             constraints.append(each if found.is_of_pairs_only else soft)
         if problem.scenario.separation is not None:
             pairs = problem.pairs_around(

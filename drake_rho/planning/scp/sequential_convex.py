@@ -15,7 +15,7 @@ from drake_rho.planning.call.options import DEFAULTS
 from drake_rho.planning.call.progress import Progress
 from drake_rho.planning.call.time_limit import check_time
 from drake_rho.planning.call.wall_time import with_wall_time
-from drake_rho.planning.constraints.coupling import coupled
+from drake_rho.planning.constraints.separation import coupled
 from drake_rho.planning.errors import InfeasibleError, OutOfTimeError, SolverError
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs.backend import Backend, Solver, SolverName

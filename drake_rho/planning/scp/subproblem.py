@@ -9,7 +9,7 @@ import numpy as np
 from drake_rho.motion.plan import Plan
 from drake_rho.planning.call.options import DEFAULTS, Options
 from drake_rho.planning.constraints.base import Constraint, HalfSpaces
-from drake_rho.planning.constraints.coupling import Coupling, coupled, decoupled, grouped
+from drake_rho.planning.constraints.separation import Coupling, coupled, decoupled, grouped
 from drake_rho.planning.errors import InfeasibleError
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs.backend import Backend
@@ -152,7 +152,7 @@ class Subproblem:
 
     @property
     def converging_together(self) -> IntArray:
-        """Labels of vehicles, equal for those that converge together, shape (N,)."""
+        """Labels of vehicles, equal for vehicles that converge together, shape (N,)."""
         if self.problem.scenario.separation is not None:
             return np.zeros(len(self.problem), dtype=int)
         return self.problem.linked_groups

@@ -13,9 +13,8 @@ from drake_rho.motion.dynamics import Motion
 from drake_rho.motion.plan import Plan
 from drake_rho.motion.smooth import response_of
 from drake_rho.planning.constraints.base import Constraint, HalfSpaces
-from drake_rho.planning.constraints.boxes import KeepInBox
-from drake_rho.planning.constraints.coupling import coupled
-from drake_rho.planning.constraints.obstacles import KeepOutOfObstacle
+from drake_rho.planning.constraints.keep_out import KeepOutOfObstacle
+from drake_rho.planning.constraints.separation import coupled
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs.free_times import FreeTime, Passing
 from drake_rho.scenario.fields import FloatArray, IntArray
@@ -93,8 +92,7 @@ class Timed:
     def passing_tightened(self) -> Passing:
         """Waypoints of `passing_averaged`, tightened by the margins for a disturbance."""
         margins, passing = self.problem.margins, self.passing_averaged
-        own = margins.steps if margins.convex is None else margins.convex
-        radii = own.pointwise.at("position", passing.times)
+        radii = margins.states.pointwise.at("position", passing.times)
         return dataclasses.replace(passing, within=passing.within - radii)
 
     @property
@@ -154,19 +152,19 @@ class Timed:
         return Timed(scenario, self.step / ratio, accelerations, passing)
 
     def linearised(self) -> list[Constraint]:
-        """Return the constraints, linearised around the motion, that enter by row generation."""
+        """Return the constraints that row generation adds, linearised around the motion."""
         reference = self.reference or Plan.from_motion(self.problem.scenario, self.motion)
         constraints = [
-            each
-            for each in self.problem.linearized(reference, coupled)
-            if not each.as_cone and (not isinstance(each, KeepInBox) or each.quantity == "position")
+            *(each for each in self.problem.boxes if each.quantity == "position"),
+            *self.problem.requirements,
+            *self.problem.avoidance(reference, coupled),
         ]
         if self.nearer is None:
             return constraints
         number, by = self.nearer
         return [
             dataclasses.replace(each, required=each.required - by)
-            if isinstance(each, KeepOutOfObstacle) and each.obstacle_number == number
+            if isinstance(each, KeepOutOfObstacle) and each.number == number
             else each
             for each in constraints
         ]

@@ -1,4 +1,4 @@
-"""Violations of distances, limits and dynamics by a motion that is not yet a plan."""
+"""Violations of distances, limits and dynamics by motions, which need not be plans."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from drake_rho.motion.dynamics import Motion, roll_out
 from drake_rho.motion.plan import Plan
 from drake_rho.motion.statistics import Statistics
 from drake_rho.planning.constraints.close_pairs import violating_pairs
-from drake_rho.planning.constraints.obstacles import KeepOutOfObstacle
+from drake_rho.planning.constraints.keep_out import KeepOutOfObstacle
 from drake_rho.planning.constraints.separation import NAME
 from drake_rho.planning.errors import InfeasibleError
 from drake_rho.planning.problem import Problem
@@ -134,12 +134,12 @@ def violations_of(
     scenario, motion = problem.scenario, plan.motion()
     between, required, margins = scenario.between_knots, scenario.separation, problem.margins
     obstacles = problem.obstacles_around(motion)
-    approaches = [(each.obstacle_number, _too_deep(each, motion)) for each in obstacles]
-    inside = {n: found for n, found in approaches if n is not None and len(found) > 0}
+    approaches = [(each.number, _too_deep(each, motion)) for each in obstacles]
+    inside = {number: found for number, found in approaches if len(found) > 0}
     changed = None if before is None else _changed(before[0].motion(), motion)
     pairs = NO_APPROACHES
     if required is not None:
-        finer = motion.subdivided(margins.pieces)
+        finer = motion.subdivided(margins.inner.pieces)
         pairs = violating_pairs(required, finer, margins.inner, between=between, of=changed)
         least = required.distance - _TOLERATED * required.tolerance
         pairs = pairs.select(pairs.distances < least)

@@ -9,7 +9,7 @@ import numpy as np
 
 from drake_rho.motion.dynamics import Motion
 from drake_rho.planning.constraints.base import HalfSpaces
-from drake_rho.planning.programs.parallel import Answers
+from drake_rho.planning.programs.program import Answers
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.parts import Grid
 
@@ -74,17 +74,18 @@ class WorkingSet:
             rows: the candidate rows.
             motion: the motion of all vehicles for which the rows were written.
         """
-        if rows.constraint.key not in self.rows:
+        constraint = rows.constraint
+        if constraint.key not in self.rows:
             return np.zeros(len(rows), dtype=bool)
-        if rows.constraint.curved:
+        if constraint.curved:
             return self._known_cuts(rows, motion)
-        keys, index = self._keys.of(rows), self._index(rows.constraint.key)
+        keys, index = self._keys.of(rows), self._index(constraint.key)
         place = np.minimum(np.searchsorted(index, keys), len(index) - 1)
         known: BoolArray = index[place] == keys
         return known
 
     def _known_cuts(self, rows: HalfSpaces, motion: Motion) -> BoolArray:
-        """Return flags of the known rows of a curved set, in which each new normal is another cut.
+        """Return flags of the known cuts of a curved set; cuts of one instant differ in normals.
 
         A cut is known if another of the same instant is violated as much, up to `_EQUAL_CUTS`. A
         solution satisfies all hard cuts in its program, so that a hard constraint is cut until it
@@ -128,13 +129,14 @@ class WorkingSet:
         """Add rows that are not known."""
         if len(rows) == 0:  # no earlier row is required around a new reference
             return
-        if rows.constraint.curved:
+        constraint = rows.constraint
+        if constraint.curved:
             self._cuts += 1
             rows = dataclasses.replace(rows, sides=np.full(len(rows), self._cuts))
-        key = rows.constraint.key
-        self.coupled |= rows.constraint.coupled
+        key = constraint.key
+        self.coupled |= constraint.coupled
         self.rows[key] = self.rows[key].union(rows) if key in self.rows else rows
-        if not rows.constraint.curved:  # cuts of curved sets are compared by their margins
+        if not constraint.curved:  # cuts of curved sets are compared by their margins
             self._not_indexed.setdefault(key, []).append(rows)
 
     def exchange(self, group: IntArray, rows: HalfSpaces) -> None:
@@ -158,9 +160,9 @@ class WorkingSet:
         rows = list(self.rows.values())
         if len(vehicles) == count:
             return rows
-        wanted = np.zeros(count, dtype=bool)
-        wanted[vehicles] = True
-        chosen = (part.select(wanted[part.vehicles]) for part in rows)
+        own = np.zeros(count, dtype=bool)
+        own[vehicles] = True
+        chosen = (part.select(own[part.vehicles]) for part in rows)
         return [part for part in chosen if len(part) > 0]
 
     def active(self, motion: Motion) -> list[HalfSpaces]:

@@ -1,15 +1,16 @@
-"""Small dense programs as arrays, with slacks of soft rows, and conversion to Drake's type."""
+"""Programs as arrays or of Drake's type, with slacks of soft rows, and their solutions."""
 
 from __future__ import annotations
 
 import dataclasses
-from functools import cached_property, lru_cache
+from collections.abc import Callable, Sequence
+from functools import cached_property, lru_cache, partial
 
 import numpy as np
 from pydrake.solvers import Binding, LinearConstraint, MathematicalProgram
 from scipy.sparse import coo_array, csc_array, csc_matrix, hstack
 
-from drake_rho.scenario.fields import FloatArray, IntArray
+from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 
 _BLOCK = 150
 """Largest number of variables in one quadratic cost, whose matrix is dense in Drake."""
@@ -124,3 +125,57 @@ def _with_slack(
 def _infinite(size: int) -> FloatArray:
     """Return infinities, which Drake copies."""
     return np.full(size, np.inf)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Solution:
+    """Result of one program."""
+
+    x: FloatArray
+    """values of the program's variables; meaningless unless `feasible`"""
+    feasible: bool
+    """whether there is a solution; if false, the solver has proved infeasibility"""
+    solver: str
+    """name of the solver"""
+    seconds: float
+    """time reported by the solver [s]"""
+    multipliers: Callable[[], FloatArray]
+    """function that returns multipliers on demand: of the linear constraints in their order, at
+    least 0 for rows M x >= b, then of cones. Bounds of variables and equalities are omitted. If
+    there is no solution, they are the weights of a contradiction (Farkas), provided the solver
+    returns any"""
+    exact: bool = True
+    """whether the solution meets the solver's tolerances; an inexact one only indicates where rows
+    may be missing"""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Answers:
+    """Solutions of the programs of groups with equal numbers of vehicles and of rows."""
+
+    groups: IntArray
+    """indices of the vehicles, shape (B, G)"""
+    accelerations: FloatArray
+    """u in units, shape (B, G, K-1, 3); meaningless if there is no solution"""
+    feasible: BoolArray
+    """whether there is a solution; if false, infeasibility is proved, shape (B,)"""
+    exact: BoolArray
+    """whether the solution meets the solver's tolerances, shape (B,)"""
+    weights: Sequence[Callable[[], FloatArray]]
+    """multipliers of each program's rows, as in `Solution`"""
+    lengths: FloatArray
+    """factors by which `weights` become those of rows of length one, shape (B, R)"""
+    solver: str
+    """name of the solver of the last program"""
+    seconds: float
+    """time reported by the solvers [s]"""
+
+    def multipliers(self, index: int) -> FloatArray:
+        """Return the multipliers y >= 0 of one group's rows, scaled to length one, shape (R,)."""
+        y: FloatArray = np.maximum(self.weights[index](), 0.0) * self.lengths[index]
+        return y
+
+    def sent(self) -> Answers:
+        """Return the answers in a picklable form."""
+        found = [partial(np.asarray, weights()) for weights in self.weights]
+        return dataclasses.replace(self, weights=found)
