@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Self
 
 from pydantic import Field, TypeAdapter, ValidationError, model_validator
 
-from drake_rho.campaigns.methods import AnyMethod
+from drake_rho.campaigns.methods import AnyMethod, in_stored_order
 from drake_rho.campaigns.runs import Run, generators, run_keys
 from drake_rho.campaigns.sources import AnySource, FromFile, Repetitions
 from drake_rho.scenario.arguments import checked
@@ -119,7 +119,7 @@ class Study:
         """
         content = json.loads(study_to_json(self))
         sources = [_text(each, "repetitions") for each in content["scenarios"]]
-        methods = [_text(each) for each in content["methods"]]
+        methods = [_text(in_stored_order(each)) for each in content["methods"]]
         names = [each.name for each in self.scenarios], [each.name for each in self.methods]
         counts = [self.repetitions_of(index) for index in range(len(sources))]
         keys = {
