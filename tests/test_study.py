@@ -177,7 +177,10 @@ def test_a_different_study_does_not_resume_a_campaign(other: rho.Study) -> None:
 def test_stored_campaigns_that_fly_in_windows_keep_their_keys() -> None:
     """Keys are hashes of a method's JSON, and so depend on the order of its fields."""
     flown = {"name": "m", "latency": 0.2, "reference": "tail", "options": {"max_iterations": 5}}
-    own = {"plan_rho": {"certify": True}, "simulate": {"wind": {"wind": "constant"}}}
+    own: dict[str, dict[str, Any]] = {
+        "plan_rho": {"certify": True},
+        "simulate": {"wind": {"wind": "constant"}},
+    }
     orders = [
         list(json.loads(next(study.runs()).method_json))[5:]
         for study in (small(methods=[{"planner": each, **flown, **own[each]}]) for each in own)
