@@ -13,19 +13,19 @@ from matplotlib.figure import Figure
 
 import drake_rho as rho
 from drake_rho.display.common.drawable import drawn
-from drake_rho.display.common.requirements import Kept, kept_positions
+from drake_rho.display.common.requirements import RequiredPositions, required_positions
 from drake_rho.display.common.set_surfaces import near_bounds, surface_within
 from drake_rho.display.common.style import NOTHING_LEFT, PLENTY_LEFT, reddened
 from drake_rho.display.meshcat.animation import Stage
 from drake_rho.display.meshcat.requirements import (
     COLOURS,
     colours_of,
-    left_while_shown,
+    margins_while_shown,
     shown_interval,
 )
 from drake_rho.display.meshcat.scene import Scene
 from drake_rho.display.plots.figures import write_figures
-from drake_rho.display.plots.requirements import draw_left, draw_links, draw_sets
+from drake_rho.display.plots.requirements import draw_links, draw_margins, draw_sets
 from drake_rho.display.viewer.payload import payload
 from drake_rho.scenario.fields import unchecked
 from tests.browser import open_page
@@ -100,21 +100,22 @@ def _brute(plan: rho.Plan, number: int, vehicle: int, times: np.ndarray) -> np.n
     return np.where((START + times >= first) & (START + times <= last), left, np.inf)
 
 
-def _kept(plan: rho.Plan) -> list[Kept]:
-    return list(kept_positions(plan.scenario))
+def _required(plan: rho.Plan) -> list[RequiredPositions]:
+    return list(required_positions(plan.scenario))
 
 
 def test_what_is_left_and_its_least_are_those_of_dense_samples(plan: rho.Plan) -> None:
     times = np.linspace(0.0, 10.0, 20_001)
-    assert [kept.number for kept in _kept(plan)] == NUMBERS
-    for kept in _kept(plan):
-        when, least = kept.least(drawn(plan))
-        for row, vehicle in enumerate(kept.members):
-            brute = _brute(plan, kept.number, vehicle, times)
-            np.testing.assert_allclose(kept.left(drawn(plan), times)[row], brute, atol=1e-12)
+    assert [required.number for required in _required(plan)] == NUMBERS
+    for required in _required(plan):
+        minima = required.minima(drawn(plan))
+        when, least = minima.times, minima.values
+        for row, vehicle in enumerate(required.members):
+            brute = _brute(plan, required.number, vehicle, times)
+            np.testing.assert_allclose(required.margins(drawn(plan), times)[row], brute, atol=1e-12)
             assert least[row] == pytest.approx(brute.min(), abs=1e-5)
             assert least[row] <= brute.min() + 1e-9
-            at = _brute(plan, kept.number, vehicle, when[row : row + 1])
+            at = _brute(plan, required.number, vehicle, when[row : row + 1])
             assert least[row] == pytest.approx(at[0], abs=1e-9)
 
 
@@ -124,8 +125,9 @@ def test_of_equal_values_the_first_is_the_least() -> None:
         rho.Vehicle(n, rho.State([0, y, 0]), rho.State([9, y, 0])) for n, y in (("a", 0), ("b", 2))
     ]
     scenario = rho.Scenario("pair", rho.Grid(0.5, 9), vehicles, requirements=[still])
-    (kept,) = kept_positions(scenario)
-    when, least = kept.least(drawn(scenario))
+    (required,) = required_positions(scenario)
+    minima = required.minima(drawn(scenario))
+    when, least = minima.times, minima.values
     assert when.tolist() == [0.0]
     assert least == pytest.approx([3.0])
 
@@ -133,7 +135,7 @@ def test_of_equal_values_the_first_is_the_least() -> None:
 def test_requirements_that_are_over_or_of_other_quantities_are_not_drawn() -> None:
     over = rho.KeepIn(rho.Sphere([0, 0, 0], 1.0), active=(START - 9, START - 3))
     plan = _plan((over, REQUIREMENTS[5]))
-    assert _kept(plan) == []
+    assert _required(plan) == []
     with pytest.raises(ValueError, match="obstacles: got none"):
         rho.distances_figure(plan)
     data = payload(Stage.of(plan))
@@ -229,23 +231,23 @@ def test_sets_of_users_without_bounds_are_not_drawn() -> None:
 
 
 def test_curves_are_what_is_left_in_the_interval_only(plan: rho.Plan) -> None:
-    for kept in _kept(plan):
+    for required in _required(plan):
         ax = Figure().add_subplot()
-        *curves, ring = draw_left(ax, drawn(plan), [kept])
-        assert len(curves) == len(kept.members)
-        for line, vehicle in zip(curves, kept.members, strict=True):
+        *curves, ring = draw_margins(ax, drawn(plan), [required])
+        assert len(curves) == len(required.members)
+        for line, vehicle in zip(curves, required.members, strict=True):
             assert line.get_label() == plan.scenario.names[vehicle]
             times, values = np.array(line.get_data())
-            brute = _brute(plan, kept.number, vehicle, times - START)
+            brute = _brute(plan, required.number, vehicle, times - START)
             np.testing.assert_allclose(values, brute, atol=1e-9)
-            active = plan.scenario.requirements[kept.number - 1].active or (START, START + 10.0)
+            active = plan.scenario.requirements[required.number - 1].active or (START, START + 10.0)
             assert (times[0], times[-1]) == pytest.approx(active)
         least = min(np.asarray(line.get_ydata()).min() for line in curves)
         assert float(np.asarray(ring.get_ydata())[0]) == pytest.approx(least)
         assert ax.get_xlim() == (START, START + 10.0)
         assert any(np.all(np.asarray(line.get_ydata()) == 0.0) for line in ax.lines)
         words = [text.get_text() for text in ax.texts]
-        assert ("not active" in words) == (kept.requirement.active is not None)
+        assert ("not active" in words) == (required.requirement.active is not None)
 
 
 def test_each_of_few_requirements_has_a_panel_below_those_of_obstacles(tmp_path: Path) -> None:
@@ -265,7 +267,7 @@ def test_axes_with_several_requirements_end_above_what_is_ever_least() -> None:
     far = rho.KeepIn(rho.Sphere([0, 0, 0], 1e4), name="far")
     plan = _plan((*REQUIREMENTS[2:3], far))
     ax = Figure().add_subplot()
-    draw_left(ax, drawn(plan), _kept(plan))
+    draw_margins(ax, drawn(plan), _required(plan))
     assert ax.get_ylim()[1] < 50.0
     assert "far" not in [text.get_text() for text in ax.texts]
 
@@ -280,15 +282,18 @@ def test_links_are_drawn_from_vehicle_to_vehicle_when_least_is_left(plan: rho.Pl
     lines = [
         line for line in draw_links(_in_space(plan), drawn(plan)) if len(line.get_data_3d()[0]) > 1
     ]
-    links = [(kept, row) for kept in _kept(plan)[:2] for row in range(len(kept.members))]
-    for line, (kept, row) in zip(lines, links, strict=True):
+    links = [
+        (required, row) for required in _required(plan)[:2] for row in range(len(required.members))
+    ]
+    for line, (required, row) in zip(lines, links, strict=True):
         ends = np.array(line.get_data_3d())[:, [0, -1]].T
-        times, left = kept.least(drawn(plan))
+        minima = required.minima(drawn(plan))
+        times, left = minima.times, minima.values
         places = plan.motion().at("position", times[row : row + 1])[:, 0]
-        begin = places[0] if kept.number == 1 else TRACK.at(START + times[row])
-        np.testing.assert_allclose(ends, [begin, places[kept.members[row]]])
-        plenty = 6.0 if kept.number == 1 else 4.5
-        assert kept.plenty(drawn(plan)) == plenty
+        begin = places[0] if required.number == 1 else TRACK.at(START + times[row])
+        np.testing.assert_allclose(ends, [begin, places[required.members[row]]])
+        plenty = 6.0 if required.number == 1 else 4.5
+        assert required.plenty(drawn(plan)) == plenty
         assert line.get_color() == reddened(left[row] / plenty)
 
 
@@ -328,9 +333,9 @@ def test_the_page_lists_what_is_left_now(plan: rho.Plan) -> None:
         "requirement 2: v0, v1, v2 relative to a moving point; in box"
     )
     assert listed[5]["title"] == "requirement 7 (own): v1; in a set of its own functions"
-    for each, kept in zip(listed, _kept(plan), strict=True):
-        brute = np.min([_brute(plan, kept.number, i, times) for i in kept.members], axis=0)
-        if kept.number == 5:  # an instant, shown for a second
+    for each, required in zip(listed, _required(plan), strict=True):
+        brute = np.min([_brute(plan, required.number, i, times) for i in required.members], axis=0)
+        if required.number == 5:  # an instant, shown for a second
             at = _brute(plan, 5, 1, np.array([4.0]))[0]
             brute = np.where((times >= 3.5) & (times < 4.5), at, np.inf)
         left = np.array([np.inf if value is None else value for value in each["left"]])
@@ -339,7 +344,7 @@ def test_the_page_lists_what_is_left_now(plan: rho.Plan) -> None:
         np.testing.assert_allclose(left[~ends], brute[~ends], atol=1e-4)
     curve = data["curves"][-1]
     assert curve["title"] == "Least left of a requirement"
-    least = min(kept.least(drawn(plan))[1].min() for kept in _kept(plan))
+    least = min(required.minima(drawn(plan)).values.min() for required in _required(plan))
     assert curve["least"][1] == pytest.approx(least, abs=1e-6)
     texts = [each["text"] for each in data["legend"]]
     assert "link to another vehicle; red: nothing left" in texts
@@ -357,7 +362,10 @@ def test_of_many_requirements_the_page_lists_the_tightest() -> None:
 
 def test_instants_are_shown_for_a_second(plan: rho.Plan) -> None:
     stage = Stage.of(plan)
-    shown = {kept.number: shown_interval(kept, drawn(plan), stage.playback) for kept in _kept(plan)}
+    shown = {
+        required.number: shown_interval(required, drawn(plan), stage.playback)
+        for required in _required(plan)
+    }
     assert shown[4] == pytest.approx((3.0, 5.0))
     assert shown[5] == pytest.approx((3.5, 4.5))
 
@@ -370,13 +378,13 @@ def test_lines_join_vehicles_and_redden_in_the_scene(plan: rho.Plan) -> None:
         for time in (0.0, 1.5, 3.25, 4.0, 6.5, 9.0):
             _seek(page, time)
             places = plan.motion().at("position", time)[:, 0]
-            for kept in _kept(plan)[:2]:
-                active = kept.number == 1 or 2.0 <= time < 7.5
-                begin = places[0] if kept.number == 1 else TRACK.at(np.array(START + time))
-                left = left_while_shown(kept, drawn(plan), np.array([time]), playback)
-                colours = colours_of(left, kept.plenty(drawn(plan)))[:, 0]
-                for vehicle, colour in zip(kept.members, colours, strict=True):
-                    path = ("links", str(kept.number), f"v{vehicle}")
+            for required in _required(plan)[:2]:
+                active = required.number == 1 or 2.0 <= time < 7.5
+                begin = places[0] if required.number == 1 else TRACK.at(np.array(START + time))
+                left = margins_while_shown(required, drawn(plan), np.array([time]), playback)
+                colours = colours_of(left, required.plenty(drawn(plan)))[:, 0]
+                for vehicle, colour in zip(required.members, colours, strict=True):
+                    path = ("links", str(required.number), f"v{vehicle}")
                     children = page.evaluate(
                         "path => Object.keys(viewer.scene_tree.find(path).children)",
                         ["flight", *path],
@@ -389,8 +397,8 @@ def test_lines_join_vehicles_and_redden_in_the_scene(plan: rho.Plan) -> None:
                     assert seen == ([colour] if active else [])
                     if not active:
                         continue
-                    brute = _brute(plan, kept.number, vehicle, np.array([time]))[0]
-                    part = np.clip(brute / kept.plenty(drawn(plan)), 0.0, 1.0)
+                    brute = _brute(plan, required.number, vehicle, np.array([time]))[0]
+                    part = np.clip(brute / required.plenty(drawn(plan)), 0.0, 1.0)
                     assert abs(colour / (COLOURS - 1) - part) < 1.0 / (COLOURS - 1)
                     across = places[vehicle] - begin
                     length = float(np.linalg.norm(across))
@@ -427,10 +435,10 @@ def test_the_page_shows_what_is_left_and_reddens_it(plan: rho.Plan, tmp_path: Pa
         for time in (1.0, 3.75, 9.0):
             page.evaluate("time => drakeRho.seek(time)", time)
             rows = page.locator(".left div").all_inner_texts()
-            for row, kept in zip(rows, _kept(plan), strict=True):
-                instant = kept.number == 5 and time == 3.75  # shown for a second
+            for row, required in zip(rows, _required(plan), strict=True):
+                instant = required.number == 5 and time == 3.75  # shown for a second
                 at = np.array([4.0 if instant else time])
-                brute = min(_brute(plan, kept.number, i, at)[0] for i in kept.members)
+                brute = min(_brute(plan, required.number, i, at)[0] for i in required.members)
                 text = row.split("\n")[-1].replace("\N{MINUS SIGN}", "-")
                 if np.isfinite(brute):
                     assert float(text) == pytest.approx(brute, rel=6e-3, abs=6e-4)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import re
 from pathlib import Path
 from typing import Any
@@ -171,6 +172,23 @@ _CIRCLE = {"n": 3, "radius": 2.0, "duration": 4.0, "step": 0.5}
 @pytest.mark.parametrize("other", [small(2, seed=8), small(2, plans=True), small(1)])
 def test_a_different_study_does_not_resume_a_campaign(other: rho.Study) -> None:
     assert not continues(text_of(other), text_of(small(2)))
+
+
+def test_stored_campaigns_that_fly_in_windows_keep_their_keys() -> None:
+    """Keys are hashes of a method's JSON, and so depend on the order of its fields."""
+    flown = {"name": "m", "latency": 0.2, "reference": "tail", "options": {"max_iterations": 5}}
+    own: dict[str, dict[str, Any]] = {
+        "plan_rho": {"certify": True},
+        "simulate": {"wind": {"wind": "constant"}},
+    }
+    orders = [
+        list(json.loads(next(study.runs()).method_json))[5:]
+        for study in (small(methods=[{"planner": each, **flown, **own[each]}]) for each in own)
+    ]
+    assert [" ".join(order) for order in orders] == [
+        "reference solver contingencies bounded_cost certify latency options",
+        "wind estimates contingencies bounded_cost latency reference options",
+    ]
 
 
 def test_the_example_is_a_study_that_its_schema_accepts() -> None:

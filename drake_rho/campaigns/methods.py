@@ -7,7 +7,7 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from functools import partial
-from typing import Annotated, Literal, cast
+from typing import Annotated, Any, Literal, cast
 
 import numpy as np
 from pydantic import BeforeValidator, Field, JsonValue
@@ -23,7 +23,7 @@ from drake_rho.motion.plan import Plan
 from drake_rho.planning.call.options import Options
 from drake_rho.planning.constraints.separation import CouplingName
 from drake_rho.planning.horizon.plan_rho import plan_rho
-from drake_rho.planning.horizon.settings import DEFAULTS, Windows, by_names
+from drake_rho.planning.horizon.settings import DEFAULTS, PlainSettings, Windows, by_names
 from drake_rho.planning.planners.convex import plan_convex
 from drake_rho.planning.planners.plan import plan as best_plan
 from drake_rho.planning.programs.backend import SolverName
@@ -32,7 +32,6 @@ from drake_rho.scenario.records import Scenario
 from drake_rho.simulation.closed_loop import fly
 from drake_rho.simulation.simulate import simulate
 
-ReplanEvery = Annotated[Count, Field(ge=1)]
 Knots = Annotated[Count, Field(ge=2)]
 
 
@@ -52,10 +51,12 @@ class Found:
     """lower bound on the cost of every plan [m²/s⁴]; None if it was not requested"""
 
 
+@record
 class Method(ABC):
     """Base class of all methods."""
 
-    name: str
+    name: Annotated[Name, Field(description="name of the method in tables and figures")]
+    planner: str
 
     @abstractmethod
     def run(self, scenario: Scenario, rng: np.random.Generator) -> Found:
@@ -71,8 +72,6 @@ class Method(ABC):
 class ByPlan(Method):
     """Planning of the whole flight by `drake_rho.plan`."""
 
-    name: Name
-    """name of the method in tables and figures"""
     planner: Literal["plan"]
     """name of the planner"""
     coupling: CouplingName | None = None
@@ -94,8 +93,6 @@ class ByPlan(Method):
 class ByPlanConvex(Method):
     """Planning of the whole flight by `drake_rho.plan_convex`, the paper's convex method."""
 
-    name: Name
-    """name of the method in tables and figures"""
     planner: Literal["plan_convex"]
     """name of the planner"""
     steps: tuple[Positive, ...] = ()
@@ -112,46 +109,63 @@ class ByPlanConvex(Method):
 
 
 @record
-class ByPlanRho(Method):
+class InWindows(PlainSettings, Method):
+    """Base class of methods that plan in windows."""
+
+    windows: Annotated[
+        Literal["auto", "convex", "scp"],
+        Field(
+            description="planner of windows: convex is `plan_convex`, scp is `plan`, and auto is "
+            "`plan` where `plan_convex` fails"
+        ),
+    ] = "auto"
+    reference: Annotated[
+        Literal["free", "tail"] | None,
+        Field(
+            description="reference around which windows are linearised; the default of `plan_rho` "
+            "if not given"
+        ),
+    ] = None
+    solver: Annotated[
+        SolverName | None,
+        Field(description="solver of the quadratic programs; Clarabel if not given"),
+    ] = None
+    options: Annotated[
+        Options | None,
+        Field(
+            description="tolerances, bounds, and the time limit: of the whole flight for "
+            "`plan_rho`, of planning each window for `simulate`"
+        ),
+    ] = None
+
+    @property
+    def settings(self) -> Windows:
+        """Settings of windows. Fields that are None are not given."""
+        given = {name: getattr(self, name, None) for name in Windows.__annotations__}
+        known = cast(Windows, {name: each for name, each in given.items() if each is not None})
+        return known | by_names(self.windows, self.reference)
+
+
+@record
+class ByPlanRho(InWindows):
     """Planning with a receding horizon by `drake_rho.plan_rho`."""
 
-    name: Name
-    """name of the method in tables and figures"""
     planner: Literal["plan_rho"]
     """name of the planner"""
-    replan_every: ReplanEvery = DEFAULTS["replan_every"]
-    """number of steps flown of each window"""
-    free_final_time: bool = DEFAULTS["free_final_time"]
-    """whether windows may arrive before the last knot"""
-    windows: Literal["auto", "convex", "scp"] = "auto"
-    """planner of windows: convex is `plan_convex`, scp is `plan`, and auto is `plan` where
-    `plan_convex` fails"""
-    reference: Literal["free", "tail"] | None = None
-    """reference around which windows are linearised; the default of `plan_rho` if not given"""
     solver: SolverName = "clarabel"
     """solver of the quadratic programs"""
-    contingencies: bool = DEFAULTS["contingencies"]
-    """whether windows have contingencies, flown if a late sighting leaves no plan"""
-    bounded_cost: bool = DEFAULTS["bounded_cost"]
-    """whether no window costs more than the rest of the previous, moved to the measured states"""
     certify: bool = False
     """whether to compute a lower bound of the cost, too, which takes longer than the flight"""
-    latency: Margin | None = None
-    """planning time of a window [s], at most the time for which it is flown"""
-    options: Options | None = None
-    """tolerances, bounds, and the time limit of the flight"""
 
     def run(self, scenario: Scenario, rng: np.random.Generator) -> Found:
         """Plan one flight."""
-        return _found(partial(plan_rho, scenario, **_settings(self)), self.solver, self.certify)
+        return _found(partial(plan_rho, scenario, **self.settings), self.solver, self.certify)
 
 
 @record
 class ByPlanMinimumTime(Method):
     """Minimum-time planning by `drake_rho.plan_minimum_time`."""
 
-    name: Name
-    """name of the method in tables and figures"""
     planner: Literal["plan_minimum_time"]
     """name of the planner"""
     knots: Knots | None = None
@@ -168,20 +182,13 @@ class ByPlanMinimumTime(Method):
 
 
 @record
-class BySimulate(Method):
+class BySimulate(InWindows):
     """Simulation with a receding horizon and feedback in wind, as by `drake_rho.simulate`."""
 
-    name: Name
-    """name of the method in tables and figures"""
     planner: Literal["simulate"]
     """name of the planner"""
-    replan_every: ReplanEvery = DEFAULTS["replan_every"]
-    """number of steps flown of each window"""
-    free_final_time: bool = DEFAULTS["free_final_time"]
-    """whether windows may arrive before the last knot"""
-    windows: Literal["auto", "convex", "scp"] = "auto"
-    """planner of windows: convex is `plan_convex`, scp is `plan`, and auto is `plan` where
-    `plan_convex` fails"""
+    latency: Margin = DEFAULTS["latency"]
+    """planning time of a window [s], at most the time for which it is flown"""
     wind: AnyWind | None = None
     """model of the wind; no wind if not given"""
     plant: Literal["quadrotor"] | None = None
@@ -189,18 +196,6 @@ class BySimulate(Method):
     without Drake's simulator"""
     estimates: bool = True
     """whether estimated states have errors, within the bounds of the scenario's disturbance"""
-    contingencies: bool = DEFAULTS["contingencies"]
-    """whether windows have contingencies, flown if a late sighting leaves no plan"""
-    bounded_cost: bool = DEFAULTS["bounded_cost"]
-    """whether no window costs more than the rest of the previous, moved to the measured states"""
-    latency: Margin = DEFAULTS["latency"]
-    """planning time of a window [s], at most the time for which it is flown"""
-    reference: Literal["free", "tail"] | None = None
-    """reference around which windows are linearised; the default of `plan_rho` if not given"""
-    solver: SolverName | None = None
-    """solver of the quadratic programs; Clarabel if not given"""
-    options: Options | None = None
-    """tolerances, bounds, and the time limit of planning each window"""
 
     def run(self, scenario: Scenario, rng: np.random.Generator) -> Found:
         """Fly one scenario."""
@@ -209,7 +204,7 @@ class BySimulate(Method):
         errors = estimate_rng if self.estimates else None
         began = time.perf_counter()
         fly_by = fly if self.plant is None else partial(simulate, plant=self.plant)
-        simulation = fly_by(scenario, wind=wind, rng=errors, **_settings(self))
+        simulation = fly_by(scenario, wind=wind, rng=errors, **self.settings)
         return _evaluated(simulation, time.perf_counter() - began)
 
 
@@ -217,8 +212,6 @@ class BySimulate(Method):
 class ByFunction(Method):
     """Planning by a function from outside this package, verified in the same way."""
 
-    name: Name
-    """name of the method in tables and figures"""
     planner: Literal["function"]
     """kind of the method"""
     function: Annotated[str, BeforeValidator(name_of)]
@@ -251,12 +244,22 @@ AnyMethod = Annotated[
 ]
 """One of the methods, distinguished by its planner."""
 
+_FLOWN = "name planner replan_every free_final_time windows"
+_STORED = {
+    "plan_rho": f"{_FLOWN} reference solver contingencies bounded_cost certify latency options",
+    "simulate": f"{_FLOWN} wind plant estimates contingencies bounded_cost latency reference "
+    "solver options",
+}
+"""Order of fields in stored keys of runs, where it is not that of the record."""
 
-def _settings(method: ByPlanRho | BySimulate) -> Windows:
-    """Return the settings of windows of a method. Fields that are None are not given."""
-    given = {name: getattr(method, name, None) for name in Windows.__annotations__}
-    known = cast(Windows, {name: each for name, each in given.items() if each is not None})
-    return known | by_names(method.windows, method.reference)
+
+def in_stored_order(content: dict[str, Any]) -> dict[str, Any]:
+    """Return the content of a method in the order on which keys of runs in stores depend.
+
+    Fields that are not listed, such as newer ones, follow in the order of the record.
+    """
+    first = _STORED.get(content["planner"], "").split()
+    return {name: content[name] for name in first if name in content} | content
 
 
 def _found(work: Callable[..., Plan | Flight], solver: SolverName, bounded: bool) -> Found:

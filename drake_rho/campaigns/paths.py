@@ -6,7 +6,7 @@ A path may end inside a vector, as in `vehicles[0].start.position[2]`.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from difflib import get_close_matches
 from typing import Any
 
@@ -57,6 +57,11 @@ def add(content: Any, path: str, value: object) -> None:
     parent[last] = (before + offset).tolist()
 
 
+def suggestion(name: str, known: Iterable[str]) -> str:
+    """Return a hint such as '; did you mean radius?' for a mistyped name, or an empty string."""
+    return "".join(f"; did you mean {each}?" for each in get_close_matches(name, list(known), 1))
+
+
 def _numbers(value: object) -> NDArray[Any] | None:
     """Return a number or a list of numbers as an array; None if the value is neither."""
     entries = value if isinstance(value, list) else [value]
@@ -92,9 +97,8 @@ def _at(content: Any, part: str | int, path: str, walked: str) -> Any:
     if isinstance(part, str) and isinstance(content, Mapping):
         if part in content:
             return content
-        close = get_close_matches(part, content, 1)
-        meant = "".join(f"; did you mean {each}?" for each in close)
-        expected = f"a field that exists: {where} has {', '.join(content)}{meant}"
+        has = f"{where} has {', '.join(content)}"
+        expected = f"a field that exists: {has}{suggestion(part, content)}"
     elif isinstance(part, int) and isinstance(content, list):
         if part < len(content):
             return content

@@ -41,6 +41,9 @@ ENDINGS = (".csv", ".parquet")
 """Endings of the files that `Results.export` writes."""
 
 
+_SELECT = f"SELECT {', '.join(COLUMNS)} FROM runs"  # noqa: S608
+
+
 @dataclasses.dataclass(frozen=True)
 class _Named:
     """Source of scenarios, or method, of a study."""
@@ -93,14 +96,13 @@ class Results:
         import pandas as pd
 
         with reading(self.path) as connection:
-            frame = pd.read_sql_query(f"SELECT {', '.join(COLUMNS)} FROM runs", connection)  # noqa: S608
+            frame = pd.read_sql_query(_SELECT, connection)
         return frame.astype({"verified": bool, "vehicles": "Int64", "programs": "Int64"})
 
     def rows(self) -> Iterator[Row]:
         """Yield all rows as records, in the order in which they were written."""
-        query = f"SELECT {', '.join(COLUMNS)} FROM runs ORDER BY rowid"  # noqa: S608
         with reading(self.path) as connection:
-            for values in connection.execute(query):
+            for values in connection.execute(f"{_SELECT} ORDER BY rowid"):
                 row = dict(zip(COLUMNS, values, strict=True))
                 yield Row(**(row | {"verified": bool(row["verified"])}))
 
@@ -127,7 +129,7 @@ class Results:
             writer = csv.writer(text, lineterminator="\n")
             writer.writerow(COLUMNS)
             with reading(self.path) as connection:
-                writer.writerows(connection.execute(f"SELECT {', '.join(COLUMNS)} FROM runs"))  # noqa: S608
+                writer.writerows(connection.execute(_SELECT))
             text.detach()
 
     def plan(self, key: str) -> Flown:

@@ -14,7 +14,7 @@ import numpy as np
 from pydantic import Discriminator, Field, Tag, TypeAdapter, ValidationError
 
 from drake_rho.campaigns.distributions import AnyDistribution, is_distribution
-from drake_rho.campaigns.paths import add, put
+from drake_rho.campaigns.paths import add, put, suggestion
 from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.fields import Count, Name, Positive, record
 from drake_rho.scenario.files import load_scenario, scenario_from_content, scenario_to_content
@@ -235,9 +235,7 @@ def _check_parameters(generator: str, parameters: Mapping[str, object]) -> None:
     known = _kinds_of(generator)
     for name in parameters:
         if name not in known:
-            close = get_close_matches(name, known, 1)
-            meant = "".join(f"; did you mean {each}?" for each in close)
-            expected = f"no parameter of this name for {generator}{meant}"
+            expected = f"no parameter of this name for {generator}{suggestion(name, known)}"
             raise ScenarioError(f"parameters.{name}", parameters[name], expected)
 
 

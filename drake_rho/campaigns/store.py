@@ -11,7 +11,7 @@ import sqlite3
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Self
+from typing import NamedTuple, Self
 
 from drake_rho.campaigns.runs import Done, Row, package_version
 from drake_rho.campaigns.study import Study, continues, study_to_json
@@ -33,35 +33,49 @@ _LARGEST = 1 << 40
 COLUMNS = tuple(field.name for field in dataclasses.fields(Row))
 """Columns of the table `runs`."""
 
-_SQL_TYPES = {"str": "TEXT", "int": "INTEGER", "bool": "INTEGER", "float": "REAL"}
-_TYPES = {field.name: str(field.type).removesuffix(" | None") for field in dataclasses.fields(Row)}
 _SHOWN = 100
 """Number of characters of a damaged value that an error message shows."""
 
-_TESTS = {
-    "str": "typeof({0}) <> 'text' OR length({0}) > 100000",
-    "int": "typeof({0}) <> 'integer' OR {0} < 0 OR {0} > 1000000000",
-    "bool": "typeof({0}) <> 'integer' OR {0} NOT IN (0, 1)",
-    "float": "typeof({0}) NOT IN ('real', 'integer')",
-}
-"""SQL conditions for damaged values."""
 
-_EXPECTED = {
-    "str": "text of at most 100000 characters",
-    "int": "a whole number from 0",
-    "bool": "0 or 1",
-    "float": "a number",
+class _Column(NamedTuple):
+    """Type of the values of a column."""
+
+    sql: str
+    """type in SQL"""
+    test: str
+    """SQL condition for damaged values of the column {0}"""
+    expected: str
+    """description of valid values"""
+
+
+_TYPES = {
+    "str": _Column(
+        "TEXT",
+        "typeof({0}) <> 'text' OR length({0}) > 100000",
+        "text of at most 100000 characters",
+    ),
+    "int": _Column(
+        "INTEGER",
+        "typeof({0}) <> 'integer' OR {0} < 0 OR {0} > 1000000000",
+        "a whole number from 0",
+    ),
+    "bool": _Column("INTEGER", "typeof({0}) <> 'integer' OR {0} NOT IN (0, 1)", "0 or 1"),
+    "float": _Column("REAL", "typeof({0}) NOT IN ('real', 'integer')", "a number"),
+}
+_OPTIONAL = {field.name for field in dataclasses.fields(Row) if field.default is None}
+_TYPE_OF = {
+    field.name: _TYPES[str(field.type).removesuffix(" | None")] for field in dataclasses.fields(Row)
 }
 _WRONG = {
-    field.name: f"({_TESTS[_TYPES[field.name]]})".format(field.name)
-    + (f" AND {field.name} IS NOT NULL" if str(field.type).endswith("| None") else "")
-    for field in dataclasses.fields(Row)
+    name: f"({kind.test})".format(name) + (f" AND {name} IS NOT NULL" if name in _OPTIONAL else "")
+    for name, kind in _TYPE_OF.items()
 }
+"""SQL conditions for damaged values, by column."""
 _COLUMNS = ", ".join(
-    f"{field.name} {_SQL_TYPES[str(field.type).removesuffix(' | None')]}"
-    + ("" if str(field.type).endswith("| None") else " NOT NULL")
-    + (" PRIMARY KEY" if field.name == "key" else "")
-    for field in dataclasses.fields(Row)
+    f"{name} {kind.sql}"
+    + ("" if name in _OPTIONAL else " NOT NULL")
+    + (" PRIMARY KEY" if name == "key" else "")
+    for name, kind in _TYPE_OF.items()
 )
 _TABLES = {
     "runs": f"CREATE TABLE runs ({_COLUMNS})",
@@ -247,8 +261,8 @@ def check_rows(connection: sqlite3.Connection, path: Path) -> None:
     name = next(name for name, is_wrong in zip(_WRONG, found, strict=True) if is_wrong)
     query = f"SELECT substr({name}, 1, {_SHOWN}) FROM runs WHERE rowid = ?"  # noqa: S608
     (value,) = connection.execute(query, row).fetchone()
-    given, kind = f"{shorten(value)} as the {name} of run {row[0]}", _TYPES[name]
-    raise StoreError(f"{path}: got {given}, expected {_EXPECTED[kind]}")
+    given = f"{shorten(value)} as the {name} of run {row[0]}"
+    raise StoreError(f"{path}: got {given}, expected {_TYPE_OF[name].expected}")
 
 
 def _is_empty(connection: sqlite3.Connection) -> bool:

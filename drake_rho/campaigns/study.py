@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Self
 
 from pydantic import Field, TypeAdapter, ValidationError, model_validator
 
-from drake_rho.campaigns.methods import AnyMethod
+from drake_rho.campaigns.methods import AnyMethod, in_stored_order
 from drake_rho.campaigns.runs import Run, generators, run_keys
 from drake_rho.campaigns.sources import AnySource, FromFile, Repetitions
 from drake_rho.scenario.arguments import checked
@@ -119,8 +119,7 @@ class Study:
         """
         content = json.loads(study_to_json(self))
         sources = [_text(each, "repetitions") for each in content["scenarios"]]
-        methods = [_text(each) for each in content["methods"]]
-        names = [each.name for each in self.scenarios], [each.name for each in self.methods]
+        methods = [_text(in_stored_order(each)) for each in content["methods"]]
         counts = [self.repetitions_of(index) for index in range(len(sources))]
         keys = {
             (i, j): run_keys(source, method, self.seed, i)
@@ -129,13 +128,11 @@ class Study:
         }
         for repetition in range(max(counts)):
             for i, source in enumerate(sources):
-                if repetition >= counts[i]:
-                    continue
-                for j, method in enumerate(methods):
+                for j, method in enumerate(methods if repetition < counts[i] else ()):
                     yield Run(
                         key=keys[i, j](repetition),
-                        scenario=names[0][i],
-                        method=names[1][j],
+                        scenario=self.scenarios[i].name,
+                        method=self.methods[j].name,
                         source_json=source,
                         method_json=method,
                         seed=(self.seed, i, repetition),

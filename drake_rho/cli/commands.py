@@ -14,6 +14,7 @@ import typer
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
 
 from drake_rho.cli.app import app_of
+from drake_rho.cli.assign import assign
 from drake_rho.cli.campaigns import campaign, results
 from drake_rho.cli.checks import (
     check_film_option,
@@ -46,12 +47,11 @@ from drake_rho.cli.options import (
     WidthOption,
     WorldOption,
 )
-from drake_rho.cli.planning import assign, fastest, fly, plan
+from drake_rho.cli.planning import fastest, fly, plan
 from drake_rho.cli.simulation import simulate
-from drake_rho.cli.sources import is_result, read, refuse_options
+from drake_rho.cli.sources import read_or_load
 from drake_rho.cli.streams import pipe_safe
 from drake_rho.cli.verification import certify, diagnose, verify
-from drake_rho.motion.files import load
 from drake_rho.motion.flown import Flown
 from drake_rho.paper.study import REPEATS, run_study
 from drake_rho.planning.call.options import Options
@@ -184,11 +184,12 @@ def show(
     conflicts = None
     flown: Flown | Scenario
     with working("planning") as work:
+        given = read_or_load(source, duration, step, world)
         if before:
-            flown = _scenario_of(source, duration, step, world)
+            flown = given if isinstance(given, Scenario) else given.scenario
             conflicts = _conflicts_of(flown, work)
         else:
-            flown = _load_or_plan(source, duration, step, world, work)
+            flown = _planned(given, work) if isinstance(given, Scenario) else given
     if conflicts is not None:
         remark(str(conflicts))
     with working("drawing"):
@@ -236,16 +237,6 @@ def _film(page: str, path: str, size: str | None, duration: float, rate: float |
         write_film(page, path, footage, size=pixels, progress=lambda: progress.advance(task))
 
 
-def _scenario_of(
-    source: str, duration: float | None, step: float | None, world: str | None
-) -> Scenario:
-    """Return a scenario, or the scenario of a saved plan, flight or simulation."""
-    if is_result(source):
-        refuse_options(source, duration, step, world)
-        return load(source).scenario
-    return read(source, duration, step, world)
-
-
 def _conflicts_of(scenario: Scenario, work: Work) -> InfeasibleError | None:
     """Return the error of an infeasible scenario; None if there is a plan or time is over."""
     try:
@@ -257,14 +248,8 @@ def _conflicts_of(scenario: Scenario, work: Work) -> InfeasibleError | None:
     return None
 
 
-def _load_or_plan(
-    source: str, duration: float | None, step: float | None, world: str | None, work: Work
-) -> Flown:
-    """Load a result from a file, or fly a scenario; with a separation, plan it instead."""
-    if is_result(source):
-        refuse_options(source, duration, step, world)
-        return load(source)
-    scenario = read(source, duration, step, world)
+def _planned(scenario: Scenario, work: Work) -> Flown:
+    """Fly a scenario; with a separation, plan it instead."""
     if scenario.separation is not None:  # planning ten windows of sixty vehicles takes long
         return best_plan(scenario, progress=work)
     return plan_rho(scenario, progress=work)

@@ -2,25 +2,19 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from drake_rho.cli.console import tell, working
+from drake_rho.cli.options import ResultArgument
 from drake_rho.cli.sources import load_result
 from drake_rho.exports.export import FORMATS, check_export
 from drake_rho.exports.export import export as exported
 
 
 def export(
-    file: Annotated[
-        Path,
-        typer.Argument(
-            metavar="FILE",
-            help="A file (.npz) saved by 'plan', 'fly' or 'simulate', or a plan exported as JSON.",
-        ),
-    ],
+    file: ResultArgument,
     format: Annotated[
         str | None,
         typer.Option(

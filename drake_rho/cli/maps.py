@@ -82,12 +82,14 @@ def map(
         str | None,
         typer.Option(
             metavar="|".join(octomaps.MEANINGS),
-            help="What cells of an OctoMap count as that were never seen; free by default.",
+            help="Treatment of unobserved cells of an OctoMap; free by default.",
         ),
     ] = None,
     resolution: Annotated[
         float | None,
-        typer.Option(help="Side of the cells of a point cloud in metres, which it has to have."),
+        typer.Option(
+            help="Side of the cells of a point cloud, in metres; required for a point cloud."
+        ),
     ] = None,
     scale: Annotated[
         float | None, typer.Option(help="Length of the unit of a mesh in metres; 1 by default.")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from enum import StrEnum
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -53,6 +54,13 @@ ScenarioArgument = Annotated[
         autocompletion=_completed,
         help=f"A library scenario ({', '.join(library())}), a YAML file, or a mission of the LSC "
         "planner (.json), which needs --duration and --step.",
+    ),
+]
+ResultArgument = Annotated[
+    Path,
+    typer.Argument(
+        metavar="FILE",
+        help="A file (.npz) saved by 'plan', 'fly' or 'simulate', or a plan exported as JSON.",
     ),
 ]
 DurationOption = Annotated[

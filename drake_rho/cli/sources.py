@@ -69,6 +69,22 @@ def read(
     return load_lsc_mission(source, grid=Grid.lasting(duration, step=step), world=world)
 
 
+def read_or_load(
+    source: str, duration: float | None, step: float | None, world: str | None
+) -> Scenario | Flown:
+    """Read a scenario, or load a plan, a flight or a simulation, which takes no mission options.
+
+    Raises:
+        PlanFileError: the file of a result cannot be read.
+        ScenarioError: there is no such scenario, or it is invalid.
+        ValueError: an option of missions is missing for a mission, or given otherwise.
+    """
+    if not is_result(source):
+        return read(source, duration, step, world)
+    refuse_options(source, duration, step, world)
+    return load(source)
+
+
 def _load_scenario(source: str) -> Scenario:
     """Load a scenario; if there is none of this name, suggest the nearest name.
 

@@ -13,6 +13,7 @@ from drake_rho.analysis.diagnose import diagnose as diagnosis_of
 from drake_rho.cli.console import answer, stopping_early, working
 from drake_rho.cli.options import (
     DurationOption,
+    ResultArgument,
     Solver,
     SolverOption,
     StepOption,
@@ -25,13 +26,7 @@ from drake_rho.planning.programs.backend import SOLVERS
 
 
 def verify(
-    file: Annotated[
-        Path,
-        typer.Argument(
-            metavar="FILE",
-            help="A file (.npz) saved by 'plan', 'fly' or 'simulate', or a plan exported as JSON.",
-        ),
-    ],
+    file: ResultArgument,
     every_row: Annotated[
         bool,
         typer.Option(

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import dataclasses
 import inspect
 from enum import StrEnum
 from functools import partial
-from typing import Annotated, Any
+from typing import Annotated, Any, cast
 
 import typer
 
@@ -19,7 +20,8 @@ from drake_rho.cli.options import (
 )
 from drake_rho.planning.call.options import DEFAULTS as PLANNING
 from drake_rho.planning.call.options import Options
-from drake_rho.planning.horizon.settings import DEFAULTS, Windows, by_names
+from drake_rho.planning.horizon.receding_horizon import RecedingHorizon
+from drake_rho.planning.horizon.settings import PlainSettings, Windows, by_names
 from drake_rho.planning.planners.plan import plan
 from drake_rho.planning.programs.backend import SOLVERS
 from drake_rho.scenario.arguments import passes_to
@@ -35,17 +37,6 @@ class Reference(StrEnum):
 def windows_of(
     work: Work,
     *,
-    replan_every: Annotated[
-        int, typer.Option(help="Steps that are flown of each window before the next is planned.")
-    ] = DEFAULTS["replan_every"],
-    free_final_time: Annotated[
-        bool,
-        typer.Option(
-            "--free-final-time",
-            help="Windows arrive at the earliest knot for which a plan is found, and vehicles then "
-            "rest; by default all arrive at the last knot.",
-        ),
-    ] = DEFAULTS["free_final_time"],
     method: MethodOption = Method.AUTO,
     reference: Annotated[
         Reference | None,
@@ -55,29 +46,6 @@ def windows_of(
             "tail for scenarios with a separation, free otherwise."
         ),
     ] = None,
-    contingencies: Annotated[
-        bool,
-        typer.Option(
-            "--contingencies",
-            help="Every window also plans how to brake to rest, clear of all that is known, which "
-            "is flown where something seen late leaves no plan.",
-        ),
-    ] = DEFAULTS["contingencies"],
-    latency: Annotated[
-        float,
-        typer.Option(
-            help="Seconds that planning a window takes: windows are planned that much ahead, from "
-            "predicted states.",
-        ),
-    ] = DEFAULTS["latency"],
-    bounded_cost: Annotated[
-        bool,
-        typer.Option(
-            "--bounded-cost",
-            help="A new plan is accepted only if it costs no more than the rest of the previous "
-            "one, moved to the measured states, so that the cost of the flight has a bound.",
-        ),
-    ] = DEFAULTS["bounded_cost"],
     solver: SolverOption = Solver.CLARABEL,
     max_memory: MaxMemoryOption = PLANNING.max_memory,
     time_limit: Annotated[
@@ -87,6 +55,7 @@ def windows_of(
             help="Time limit of planning each window, after which the previous plan is continued.",
         ),
     ] = None,
+    **plain: Any,
 ) -> Windows:
     """Return the settings of windows given by the options.
 
@@ -95,18 +64,23 @@ def windows_of(
     """
     options = Options(max_memory=max_memory, time_limit=time_limit)
     iterated = partial(plan, progress=work.detail, options=options)
-    return {
-        "replan_every": replan_every,
-        "free_final_time": free_final_time,
-        **by_names(method, reference, iterated),
-        "solver": SOLVERS[solver](),
-        "progress": work,
-        "options": options,
-        "contingencies": contingencies,
-        "latency": latency,
-        "bounded_cost": bounded_cost,
-    }
+    named = by_names(method, reference, iterated)
+    given = {"solver": SOLVERS[solver](), "progress": work, "options": options}
+    return cast(Windows, {**plain, **named, **given})
 
+
+def _plain_option(name: str) -> inspect.Parameter:
+    """Return the option of a plain setting, with type and default of `RecedingHorizon`."""
+    of_windows = inspect.signature(RecedingHorizon, eval_str=True).parameters[name]
+    description = PlainSettings.__pydantic_fields__[name].description.removeprefix("whether ")  # type: ignore[attr-defined]  # every record has it
+    words = f"{description[0].upper()}{description[1:]}."
+    option = typer.Option(f"--{name.replace('_', '-')}", help=" ".join(words.split()))
+    return of_windows.replace(annotation=Annotated[of_windows.annotation, option])
+
+
+_WORK, *_NAMED, _ = inspect.signature(windows_of, eval_str=True).parameters.values()
+_PLAIN = [_plain_option(field.name) for field in dataclasses.fields(PlainSettings)]
+windows_of.__signature__ = inspect.Signature([_WORK, *_PLAIN, *_NAMED])  # type: ignore[attr-defined]  # `inspect` reads it
 
 takes_windows = passes_to(windows_of)
 """Decorator of commands with `**windows`, which get the options of windows."""

@@ -20,6 +20,8 @@ from drake_rho.motion.samples import check_rate
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.system.files import check_replaceable
 
+RATE = 20.0
+"""Samples per second if no rate is given; PX4 leaves the offboard mode below 2."""
 _OF_FILES = {".csv", ".json", ".npz", ".yaml", ".zip"}
 """File endings that a folder must not have, because they suggest that another format was meant."""
 

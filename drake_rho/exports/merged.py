@@ -7,12 +7,12 @@ and the two free coefficients of each axis are fitted by least squares.
 
 from __future__ import annotations
 
-from itertools import pairwise
+from functools import partial
 
 import numpy as np
 from numpy.polynomial import Polynomial
 
-from drake_rho.exports.pieces import DEGREE, Pieces, fitted, powers, to_control_points
+from drake_rho.exports.pieces import DEGREE, Pieces, fitted, joined, powers, to_control_points
 from drake_rho.motion.polynomials import Polynomials
 from drake_rho.scenario.fields import FloatArray, IntArray
 
@@ -27,18 +27,9 @@ def merged(motion: Polynomials, most: int) -> Pieces:
         motion: motions of N vehicles.
         most: largest number of pieces, at least 1.
     """
-    vehicles = len(motion.coefficients)
     joints = _joints(motion.instants, most)
-    coefficients = np.zeros((vehicles, len(joints) - 1, 3, DEGREE + 1))
-    deviations = np.zeros(vehicles)
-    for number, (first, last) in enumerate(pairwise(joints.tolist())):
-        if last == first + 1:
-            own = motion.coefficients[:, first]
-            coefficients[:, number, :, : own.shape[-1]] = own
-            continue
-        coefficients[:, number], off = _merge(motion, first, last)
-        deviations = np.maximum(deviations, off)
-    return Pieces(np.diff(motion.instants[joints]), coefficients, deviations)
+    found = joined(motion.coefficients, joints, partial(_merge, motion))
+    return Pieces(np.diff(motion.instants[joints]), *found)
 
 
 def _joints(instants: FloatArray, most: int) -> IntArray:

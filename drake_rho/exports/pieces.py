@@ -10,7 +10,8 @@ between steps: making them continuous would add two conditions and increase the 
 from __future__ import annotations
 
 import dataclasses
-from functools import cache
+from collections.abc import Callable
+from functools import cache, partial
 from itertools import pairwise
 from math import comb
 
@@ -18,7 +19,7 @@ import numpy as np
 from numpy.polynomial import Legendre, Polynomial
 
 from drake_rho.motion.dynamics import Motion
-from drake_rho.scenario.fields import FloatArray
+from drake_rho.scenario.fields import FloatArray, IntArray
 
 DEGREE = 7
 _SAMPLES = 16
@@ -48,24 +49,37 @@ def as_pieces(motion: Motion, most: int) -> Pieces:
         motion: motion of N vehicles.
         most: largest number of pieces, at least 1.
     """
-    vehicles, steps = motion.accelerations.shape[:2]
-    joints = np.rint(np.linspace(0, steps, min(most, steps) + 1)).astype(int).tolist()
-    coefficients = np.zeros((vehicles, len(joints) - 1, 3, DEGREE + 1))
-    deviations = np.zeros(vehicles)
-    for number, (first, last) in enumerate(pairwise(joints)):
+    steps = motion.accelerations.shape[1]
+    joints = np.rint(np.linspace(0, steps, min(most, steps) + 1)).astype(int)
+    p, v = motion.positions[:, :steps], motion.velocities[:, :steps]
+    exact = np.stack([p, v, motion.accelerations / 2.0], axis=-1)
+    return Pieces(motion.step * np.diff(joints), *joined(exact, joints, partial(_merged, motion)))
+
+
+def joined(
+    exact: FloatArray, joints: IntArray, merge: Callable[[int, int], tuple[FloatArray, FloatArray]]
+) -> tuple[FloatArray, FloatArray]:
+    """Return polynomials between joints, and their deviations from the exact pieces.
+
+    Args:
+        exact: coefficients of the exact pieces, shape (N, S, 3, at most 8).
+        joints: increasing indices of the ends of the polynomials among the S + 1 ends of pieces,
+            shape (P + 1,).
+        merge: function from two joints that are not neighbours to coefficients, (N, 3, 8), and
+            deviations [m], (N,).
+
+    Returns:
+        Coefficients, shape (N, P, 3, 8), and deviations [m], shape (N,).
+    """
+    coefficients = np.zeros((len(exact), len(joints) - 1, 3, DEGREE + 1))
+    deviations = np.zeros(len(exact))
+    for number, (first, last) in enumerate(pairwise(joints.tolist())):
         if last == first + 1:
-            coefficients[:, number, :, :3] = _step(motion, first)
+            coefficients[:, number, :, : exact.shape[-1]] = exact[:, first]
             continue
-        fitted, off = _merged(motion, first, last)
-        coefficients[:, number] = fitted
+        coefficients[:, number], off = merge(first, last)
         deviations = np.maximum(deviations, off)
-    return Pieces(motion.step * np.diff(joints), coefficients, deviations)
-
-
-def _step(motion: Motion, k: int) -> FloatArray:
-    """Return the three coefficients of a step, shape (N, 3, 3)."""
-    p, v, a = motion.positions[:, k], motion.velocities[:, k], motion.accelerations[:, k]
-    return np.stack([p, v, a / 2.0], axis=-1)
+    return coefficients, deviations
 
 
 def _merged(motion: Motion, first: int, last: int) -> tuple[FloatArray, FloatArray]:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from drake_rho.exports.format import Format, exported, planned
+from drake_rho.exports.format import RATE, Format, exported, planned
 from drake_rho.exports.milliseconds import milliseconds
 from drake_rho.exports.record import Exported
 from drake_rho.motion.flown import Flown, sample
@@ -18,8 +18,6 @@ from drake_rho.motion.samples import Samples
 from drake_rho.motion.tables import write_rows
 from drake_rho.system.files import atomic_write
 
-RATE = 20.0
-"""Setpoints per second if no rate is given; PX4 leaves the offboard mode below 2."""
 COLUMNS = (
     *("vehicle", "time_boot_ms", "target_system", "target_component", "coordinate_frame"),
     *("type_mask", "x", "y", "z", "vx", "vy", "vz", "afx", "afy", "afz", "yaw", "yaw_rate"),

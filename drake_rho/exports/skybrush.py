@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from drake_rho.exports.folders import file_names, write_archive, write_folder
-from drake_rho.exports.format import Format, exported
+from drake_rho.exports.format import RATE, Format, exported
 from drake_rho.exports.milliseconds import milliseconds
 from drake_rho.exports.record import Exported
 from drake_rho.motion.flown import Flown, sample
@@ -16,8 +16,6 @@ from drake_rho.motion.jumps import jump_sizes
 from drake_rho.motion.tables import write_rows
 from drake_rho.scenario.fields import FloatArray, IntArray
 
-RATE = 20.0
-"""Samples per second if no rate is given."""
 COLUMNS = ("Time [msec]", "x [m]", "y [m]", "z [m]", "Red", "Green", "Blue")
 _WHITE = (255, 255, 255)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from drake_rho.exports.format import Format, exported
+from drake_rho.exports.format import RATE, Format, exported
 from drake_rho.exports.record import Exported
 from drake_rho.motion.documents import write_document
 from drake_rho.motion.flown import Flown, sample
@@ -12,12 +12,9 @@ from drake_rho.motion.samples import with_knots
 from drake_rho.motion.tables import write_table
 from drake_rho.system.files import atomic_write
 
-RATE = 20.0
-"""Samples per second of a table, in addition to the knots, if no rate is given."""
-
 
 class Csv(Format):
-    """Table of states at a rate and at every knot."""
+    """Table of states at a rate, and at every knot in addition."""
 
     name = "csv"
     endings = (".csv",)

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from drake_rho.display.common.drawable import Drawn
+from drake_rho.display.common.minima import Minima, Minimum
 from drake_rho.display.common.style import dense_times
 from drake_rho.motion.nearest_vehicles import nearest_vehicles
 from drake_rho.motion.obstacle_clearances import (
@@ -17,16 +20,6 @@ from drake_rho.motion.obstacle_clearances import (
 )
 from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.obstacles import Obstacle
-
-
-@dataclasses.dataclass(frozen=True)
-class Approach:
-    """A vehicle at an instant."""
-
-    vehicle: int
-    """index of the vehicle"""
-    time: float
-    """time since the first knot [s]"""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -45,12 +38,33 @@ class Clearances:
     nearest: IntArray
     """index of the nearest obstacle, shape (N, M)"""
 
+    @property
+    def minima(self) -> Minima:
+        """Least clearance of each vehicle."""
+        vehicles, lowest = np.arange(len(self.times)), self._lowest
+        return Minima(vehicles, self.times[vehicles, lowest], self.clearances[vehicles, lowest])
 
-def nearest(plan: Drawn, obstacle: Obstacle) -> Approach:
-    """Find the vehicle and the time with the least clearance from an obstacle."""
+    @property
+    def nearest_at_minima(self) -> IntArray:
+        """Index of the nearest obstacle at each vehicle's least clearance, shape (N,)."""
+        found: IntArray = self.nearest[np.arange(len(self.nearest)), self._lowest]
+        return found
+
+    @property
+    def _lowest(self) -> IntArray:
+        return np.asarray(np.argmin(self.clearances, axis=1))
+
+
+def minima_from(plan: Drawn, obstacle: Obstacle) -> Minima:
+    """Return each vehicle's least clearance from an obstacle over time, infinite if not active."""
     found = closest(plan, obstacle)
-    vehicle = int(np.argmin(found.distances - required_distances(plan.scenario, obstacle)))
-    return Approach(vehicle, float(found.times[vehicle]))
+    clearances = found.distances - required_distances(plan.scenario, obstacle)
+    return Minima(np.arange(len(clearances)), found.times, clearances)
+
+
+def nearest(plan: Drawn, obstacle: Obstacle) -> Minimum:
+    """Return the least clearance of any vehicle from an obstacle over time."""
+    return minima_from(plan, obstacle).least
 
 
 def least_clearances(plan: Drawn, obstacles: Sequence[Obstacle]) -> Clearances:
@@ -98,18 +112,18 @@ def _with_exact_minima(
     plan: Drawn, obstacles: Sequence[Obstacle], sampled: Clearances
 ) -> Clearances:
     """Insert each vehicle's exact minimum, from its nearest obstacle, into sampled clearances."""
-    vehicles = np.arange(len(sampled.times))
-    which = sampled.nearest[vehicles, np.argmin(sampled.clearances, axis=1)]
+    which = sampled.nearest_at_minima
     times, least = np.zeros(len(which)), np.zeros(len(which))
     for index in np.unique(which):
-        of, found = which == index, closest(plan, obstacles[index])
-        times[of] = found.times[of]
-        least[of] = (found.distances - required_distances(plan.scenario, obstacles[index]))[of]
-    merged = [
-        np.append(old, new[:, None], axis=1)
-        for old, new in zip(
-            (sampled.times, sampled.clearances, sampled.nearest), (times, least, which), strict=True
-        )
-    ]
-    order = np.argsort(merged[0], axis=1, kind="stable")
-    return Clearances(*(np.take_along_axis(each, order, axis=1) for each in merged))
+        here, exact = which == index, minima_from(plan, obstacles[index])
+        times[here], least[here] = exact.times[here], exact.values[here]
+    order = np.argsort(np.append(sampled.times, times[:, None], axis=1), axis=1, kind="stable")
+
+    def inserted(values: NDArray[Any], minima: NDArray[Any]) -> NDArray[Any]:
+        return np.take_along_axis(np.append(values, minima[:, None], axis=1), order, axis=1)
+
+    return Clearances(
+        inserted(sampled.times, times),
+        inserted(sampled.clearances, least),
+        inserted(sampled.nearest, which),
+    )

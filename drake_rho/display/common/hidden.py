@@ -48,11 +48,11 @@ def _hides(solid: Solid, x: FloatArray) -> BoolArray:
     meets the obstacle or is beyond it.
     """
     close, to_viewer = _CLOSE * solid.size, view()[2]
-    x, met, left = x + 2.0 * close * to_viewer, np.zeros(len(x), np.bool_), np.arange(len(x))
+    x, met, active = x + 2.0 * close * to_viewer, np.zeros(len(x), np.bool_), np.arange(len(x))
     for _ in range(_STEPS):
-        distances = solid.local_distance(x[left])
-        met[left] = distances < close
-        x[left] += np.maximum(distances, close)[:, None] * to_viewer
-        beyond = np.any(x[left] * np.sign(to_viewer) > solid.extent, axis=1)
-        left = left[~(met[left] | beyond)]
+        distances = solid.local_distance(x[active])
+        met[active] = distances < close
+        x[active] += np.maximum(distances, close)[:, None] * to_viewer
+        beyond = np.any(x[active] * np.sign(to_viewer) > solid.extent, axis=1)
+        active = active[~(met[active] | beyond)]
     return met

@@ -12,6 +12,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from drake_rho.display.common.drawable import Drawn
+from drake_rho.display.common.minima import Minima
 from drake_rho.display.common.names import brief
 from drake_rho.display.common.obstacle_snapshots import active_in_words
 from drake_rho.display.common.style import dense_times
@@ -32,7 +33,7 @@ _ZOOMS, _PARTS = 6, 16
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Kept:
+class RequiredPositions:
     """A requirement of positions during a flight."""
 
     requirement: KeepIn
@@ -59,16 +60,16 @@ class Kept:
 
     def in_words(self, names: Sequence[str]) -> str:
         """Describe its set, its vehicles, and its active interval."""
-        asked = self.requirement
+        required = self.requirement
         other = "a moving point" if self.partner is None else names[self.partner]
         few = [brief(names[member]) for member in self.members[:_FEW]]
         more = [f"{len(self.members) - _FEW} more"] if len(self.members) > _FEW else []
         words = [
             ", ".join(few + more) + (f" relative to {other}" if self.is_link else ""),
-            "in a set of its own functions" if is_own(asked.set) else f"in {asked.set}",
-            active_in_words(asked.active),
+            "in a set of its own functions" if is_own(required.set) else f"in {required.set}",
+            active_in_words(required.active),
         ]
-        return f"{asked.called(self.number)}: {'; '.join(filter(None, words))}"
+        return f"{required.called(self.number)}: {'; '.join(filter(None, words))}"
 
     def origins(self, shown: Drawn, times: FloatArray) -> FloatArray:
         """Return the reference positions at times since the first knot [s], (T, 3).
@@ -85,20 +86,20 @@ class Kept:
         grid = shown.scenario.grid
         return grid.clock.within(grid.start + times, self.interval)
 
-    def left(self, shown: Drawn, times: FloatArray) -> FloatArray:
+    def margins(self, shown: Drawn, times: FloatArray) -> FloatArray:
         """Return the margins of the vehicles concerned [m], infinite while not active, (M, T).
 
         Args:
             shown: motion of all vehicles.
             times: times since the first knot [s], shape (T,).
         """
-        return self._left(shown, shown.motion().at("position", times)[self.members], times)
+        return self._margins(shown, shown.motion().at("position", times)[self.members], times)
 
-    def _left(self, shown: Drawn, positions: FloatArray, times: FloatArray) -> FloatArray:
+    def _margins(self, shown: Drawn, positions: FloatArray, times: FloatArray) -> FloatArray:
         """Return margins at positions (..., T, 3) and times (T,) [m], shape (..., T)."""
         values = positions - self.origins(shown, times)
-        left = -np.asarray(self.requirement.set.signed_distance(values))
-        return np.where(self.is_active(shown, times), left - self.requirement.deviation, np.inf)
+        margins = -np.asarray(self.requirement.set.signed_distance(values))
+        return np.where(self.is_active(shown, times), margins - self.requirement.deviation, np.inf)
 
     def times(self, shown: Drawn) -> FloatArray:
         """Return the times since the first knot at which it is drawn [s], corners included."""
@@ -108,28 +109,26 @@ class Kept:
         first, last = (time - start for time in self.interval)
         return times[(times >= first) & (times <= last)]
 
-    def least(self, shown: Drawn) -> tuple[FloatArray, FloatArray]:
-        """Return the time [s] and value [m] of each vehicle's smallest margin, (M,) each.
-
-        Times are since the first knot, and refined between samples.
-        """
+    def minima(self, shown: Drawn) -> Minima:
+        """Return each vehicle's smallest margin [m], at a time refined between samples."""
         times, count = self.times(shown), len(self.members)
-        left = self.left(shown, times)
-        slack = _SAME * (1.0 + np.abs(left).max(axis=1, initial=0.0, where=np.isfinite(left)))
-        k = np.argmax(left <= left.min(axis=1, keepdims=True) + slack[:, None], axis=1)
-        best, least = times[k], left[np.arange(count), k]
+        margins = self.margins(shown, times)
+        largest = np.abs(margins).max(axis=1, initial=0.0, where=np.isfinite(margins))
+        rounding = _SAME * (1.0 + largest)
+        k = np.argmax(margins <= margins.min(axis=1, keepdims=True) + rounding[:, None], axis=1)
+        best, least = times[k], margins[np.arange(count), k]
         begins, ends = times[np.maximum(k - 1, 0)], times[np.minimum(k + 1, len(times) - 1)]
         for _ in range(_ZOOMS):
             near = begins + np.linspace(0.0, 1.0, _PARTS + 1)[:, None] * (ends - begins)
             near = np.concatenate([best[None], near])  # the time found so far stays if least
             who = np.tile(self.members, len(near))
             positions = shown.motion().each_at("position", who, near.ravel())
-            each = self._left(shown, positions, near.ravel()).reshape(near.shape)
-            m = np.argmin(each - slack * (np.arange(len(near)) == 0)[:, None], axis=0)
+            each = self._margins(shown, positions, near.ravel()).reshape(near.shape)
+            m = np.argmin(each - rounding * (np.arange(len(near)) == 0)[:, None], axis=0)
             best, least = near[m, np.arange(count)], each[m, np.arange(count)]
             width = (ends - begins) / _PARTS
             begins, ends = np.maximum(best - width, begins), np.minimum(best + width, ends)
-        return best, least
+        return Minima(self.members, best, least)
 
     def plenty(self, shown: Drawn) -> float:
         """Return the margin from which on nothing reddens [m].
@@ -140,14 +139,21 @@ class Kept:
         if isinstance(self.requirement.set, Shape):
             most = float(self.requirement.set.extent.min())
         else:
-            most = float(self.left(shown, self.times(shown)).max())
+            most = float(self.margins(shown, self.times(shown)).max())
         return _PLENTY * max(most, np.finfo(float).tiny)
 
 
-def kept_positions(scenario: Scenario) -> Iterator[Kept]:
+def tightest(required: Sequence[RequiredPositions], shown: Drawn) -> tuple[int, Minima]:
+    """Return the index of the requirement with the smallest margin, and its minima."""
+    minima = [each.minima(shown) for each in required]
+    index = int(np.argmin([each.values.min() for each in minima]))
+    return index, minima[index]
+
+
+def required_positions(scenario: Scenario) -> Iterator[RequiredPositions]:
     """Yield the requirements of positions that are active in the flight."""
     for number, each in enumerate(scenario.requirements, start=1):
         interval = each.interval(scenario.grid)
         members = each.members(scenario.names)
         if each.of == "position" and interval is not None and len(members) > 0:
-            yield Kept(each, number, members, each.partner(scenario.names), interval)
+            yield RequiredPositions(each, number, members, each.partner(scenario.names), interval)

@@ -14,7 +14,7 @@ import numpy as np
 
 from drake_rho.display.common.drawable import Drawn
 from drake_rho.display.common.obstacle_snapshots import AROUND, truncated
-from drake_rho.display.common.requirements import kept_positions
+from drake_rho.display.common.requirements import required_positions
 from drake_rho.display.common.shape_faces import (
     Surface,
     across,
@@ -79,12 +79,12 @@ def requirements_near(
     lower = np.min([low for low, _ in bounds], axis=0)
     upper = np.max([high for _, high in bounds], axis=0)
     found = list[tuple[FloatArray, FloatArray]]()
-    for kept in kept_positions(plan.scenario):
-        if kept.requirement.track is not None:
-            points = kept.origins(plan, kept.times(plan))
+    for required in required_positions(plan.scenario):
+        if required.requirement.track is not None:
+            points = required.origins(plan, required.times(plan))
             found.append((points.min(axis=0), points.max(axis=0)))
-        elif not kept.is_link:
-            near = near_bounds(kept.requirement.set, lower, upper)
+        elif not required.is_link:
+            near = near_bounds(required.requirement.set, lower, upper)
             found += [] if near is None else [near]
     return found
 

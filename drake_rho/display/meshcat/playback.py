@@ -8,7 +8,7 @@ import numpy as np
 
 from drake_rho.display.common.drawable import Drawn
 from drake_rho.display.common.map_faces import has_map
-from drake_rho.display.common.requirements import kept_positions
+from drake_rho.display.common.requirements import required_positions
 from drake_rho.display.meshcat.meshes import nice_step
 from drake_rho.scenario.fields import FloatArray
 
@@ -44,7 +44,9 @@ class Playback:
             rate = 1.0 if duration <= _LONGEST else nice_step(duration / _LONGEST)
         playback = duration / rate
         moving = sum(obstacle.moves for obstacle in plan.scenario.bodies)
-        moving += sum(len(each.members) for each in kept_positions(plan.scenario) if each.is_link)
+        moving += sum(
+            len(each.members) for each in required_positions(plan.scenario) if each.is_link
+        )
         poses = _MAX_POSES_IN_MAPS if has_map(plan.scenario) else _MAX_POSES
         most = poses / (objects_per_vehicle * len(plan.positions) + moving)
         frames_per_second = min(_FRAMES, max(4.0, most / playback))

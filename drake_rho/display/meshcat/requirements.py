@@ -14,7 +14,7 @@ from pydrake.geometry import Rgba
 
 from drake_rho.display.common.drawable import Drawn
 from drake_rho.display.common.names import as_path
-from drake_rho.display.common.requirements import Kept, kept_positions
+from drake_rho.display.common.requirements import RequiredPositions, required_positions
 from drake_rho.display.common.set_surfaces import surface_within
 from drake_rho.display.common.style import ALLOWED, reddened
 from drake_rho.display.meshcat.meshes import octahedron, tube
@@ -41,38 +41,40 @@ _POINT = Rgba(0.15, 0.15, 0.18)
 
 def add_requirements(tree: Tree, scene: Scene, plan: Drawn) -> None:
     """Add sets, moving points and links, and record when each requirement is active."""
-    for kept in kept_positions(plan.scenario):
-        if kept.is_link:
-            _add_links(tree, scene, plan, kept)
+    for required in required_positions(plan.scenario):
+        if required.is_link:
+            _add_links(tree, scene, plan, required)
         else:
-            _add_set(tree, scene, plan, kept)
+            _add_set(tree, scene, plan, required)
 
 
-def _add_set(tree: Tree, scene: Scene, plan: Drawn, kept: Kept) -> None:
+def _add_set(tree: Tree, scene: Scene, plan: Drawn, required: RequiredPositions) -> None:
     """Add a set of single vehicles."""
-    path, skin = f"sets/{kept.number}", surface_within(kept.requirement.set, *scene.bounds)
+    path, skin = f"sets/{required.number}", surface_within(required.requirement.set, *scene.bounds)
     if skin.faces:
         put_faces(skin.faces, tree, f"{path}/faces", _FACES)
         tree.set_see_through(f"{path}/faces")
     if skin.edges:
         tree.add_lines(f"{path}/edges", skin.edges, _EDGES)
-    if kept.requirement.active is not None:
-        tree.show_between(path, *shown_interval(kept, plan, tree.playback))
+    if required.requirement.active is not None:
+        tree.show_between(path, *shown_interval(required, plan, tree.playback))
 
 
-def _add_links(tree: Tree, scene: Scene, plan: Drawn, kept: Kept) -> None:
+def _add_links(tree: Tree, scene: Scene, plan: Drawn, required: RequiredPositions) -> None:
     """Add the moving point of a requirement, if it has one, and the lines to its vehicles."""
     times = tree.playback.times
-    others = kept.origins(plan, times)
-    if kept.partner is None:
-        path = f"points/{kept.number}"
+    others = required.origins(plan, times)
+    if required.partner is None:
+        path = f"points/{required.number}"
         tree.add_mesh(path, octahedron(0.5 * scene.seen), _POINT)
         tree.move(path, unturned(others))
-        tree.show_between(path, *shown_interval(kept, plan, tree.playback))
-    positions = plan.motion().at("position", times)[kept.members]
-    colours = colours_of(left_while_shown(kept, plan, times, tree.playback), kept.plenty(plan))
-    for member, place, own in zip(kept.members, positions, colours, strict=True):
-        path = f"links/{kept.number}/{as_path(plan.scenario.names[member])}"
+        tree.show_between(path, *shown_interval(required, plan, tree.playback))
+    positions = plan.motion().at("position", times)[required.members]
+    colours = colours_of(
+        margins_while_shown(required, plan, times, tree.playback), required.plenty(plan)
+    )
+    for member, place, own in zip(required.members, positions, colours, strict=True):
+        path = f"links/{required.number}/{as_path(plan.scenario.names[member])}"
         along = place - others
         tree.move(path, poses(others[None], headings(along[None]))[0])
         lengths = np.maximum(np.linalg.norm(along, axis=1), _MIN_LENGTH * scene.size)
@@ -80,36 +82,40 @@ def _add_links(tree: Tree, scene: Scene, plan: Drawn, kept: Kept) -> None:
         _add_colours(tree, scene, path, own)
 
 
-def shown_interval(kept: Kept, plan: Drawn, playback: Playback) -> tuple[float, float]:
+def shown_interval(
+    required: RequiredPositions, plan: Drawn, playback: Playback
+) -> tuple[float, float]:
     """Return the first and last time since the first knot at which a requirement is shown [s].
 
     An interval too short to be seen is widened.
     """
-    first, last = (time - plan.scenario.grid.start for time in kept.interval)
+    first, last = (time - plan.scenario.grid.start for time in required.interval)
     more = max(0.0, _LEAST_SHOWN * playback.rate - (last - first)) / 2.0
     return max(0.0, first - more), min(plan.scenario.grid.duration, last + more)
 
 
-def left_while_shown(kept: Kept, plan: Drawn, times: FloatArray, playback: Playback) -> FloatArray:
+def margins_while_shown(
+    required: RequiredPositions, plan: Drawn, times: FloatArray, playback: Playback
+) -> FloatArray:
     """Return margins at times since the first knot [m], infinite while not shown, (M, T).
 
     Where an interval was widened to be seen, it is the margin at the interval's end.
     """
-    start, (first, last) = plan.scenario.grid.start, shown_interval(kept, plan, playback)
+    start, (first, last) = plan.scenario.grid.start, shown_interval(required, plan, playback)
     shown = (times >= first) & ((times < last) | (last >= plan.scenario.grid.duration))
-    begin, end = (time - start for time in kept.interval)
-    return np.where(shown, kept.left(plan, np.clip(times, begin, end)), np.inf)
+    begin, end = (time - start for time in required.interval)
+    return np.where(shown, required.margins(plan, np.clip(times, begin, end)), np.inf)
 
 
-def colours_of(left: FloatArray, plenty: float) -> IntArray:
+def colours_of(margins: FloatArray, plenty: float) -> IntArray:
     """Return colours from 0, red, without a margin, to `COLOURS - 1`, grey; -1 if not shown.
 
     Args:
-        left: margins [m], infinite while not shown.
+        margins: margins [m], infinite while not shown.
         plenty: margin from which on the colour is grey [m].
     """
-    colours = np.ceil(np.clip(left / plenty, 0.0, 1.0) * (COLOURS - 1)).astype(np.int64)
-    return np.where(np.isfinite(left), colours, -1)
+    colours = np.ceil(np.clip(margins / plenty, 0.0, 1.0) * (COLOURS - 1)).astype(np.int64)
+    return np.where(np.isfinite(margins), colours, -1)
 
 
 def _add_colours(tree: Tree, scene: Scene, path: str, colours: IntArray) -> None:

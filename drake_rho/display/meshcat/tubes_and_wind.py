@@ -86,9 +86,11 @@ def strongest_wind(simulation: Simulation | None) -> float:
     """
     if simulation is None:
         return 0.0
-    around = simulation.scenario.disturbance
-    blew = float(np.linalg.norm(simulation.wind, axis=2).max())
-    return blew if around is None or blew == 0.0 else max(blew, around.acceleration)
+    disturbance = simulation.scenario.disturbance
+    simulated = float(np.linalg.norm(simulation.wind, axis=2).max())
+    if disturbance is None or simulated == 0.0:
+        return simulated
+    return max(simulated, disturbance.acceleration)
 
 
 def _add_tubes(tree: Tree, plan: Drawn, simulation: Simulation) -> None:
@@ -96,20 +98,20 @@ def _add_tubes(tree: Tree, plan: Drawn, simulation: Simulation) -> None:
     windows, vehicles = plan.windows, len(plan.positions)
     steps = sum(window.shown.scenario.grid.knots - 1 for window in windows)
     per_step = min(_PER_STEP, _MAX_SECTIONS / (steps * vehicles))
-    for number, (window, around) in enumerate(zip(windows, simulation.tubes, strict=True), start=1):
-        paths, radii = _sections(window.shown, around, per_step)
+    for number, (window, errors) in enumerate(zip(windows, simulation.tubes, strict=True), start=1):
+        paths, radii = _sections(window.shown, errors, per_step)
         for (vehicle, colour), path in zip(coloured(simulation.scenario), paths, strict=True):
             name = f"tubes/{number}/{as_path(vehicle.name)}"
             tree.add_mesh(name, tube(path, radii, _SIDES), faint(colour, _TUBE))
             tree.set_see_through(name)
 
 
-def _sections(plan: Drawn, around: ErrorTube, per_step: float) -> tuple[FloatArray, FloatArray]:
+def _sections(plan: Drawn, errors: ErrorTube, per_step: float) -> tuple[FloatArray, FloatArray]:
     """Return the centres [m], shape (N, S, 3), and radii [m], shape (S,), of a tube's sections."""
     grid = plan.scenario.grid
     count = max(_MIN_SECTIONS, round(per_step * (grid.knots - 1)) + 1)
     times = np.linspace(0.0, grid.duration, count)
-    radii = around.position(np.minimum(grid.start + times, grid.end))
+    radii = errors.position(np.minimum(grid.start + times, grid.end))
     return plan.motion().at("position", times), np.maximum(radii, _MIN_SCALE)
 
 

@@ -79,9 +79,9 @@ def true_radii(shown: Drawn) -> FloatArray:
     """Return radii of balls around the vehicles that touch nothing if all constraints hold [m]."""
     scenario = shown.scenario
     radii: FloatArray = scenario.fleet.radii
-    if (apart := scenario.separation) is None:
+    if (separation := scenario.separation) is None:
         return radii
-    half = 0.5 * apart.distance * min(1.0, apart.downwash)
+    half = 0.5 * separation.distance * min(1.0, separation.downwash)
     return np.where(radii > 0.0, np.minimum(radii, half), half)
 
 

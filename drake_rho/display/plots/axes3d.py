@@ -23,7 +23,7 @@ _MIN_SIDE = 0.3
 """Least ratio of a side of the box to the longest one, as space above and below flat scenes."""
 _OUTWARDS = np.array([[0.0, -1.0, -1.0], [1.0, 0.0, -1.0], [1.0, 1.0, 0.0]])
 """Directions from the box's centre in which matplotlib places each axis's ticks and label."""
-_MIN_REACH = 0.62
+_MIN_DISTANCE = 0.62
 """Least projected distance of such a direction from its axis at which matplotlib's own distances
 of ticks and labels are sufficient."""
 _TICKS, _LABEL = 8.0, 21.0
@@ -90,8 +90,8 @@ def frame_scene(
         # thin boxes it would be less than the height of a letter.
         along = sides[index] * np.array([right[index], up[index]])
         x, y = np.array([right, up]) @ (_OUTWARDS[index] * sides)
-        reach = abs(along[0] * y - along[1] * x) / np.linalg.norm(along)
-        factor = max(1.0, _MIN_REACH / reach)
+        distance = abs(along[0] * y - along[1] * x) / np.linalg.norm(along)
+        factor = max(1.0, _MIN_DISTANCE / distance)
         axis.set_tick_params(pad=_TICKS * (factor - 1.0))
         axis.labelpad = 3.0 * factor + _LABEL * (factor - 1.0)
 

@@ -16,14 +16,14 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
 from drake_rho.display.common.drawable import Drawn
+from drake_rho.display.common.minima import Minima
 from drake_rho.display.common.names import as_text, brief
 from drake_rho.display.common.style import COLOURS, LIMIT_STYLE, dense_times, with_gaps
 from drake_rho.display.plots.panels import (
-    description,
     draw_curve,
     draw_limit,
+    draw_minimum,
     draw_planned,
-    draw_ring,
     finish,
     mark_knots,
 )
@@ -58,21 +58,19 @@ def draw_separation(ax: Axes, plan: Drawn) -> list[Line2D]:
     if separation is None or len(vehicles) < 2:
         got = "none" if separation is None else "one for a single vehicle"
         raise ValueError(f"separation: got {got}, expected one and at least two vehicles")
-    found, start = plan.closest_two(separation), plan.scenario.grid.start
+    found = plan.closest_two(separation)
     times, distances = with_gaps(plan, found.times, found.distances)
-    (curve,) = ax.plot(start + times, distances, color=COLOURS[0])
+    (curve,) = ax.plot(plan.scenario.grid.start + times, distances, color=COLOURS[0])
     for piece in plan.planned:
         near = piece.shown.closest_two(separation)
         draw_planned(ax, piece, near.times, near.distances[None])
-    m = int(np.argmin(found.distances))
-    time, closest = float(found.times[m]), float(found.distances[m])
-    words = description(plan, int(found.one[m]), time, closest)
-    words += f" and {as_text(brief(vehicles[found.other[m]].name))}"
-    ring = draw_ring(ax, (start + time, closest), words)
+    least = Minima(found.one, found.times, found.distances).least
+    other = as_text(brief(vehicles[found.other[least.row]].name))
+    ring = draw_minimum(ax, plan, least, f" and {other}")
     scaled = "" if separation.downwash == 1.0 else f", z / {separation.downwash:g}"
     ax.set_ylabel(f"minimum vehicle distance{scaled} [m]")
     # A dense fleet is always close to its limit; on an axis from zero the curve would look flat.
-    low, high = min(separation.distance, closest), float(found.distances.max())
+    low, high = min(separation.distance, least.value), float(found.distances.max())
     span = max(high - low, 0.02 * separation.distance)
     bottom, top = max(0.0, low - 0.5 * span), high + 0.1 * span
     ax.set_ylim(bottom, top)

@@ -6,6 +6,7 @@ artists it has drawn.
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Sequence
 from functools import partial
 
@@ -13,7 +14,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
-from drake_rho.display.common.clearances import least_clearances
+from drake_rho.display.common.clearances import least_clearances, minima_from
 from drake_rho.display.common.drawable import Drawn
 from drake_rho.display.common.names import as_text, brief
 from drake_rho.display.common.obstacle_snapshots import short_label
@@ -24,12 +25,11 @@ from drake_rho.display.plots.panels import (
     MAX_ANNOTATED,
     Curves,
     bottom_of,
-    description,
     draw_curves,
     draw_inactive,
     draw_limit,
+    draw_minimum,
     draw_planned,
-    draw_ring,
     finish,
 )
 from drake_rho.motion.obstacle_clearances import closest, distances, required_distances
@@ -76,17 +76,18 @@ def draw_distances(
         return np.where(active, distances(each, obstacle, times) + radius, np.nan)
 
     grid, times = plan.scenario.grid, dense_times(plan)
-    exact, found = measured(plan, times), closest(plan, obstacle)
+    exact, clear = measured(plan, times), minima_from(plan, obstacle)
+    required = required_distances(plan.scenario, obstacle)
     bottom = 0.0 if radius > 0.0 else bottom_of(exact)
-    for least in sorted(set(required_distances(plan.scenario, obstacle).tolist())):
+    for least in sorted(set(required.tolist())):
         words = "surface" if least == 0.0 else f"required distance: {least:g} m"
         if radius > 0.0:
             more = f" + {least:g} m" if least > 0.0 else ""
             words = f"R{more} = {radius + least:g} m"
         draw_limit(ax, radius + least, words, bottom)
-    vehicles, least = np.arange(len(exact)), (found.times, found.distances + radius)
+    minima = dataclasses.replace(clear, values=closest(plan, obstacle).distances + radius)
     at_knots = measured(plan, grid.elapsed)
-    lines = draw_curves(ax, plan, Curves(vehicles, times, exact, least, grid.elapsed, at_knots))
+    lines = draw_curves(ax, plan, Curves(times, exact, minima, grid.elapsed, at_knots))
     for piece in plan.planned:
         times = dense_times(piece.shown)
         draw_planned(ax, piece, times, measured(piece.shown, times))
@@ -96,11 +97,9 @@ def draw_distances(
     where = "the centre" if radius > 0.0 else where
     ax.set(ylabel=f"distance from {where} [m]", ylim=(bottom, None))
     finish(ax, plan, lines)
-    i = int(np.argmin(found.distances - required_distances(plan.scenario, obstacle)))
-    time, value = (float(each[i]) for each in least)
-    if np.isfinite(value):
-        words = description(plan, i, time, value, obstacle.shape.tolerance)
-        draw_ring(ax, (grid.start + time, value), words, title=title)
+    least = dataclasses.replace(clear.least, value=float(minima.values[clear.least.row]))
+    if np.isfinite(least.value):
+        draw_minimum(ax, plan, least, "", tolerance=obstacle.shape.tolerance, title=title)
     else:  # the obstacle is not active in the flight
         add_above(ax, [], title)
     return lines
@@ -117,27 +116,27 @@ def draw_least_clearances(ax: Axes, plan: Drawn, obstacles: Sequence[Obstacle]) 
     Returns:
         The curves, and a ring at the overall minimum if there is one.
     """
-    found, start = least_clearances(plan, obstacles), plan.scenario.grid.start
-    vehicles, lowest = np.arange(len(found.times)), np.argmin(found.clearances, axis=1)
-    times, least = found.times[vehicles, lowest], found.clearances[vehicles, lowest]
+    found = least_clearances(plan, obstacles)
+    minima, bodies = found.minima, found.nearest_at_minima
     names = [short_label(number, each) for number, each in enumerate(obstacles, start=1)]
-    nearest = [names[number] for number in found.nearest[vehicles, lowest]]
-    curves = Curves(vehicles, found.times, found.clearances, (times, least), labels=nearest)
+    nearest = [names[number] for number in bodies]
+    curves = Curves(found.times, found.clearances, minima, labels=nearest)
     lines = draw_curves(ax, plan, curves)
     for piece in plan.planned:
         near = least_clearances(piece.shown, obstacles)
         draw_planned(ax, piece, near.times, near.clearances)
-    i, rings = int(np.argmin(least)), list[Line2D]()
-    if np.isfinite(least[i]):
-        tolerance = obstacles[found.nearest[i, lowest[i]]].shape.tolerance
-        words = description(plan, i, float(times[i]), float(least[i]), tolerance)
-        words += f" and obstacle {nearest[i]}"
+    least, rings = minima.least, list[Line2D]()
+    if np.isfinite(least.value):
         marks = "minimum of each vehicle, with the obstacle's number"
         handle = Line2D([], [], **(EXTREMUM_STYLE | {"markersize": 4.5}), label=marks)
-        handles = [handle] if len(vehicles) <= MAX_ANNOTATED else []
-        rings = [draw_ring(ax, (start + float(times[i]), float(least[i])), words, *handles)]
+        handles = [handle] if len(nearest) <= MAX_ANNOTATED else []
+        words = f" and obstacle {nearest[least.vehicle]}"
+        tolerance = obstacles[bodies[least.vehicle]].shape.tolerance
+        rings = [draw_minimum(ax, plan, least, words, *handles, tolerance=tolerance)]
     else:
-        Labels.of(ax).add("no obstacle is active in the flight", beside(ax, start))
+        Labels.of(ax).add(
+            "no obstacle is active in the flight", beside(ax, plan.scenario.grid.start)
+        )
     known = [each.known_from for each in obstacles]
     _draw_discoveries(ax, plan, {t: f"{name} known" for t, name in zip(known, names, strict=True)})
     bottom = bottom_of(found.clearances)

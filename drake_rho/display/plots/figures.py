@@ -14,7 +14,7 @@ from matplotlib.lines import Line2D
 from drake_rho.display.common.drawable import Drawn, drawn
 from drake_rho.display.common.names import as_text
 from drake_rho.display.common.obstacle_snapshots import as_obstacles
-from drake_rho.display.common.requirements import kept_positions
+from drake_rho.display.common.requirements import required_positions
 from drake_rho.display.common.style import LIMIT_STYLE, PLANNED_STYLE
 from drake_rho.display.plots.curves import (
     draw_components,
@@ -27,7 +27,7 @@ from drake_rho.display.plots.given_axes import given_axes
 from drake_rho.display.plots.legends import add_below, figure_of, vehicle_handles
 from drake_rho.display.plots.path_figure import paths_figure
 from drake_rho.display.plots.publish import save_figures, styled
-from drake_rho.display.plots.requirements import draw_left
+from drake_rho.display.plots.requirements import draw_margins
 from drake_rho.display.plots.tube_errors import LABELS, draw_errors, tube_handle
 from drake_rho.motion.flown import Flown
 from drake_rho.motion.simulation import Simulation
@@ -70,19 +70,19 @@ def distances_figure(
     """
     plan = drawn(flown)
     bodies = as_obstacles(plan.scenario.obstacles if obstacles is None else obstacles)
-    kept = list(kept_positions(plan.scenario))
-    if not bodies and not kept:
+    required = list(required_positions(plan.scenario))
+    if not bodies and not required:
         raise ValueError("obstacles: got none, expected at least one to measure from")
     panels = obstacle_panels(plan, bodies)
-    if len(panels) + len(kept) <= MAX_PANELS:
-        titles = [as_text(each.requirement.called(each.number)) for each in kept]
+    if len(panels) + len(required) <= MAX_PANELS:
+        titles = [as_text(each.requirement.called(each.number)) for each in required]
         panels += [
-            partial(draw_left, plan=plan, kept=[each], title=title)
-            for each, title in zip(kept, titles, strict=True)
+            partial(draw_margins, plan=plan, required=[each], title=title)
+            for each, title in zip(required, titles, strict=True)
         ]
     else:
-        panels += [partial(draw_left, plan=plan, kept=kept)] if kept else []
-    alone = len(panels) == 1 and len(bodies) + len(kept) > 1
+        panels += [partial(draw_margins, plan=plan, required=required)] if required else []
+    alone = len(panels) == 1 and len(bodies) + len(required) > 1
     axes = _panels(ax, width, len(panels), 1.35 if alone else 1.1)
     for each, draw in zip(axes, panels, strict=True):
         draw(each)
@@ -196,7 +196,7 @@ def write_figures(
     check_format(file_format)
     scenario = flown.scenario
     draw: dict[str, Callable[..., Figure]] = {"paths": paths_figure}
-    if scenario.obstacles or any(kept_positions(scenario)):
+    if scenario.obstacles or any(required_positions(scenario)):
         draw["distances"] = distances_figure
     if scenario.separation is not None and len(scenario.vehicles) > 1:
         draw["separation"] = separation_figure

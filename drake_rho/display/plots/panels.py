@@ -14,6 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
 from drake_rho.display.common.drawable import Drawn, Prediction
+from drake_rho.display.common.minima import Minima, Minimum
 from drake_rho.display.common.names import as_text, brief
 from drake_rho.display.common.style import (
     EXTREMUM_STYLE,
@@ -28,7 +29,7 @@ from drake_rho.display.common.style import (
 from drake_rho.display.plots.labels import Labels, along, around, beside
 from drake_rho.display.plots.legends import add_above, width_of
 from drake_rho.display.plots.overlapping_curves import marks_every, show_overlapping
-from drake_rho.scenario.fields import FloatArray, IntArray
+from drake_rho.scenario.fields import FloatArray
 
 MAX_ANNOTATED = 14
 """Largest number of vehicles whose minima are marked."""
@@ -40,14 +41,12 @@ _BELOW = 0.08
 class Curves:
     """Values of some vehicles over time, with their minima; values that are not finite are gaps."""
 
-    vehicles: IntArray
-    """indices of the vehicles, shape (V,)"""
     times: FloatArray
     """times of the curves since the first knot [s], shape (M,) or (V, M)"""
     values: FloatArray
     """values at these times, shape (V, M)"""
-    least: tuple[FloatArray, FloatArray]
-    """times since the first knot [s] and values of the minima, shape (V,) each"""
+    minima: Minima
+    """minima, which name the vehicles"""
     knots: FloatArray = dataclasses.field(default_factory=lambda: np.zeros(0))
     """times of marks since the first knot [s], shape (K,)"""
     at_knots: FloatArray | None = None
@@ -60,14 +59,14 @@ def draw_curves(ax: Axes, plan: Drawn, curves: Curves) -> list[Line2D]:
     """Draw curves in the vehicles' colours, and open marks at their minima; return the curves."""
     start, colours = plan.scenario.grid.start, vehicle_colours(len(plan.positions))
     lines = []
-    for row, index in enumerate(curves.vehicles.tolist()):
+    for row, index in enumerate(curves.minima.vehicles.tolist()):
         times = np.broadcast_to(curves.times, curves.values.shape)[row]
         times, values = with_gaps(plan, times, _finite(curves.values[row]))
         lines.append(draw_curve(ax, plan, index, start + times, values))
         if curves.at_knots is not None:
             mark_knots(ax, plan, index, start + curves.knots, _finite(curves.at_knots[row]))
-        least = start + float(curves.least[0][row]), float(curves.least[1][row])
-        if len(curves.vehicles) <= MAX_ANNOTATED and np.isfinite(least[1]):
+        least = start + float(curves.minima.times[row]), float(curves.minima.values[row])
+        if len(curves.values) <= MAX_ANNOTATED and np.isfinite(least[1]):
             open_mark = {"markersize": 4.5, "markerfacecolor": "white", "zorder": 2.8}
             _mark(ax, index, *least, color=colours[index], **open_mark)
             if curves.labels:
@@ -149,13 +148,32 @@ def draw_ring(
     return ring
 
 
-def description(
-    plan: Drawn, vehicle: int, time: float, value: float, tolerance: float = 0.0
-) -> str:
-    """Describe an instant by its distance, its time and the vehicle's name."""
+def draw_minimum(
+    ax: Axes,
+    plan: Drawn,
+    minimum: Minimum,
+    other: str,
+    *more: Line2D,
+    tolerance: float = 0.0,
+    title: str | None = None,
+) -> Line2D:
+    """Draw a ring at the minimum of all vehicles, described by distance, time and names.
+
+    Args:
+        ax: axes to draw in.
+        plan: motion to draw.
+        minimum: the minimum.
+        other: words after the vehicle's name.
+        more: further entries of the legend above the axes.
+        tolerance: distance below which 0 is written [m].
+        title: title of the axes.
+    """
+    value, time = minimum.value, plan.scenario.grid.start + minimum.time
     far = "0" if abs(value) <= tolerance else f"{value:.4g}".replace("-", "\N{MINUS SIGN}")
-    name = as_text(brief(plan.scenario.vehicles[vehicle].name))
-    return f"{far} m at {plan.scenario.grid.start + time:.4g} s: {name}"
+    name = as_text(brief(plan.scenario.vehicles[minimum.vehicle].name))
+    return draw_ring(
+        ax, (time, value), f"{far} m at {time:.4g} s: {name}{other}", *more, title=title
+    )
 
 
 def bottom_of(values: FloatArray) -> float:

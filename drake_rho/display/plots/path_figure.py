@@ -26,7 +26,7 @@ from drake_rho.display.common.obstacle_snapshots import (
     obstacle_paths,
     snapshots,
 )
-from drake_rho.display.common.requirements import kept_positions
+from drake_rho.display.common.requirements import required_positions
 from drake_rho.display.common.set_surfaces import requirements_near
 from drake_rho.display.common.style import MAX_NAMED, dense_times, window_colours
 from drake_rho.display.plots.axes3d import Area, SceneAxes, fit_scene, frame_scene
@@ -248,10 +248,10 @@ class _Content:
         width = figure.get_figwidth() - 2 * EDGE
         notes = ["; ".join(words), *obstacle_notes(plan, self.bodies)]
         notes += map_notes(self.shown)
-        kept = list(kept_positions(plan.scenario))
-        if not all(each.is_link for each in kept):
+        required = list(required_positions(plan.scenario))
+        if not all(each.is_link for each in required):
             notes.append("green: sets in which vehicles stay")
-        if any(each.is_link for each in kept):
+        if any(each.is_link for each in required):
             notes.append(
                 "dashed, grey to red: links when least is left of them; red: nothing is left"
             )

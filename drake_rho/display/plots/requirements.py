@@ -5,6 +5,7 @@ Every function takes the axes first and returns the artists it has drawn.
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from typing import Any
 
@@ -18,7 +19,7 @@ from mpl_toolkits.mplot3d.axes3d import Axes3D
 from drake_rho.display.common.drawable import Drawn
 from drake_rho.display.common.names import as_text
 from drake_rho.display.common.obstacle_snapshots import Snapshot, active_in_words
-from drake_rho.display.common.requirements import Kept, kept_positions
+from drake_rho.display.common.requirements import RequiredPositions, required_positions, tightest
 from drake_rho.display.common.set_surfaces import surface_within
 from drake_rho.display.common.style import ALLOWED, dense_times, reddened
 from drake_rho.display.plots.labels import Labels, around
@@ -26,12 +27,11 @@ from drake_rho.display.plots.lines3d import draw_line
 from drake_rho.display.plots.panels import (
     Curves,
     bottom_of,
-    description,
     draw_curves,
     draw_inactive,
     draw_limit,
+    draw_minimum,
     draw_planned,
-    draw_ring,
     finish,
 )
 
@@ -46,10 +46,10 @@ _PARTS = 24
 def draw_sets(ax: Axes3D, plan: Drawn) -> list[Artist]:
     """Draw the sets required of single vehicles, faint, within the limits of the axes."""
     lower, upper = np.array([ax.get_xlim(), ax.get_ylim(), ax.get_zlim()]).T
-    sets = [each for each in kept_positions(plan.scenario) if not each.is_link]
+    sets = [each for each in required_positions(plan.scenario) if not each.is_link]
     artists: list[Artist] = []
-    for kept in sets:
-        skin = surface_within(kept.requirement.set, lower, upper)
+    for required in sets:
+        skin = surface_within(required.requirement.set, lower, upper)
         if skin.faces:
             style: dict[str, Any] = {"facecolors": ALLOWED, "alpha": 0.07, "linewidth": 0}
             artists.append(ax.add_collection3d(Poly3DCollection(skin.faces, **style)))
@@ -61,7 +61,9 @@ def draw_sets(ax: Axes3D, plan: Drawn) -> list[Artist]:
             top = (corners.min(axis=0) + corners.max(axis=0)) / 2.0
             top[2] = corners[:, 2].max()
             words = ", ".join(
-                filter(None, (as_text(kept.label), active_in_words(kept.requirement.active)))
+                filter(
+                    None, (as_text(required.label), active_in_words(required.requirement.active))
+                )
             )
             spots = around(ax, *top)
             artists.append(Labels.of(ax).add(words, spots, rank=1, color=ALLOWED))
@@ -76,31 +78,32 @@ def draw_links(ax: Axes3D, plan: Drawn, shown: Sequence[Snapshot] = ()) -> list[
         plan: motion to draw.
         shown: drawn obstacles, which hide the parts of links behind them.
     """
-    links = [each for each in kept_positions(plan.scenario) if each.is_link]
-    labelled = sum(len(kept.members) for kept in links) <= _MAX_LABELLED
+    links = [each for each in required_positions(plan.scenario) if each.is_link]
+    labelled = sum(len(required.members) for required in links) <= _MAX_LABELLED
     lines = []
-    for kept in links:
-        times, left = kept.least(plan)
-        begins = kept.origins(plan, times)
-        ends = plan.motion().each_at("position", kept.members, times)
-        for begin, end, part, time in zip(
-            begins, ends, left / kept.plenty(plan), times, strict=True
-        ):
+    for required in links:
+        minima = required.minima(plan)
+        begins = required.origins(plan, minima.times)
+        ends = plan.motion().each_at("position", required.members, minima.times)
+        parts = minima.values / required.plenty(plan)
+        for begin, end, part, time in zip(begins, ends, parts, minima.times, strict=True):
             points = begin + np.linspace(0.0, 1.0, _PARTS + 1)[:, None] * (end - begin)
             style: dict[str, Any] = {"color": reddened(part), "linewidth": 1.0}
             lines += draw_line(ax, points, shown, linestyle=(0, (3, 2)), **style)
-            if kept.partner is None:
+            if required.partner is None:
                 mark: dict[str, Any] = {"marker": "x", "markersize": 4, "color": "black"}
                 lines += ax.plot(*begin[:, None], **mark)
             if labelled:
-                words = f"{as_text(kept.label)}, {round(plan.scenario.grid.start + time, 2):g} s"
+                words = (
+                    f"{as_text(required.label)}, {round(plan.scenario.grid.start + time, 2):g} s"
+                )
                 spots = around(ax, *points[_PARTS // 2])
                 Labels.of(ax).add(words, spots, rank=2, color="#555555")
     return lines
 
 
-def draw_left(
-    ax: Axes, plan: Drawn, kept: Sequence[Kept], *, title: str | None = None
+def draw_margins(
+    ax: Axes, plan: Drawn, required: Sequence[RequiredPositions], *, title: str | None = None
 ) -> list[Line2D]:
     """Draw each vehicle's margin in requirements of positions over time.
 
@@ -110,63 +113,64 @@ def draw_left(
     Args:
         ax: axes to draw in.
         plan: motion to draw.
-        kept: requirements; of several, each minimum is labelled with its name.
+        required: requirements; of several, each minimum is labelled with its name.
         title: title of the axes.
 
     Returns:
         The curves, and a ring at the overall minimum.
     """
-    highest, start = _highest(plan, kept), plan.scenario.grid.start
-    curves = [line for each in kept for line in _draw_curves(ax, plan, each, highest)]
-    least = [each.least(plan) for each in kept]
-    number = int(np.argmin([values.min() for _, values in least]))
-    where, i = kept[number], int(np.argmin(least[number][1]))
-    time, value = (float(each[i]) for each in least[number])
-    tolerance = where.requirement.tolerances(plan.scenario.fleet, plan.scenario.names)[i]
-    words = description(plan, int(where.members[i]), time, value, tolerance)
-    words += f" in {as_text(where.label)}" if len(kept) > 1 else ""
-    ring = draw_ring(ax, (start + time, value), words, title=title)
+    highest = _highest(plan, required)
+    curves = [line for each in required for line in _draw_curves(ax, plan, each, highest)]
+    number, minima = tightest(required, plan)
+    where, least, scenario = required[number], minima.least, plan.scenario
+    tolerance = where.requirement.tolerances(scenario.fleet, scenario.names)[least.row]
+    words = f" in {as_text(where.label)}" if len(required) > 1 else ""
+    ring = draw_minimum(ax, plan, least, words, tolerance=tolerance, title=title)
     bottom = bottom_of(np.concatenate([np.asarray(line.get_ydata()) for line in curves]))
     draw_limit(ax, 0.0, "boundary of the set", bottom)
     ax.set(ylabel="distance inside the set [m]", ylim=(bottom, highest))
-    if len(kept) == 1:
+    if len(required) == 1:
         draw_inactive(ax, plan, where.requirement.active)
-    finish(ax, plan, curves if len(kept) == 1 else [])
+    finish(ax, plan, curves if len(required) == 1 else [])
     return [*curves, ring]
 
 
-def _highest(plan: Drawn, kept: Sequence[Kept]) -> float | None:
+def _highest(plan: Drawn, required: Sequence[RequiredPositions]) -> float | None:
     """Return the upper end of axes with several requirements [m]: above their smallest margin.
 
     None for one requirement, or if no margin is positive.
     """
-    if len(kept) == 1:
+    if len(required) == 1:
         return None
     times = dense_times(plan)
-    least = np.min([each.left(plan, times).min(axis=0) for each in kept], axis=0)
+    least = np.min([each.margins(plan, times).min(axis=0) for each in required], axis=0)
     top = _ABOVE * float(least.max(where=np.isfinite(least), initial=0.0))
     return top if top > 0.0 else None
 
 
-def _draw_curves(ax: Axes, plan: Drawn, kept: Kept, highest: float | None) -> list[Line2D]:
+def _draw_curves(
+    ax: Axes, plan: Drawn, required: RequiredPositions, highest: float | None
+) -> list[Line2D]:
     """Draw the margins in a requirement, with marks at the minima.
 
     With a highest value [m], greater values are omitted, and the minima are labelled.
     """
     most = np.inf if highest is None else highest
-    labels = [] if highest is None else [as_text(kept.label)] * len(kept.members)
-    elapsed, least = plan.scenario.grid.elapsed, kept.least(plan)
-    times, knots = np.union1d(kept.times(plan), least[0]), elapsed[kept.is_active(plan, elapsed)]
-    values, at_knots, minima = (
+    labels = [] if highest is None else [as_text(required.label)] * len(required.members)
+    elapsed, minima = plan.scenario.grid.elapsed, required.minima(plan)
+    times = np.union1d(required.times(plan), minima.times)
+    knots = elapsed[required.is_active(plan, elapsed)]
+    values, at_knots, least = (
         np.where(each <= most, each, np.nan)
-        for each in (kept.left(plan, times), kept.left(plan, knots), least[1])
+        for each in (required.margins(plan, times), required.margins(plan, knots), minima.values)
     )
-    curves = Curves(kept.members, times, values, (least[0], minima), knots, at_knots, labels)
+    minima = dataclasses.replace(minima, values=least)
+    curves = Curves(times, values, minima, knots, at_knots, labels)
     lines = draw_curves(ax, plan, curves)
     for piece in plan.planned:
         times = dense_times(piece.shown)
-        left = np.full((len(plan.positions), len(times)), np.nan)
-        values = kept.left(piece.shown, times)
-        left[kept.members] = np.where(values <= most, values, np.nan)
-        draw_planned(ax, piece, times, left)
+        margins = np.full((len(plan.positions), len(times)), np.nan)
+        values = required.margins(piece.shown, times)
+        margins[required.members] = np.where(values <= most, values, np.nan)
+        draw_planned(ax, piece, times, margins)
     return lines

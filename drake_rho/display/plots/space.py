@@ -158,8 +158,8 @@ def draw_paths(ax: Axes3D, plan: Drawn, shown: Sequence[Snapshot] = ()) -> list[
     for index, colour in enumerate(vehicle_colours(len(paths))):
         parts = [draw_line(ax, paths[index, each], shown, color=colour, **shape) for each in pieces]
         parts[0][0].set_label(as_text(plan.scenario.vehicles[index].name))
-        if flown and len(paths) <= MAX_NAMED:
-            _draw_knots(ax, plan.positions[index], index, shown, color=colour, markersize=2.4)
+        if flown:
+            _draw_knots(ax, plan, index, shown)
         lines += [line for part in parts for line in part]
     draw_ends(ax, plan.scenario)
     return lines
@@ -223,9 +223,8 @@ def draw_windows(ax: Axes3D, plan: Drawn, shown: Sequence[Snapshot] = ()) -> lis
             lines[-1] += draw_line(ax, true[index, part], shown, color=colour, linewidth=2.2)
         if (braking := window.braking) is not None:
             draw_braking(ax, braking, shown)
-    if len(true) <= MAX_NAMED:
-        for index, own in enumerate(vehicle_colours(len(true))):
-            _draw_knots(ax, plan.positions[index], index, shown, color=own, markersize=2.4)
+    for index in range(len(true)):
+        _draw_knots(ax, plan, index, shown)
     named = len(true) <= MAX_LABELLED
     draw_ends(ax, plan.scenario, ["black"] * len(true) if named else None)
     return lines
@@ -263,8 +262,10 @@ def draw_ends(ax: Axes3D, scenario: Scenario, colours: Sequence[str] | None = No
     return artists
 
 
-def _draw_knots(
-    ax: Axes3D, knots: FloatArray, index: int, shown: Sequence[Snapshot], **style: Any
-) -> None:
-    knots = knots[:: marks_every(len(knots), width_of(ax))]
-    draw_line(ax, knots, shown, linestyle="none", marker=vehicle_marker(index), **style)
+def _draw_knots(ax: Axes3D, plan: Drawn, index: int, shown: Sequence[Snapshot]) -> None:
+    """Mark a vehicle's positions at knots, or at some of them, if vehicles are named."""
+    if len(plan.positions) > MAX_NAMED:
+        return
+    knots = plan.positions[index, :: marks_every(len(plan.times), width_of(ax))]
+    colour, marker = vehicle_colours(len(plan.positions))[index], vehicle_marker(index)
+    draw_line(ax, knots, shown, color=colour, linestyle="none", marker=marker, markersize=2.4)

@@ -76,7 +76,7 @@ def viewer_page(
 
 def with_overlay(page: str, data: dict[str, object]) -> str:
     """Return Meshcat's page with the overlay, which shows the data."""
-    head, end, tail = page.rpartition(_END)
+    head, end, after = page.rpartition(_END)
     return "".join(
         [
             head.replace(
@@ -88,7 +88,7 @@ def with_overlay(page: str, data: dict[str, object]) -> str:
             f"<style>\n{_overlay('.css')}</style>\n",
             f'<script type="module">\n{_overlay(".js")}</script>\n',
             end,
-            tail,
+            after,
         ]
     )
 

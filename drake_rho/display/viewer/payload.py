@@ -10,7 +10,7 @@ from matplotlib.colors import to_hex
 from drake_rho.display.common.map_faces import has_map, map_faces
 from drake_rho.display.common.names import as_path, brief
 from drake_rho.display.common.obstacle_snapshots import has_halo
-from drake_rho.display.common.requirements import Kept, kept_positions
+from drake_rho.display.common.requirements import RequiredPositions, required_positions
 from drake_rho.display.common.style import (
     HIGHEST,
     LOWEST,
@@ -20,7 +20,7 @@ from drake_rho.display.common.style import (
     vehicle_colours,
 )
 from drake_rho.display.meshcat.animation import Stage
-from drake_rho.display.meshcat.requirements import left_while_shown
+from drake_rho.display.meshcat.requirements import margins_while_shown
 from drake_rho.display.meshcat.scene import MAX_DETAILED
 from drake_rho.display.meshcat.tubes_and_wind import largest_tube, strongest_wind
 from drake_rho.display.viewer.readings import Readings
@@ -109,17 +109,17 @@ def _requirements(stage: Stage, found: Readings, decimals: int) -> list[dict[str
     From `plenty` metres on, nothing of their colour is red.
     """
     shown, playback, names = stage.shown, stage.playback, stage.shown.scenario.names
-    plenty = np.array([kept.plenty(shown) for kept in found.kept])
-    tight = np.array([kept.least(shown)[1].min() for kept in found.kept]) / plenty
+    plenty = np.array([required.plenty(shown) for required in found.required])
+    tight = np.array([required.minima(shown).values.min() for required in found.required]) / plenty
     entries: list[dict[str, object]] = []
     for number in np.sort(np.argsort(tight, kind="stable")[:_MAX_LISTED]):
-        kept = found.kept[number]
-        left = left_while_shown(kept, shown, playback.times, playback).min(axis=0)
+        required = found.required[number]
+        margins = margins_while_shown(required, shown, playback.times, playback).min(axis=0)
         entries.append(
             {
-                "label": kept.label,
-                "title": kept.in_words(names),
-                "left": _rounded(left, decimals),
+                "label": required.label,
+                "title": required.in_words(names),
+                "left": _rounded(margins, decimals),
                 "plenty": float(plenty[number]),
             }
         )
@@ -136,7 +136,7 @@ def _curves(stage: Stage, found: Readings, decimals: int) -> list[dict[str, obje
     vehicles = [brief(vehicle.name) for vehicle in scenario.vehicles]
     bodies = [brief(str(each["name"])) for each in _obstacles(stage)]
     by_scale = f"vertical distances divided by {apart.downwash:g}" if apart and scaled else ""
-    labels = [each.label for each in found.kept]
+    labels = [each.label for each in found.required]
     return [
         {
             "title": title,
@@ -175,7 +175,7 @@ def _layers(stage: Stage) -> list[dict[str, object]]:
         ("Tubes", ["tube", "tubes"], largest_tube(stage.simulation) > 0.0),
         ("Plans", ["planned"], stage.simulation is not None),
         ("Wind", ["wind"], strongest_wind(stage.simulation) > 0.0),
-        ("Requirements", ["links", "points", "sets"], any(kept_positions(scenario))),
+        ("Requirements", ["links", "points", "sets"], any(required_positions(scenario))),
         ("Starts and goals", ["starts", "goals", "waypoints", "lines"], True),
         ("Obstacles", ["obstacles"], has_map(scenario)),
         ("Radii", ["radii"], _with_radii(stage)),
@@ -226,7 +226,7 @@ def _legend(stage: Stage) -> list[dict[str, str]]:
             "obstacles with a time window are shown while active",
             any(obstacle.active is not None for obstacle in bodies),
         ),
-        *_of_requirements(list(kept_positions(scenario))),
+        *_of_requirements(list(required_positions(scenario))),
         ("radius", "vehicle's radius, the required distance from obstacles", _with_radii(stage)),
         (
             "shell",
@@ -247,15 +247,15 @@ def _merged(scenario: Scenario) -> str:
     return f", drawn in cells of {merged:.2g} m" if merged > 0.0 else ""
 
 
-def _of_requirements(kept: list[Kept]) -> list[tuple[str, str, bool]]:
+def _of_requirements(required: list[RequiredPositions]) -> list[tuple[str, str, bool]]:
     """Return the signs of requirements, with their meanings and whether there are any."""
-    timed = any(each.requirement.active is not None for each in kept)
+    timed = any(each.requirement.active is not None for each in required)
     entries = [
         ("link", "link to another vehicle; red: nothing left"),
         ("link", "link to a moving point; red: nothing left"),
         ("set", "set in which vehicles stay"),
     ]
-    which = {0 if each.partner is not None else 1 if each.is_link else 2 for each in kept}
+    which = {0 if each.partner is not None else 1 if each.is_link else 2 for each in required}
     last = max(which, default=None)
     return [
         (sign, f"{words}; shown while required" if timed and k == last else words, k in which)

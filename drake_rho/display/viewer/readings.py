@@ -16,7 +16,8 @@ import numpy as np
 
 from drake_rho.display.common.clearances import least_clearances
 from drake_rho.display.common.drawable import Drawn
-from drake_rho.display.common.requirements import Kept, kept_positions
+from drake_rho.display.common.minima import Minima, Minimum
+from drake_rho.display.common.requirements import RequiredPositions, required_positions, tightest
 from drake_rho.motion.nearest_vehicles import nearest_vehicles
 from drake_rho.motion.obstacle_clearances import nearest_obstacles
 from drake_rho.scenario.fields import FloatArray, IntArray
@@ -56,7 +57,7 @@ class Readings:
     """distance of the closest two vehicles; None for a single vehicle"""
     requirements: Curve | None
     """smallest margin in requirements of positions; None without such requirements"""
-    kept: tuple[Kept, ...]
+    required: tuple[RequiredPositions, ...]
     """requirements of positions, R of them"""
 
     @classmethod
@@ -69,14 +70,14 @@ class Readings:
         away, other = nearest_vehicles(measure.scaled(motion.at("position", times)))
         clearances, nearest = clear, number
         if scenario.separation is not None:
-            left = away - scenario.separation.distance
-            nearest = np.where(left < clear, len(scenario.bodies) + other, number)
-            clearances = np.minimum(clear, left)
+            apart = away - scenario.separation.distance
+            nearest = np.where(apart < clear, len(scenario.bodies) + other, number)
+            clearances = np.minimum(clear, apart)
         obstacles = _from_obstacles(shown, times, clear) if scenario.bodies else None
         pairs = _between_two(shown, times, away) if len(speeds) > 1 else None
-        kept = tuple(kept_positions(scenario))
-        requirements = _of_requirements(shown, times, kept) if kept else None
-        return cls(times, speeds, clearances, nearest, obstacles, pairs, requirements, kept)
+        required = tuple(required_positions(scenario))
+        requirements = _of_requirements(shown, times, required) if required else None
+        return cls(times, speeds, clearances, nearest, obstacles, pairs, requirements, required)
 
 
 def _from_obstacles(shown: Drawn, times: FloatArray, clear: FloatArray) -> Curve | None:
@@ -84,48 +85,53 @@ def _from_obstacles(shown: Drawn, times: FloatArray, clear: FloatArray) -> Curve
     found = least_clearances(shown, shown.scenario.bodies)
     if not np.isfinite(found.clearances).any():
         return None
-    i, m = np.unravel_index(np.argmin(found.clearances), found.clearances.shape)
-    least = found.times[i, m], found.clearances[i, m]
-    return Curve(
-        *_with(shown, times, clear.min(axis=0), *least),
-        limit=0.0,
-        closest=(int(i), int(found.nearest[i, m])),
-    )
+    least = found.minima.least
+    nearest = int(found.nearest_at_minima[least.row])
+    return _curve(shown, times, clear.min(axis=0), least, nearest)
 
 
-def _of_requirements(shown: Drawn, times: FloatArray, kept: Sequence[Kept]) -> Curve:
+def _of_requirements(
+    shown: Drawn, times: FloatArray, required: Sequence[RequiredPositions]
+) -> Curve:
     """Return the smallest margin in all requirements."""
-    left = np.min([each.left(shown, times).min(axis=0) for each in kept], axis=0)
-    least = [each.least(shown) for each in kept]
-    number = int(np.argmin([values.min() for _, values in least]))
-    when, values = least[number]
-    i = int(np.argmin(values))
-    return Curve(
-        *_with(shown, times, left, when[i], values[i]),
-        limit=0.0,
-        closest=(int(kept[number].members[i]), number),
-    )
+    margins = np.min([each.margins(shown, times).min(axis=0) for each in required], axis=0)
+    number, minima = tightest(required, shown)
+    return _curve(shown, times, margins, minima.least, number)
 
 
 def _between_two(shown: Drawn, times: FloatArray, away: FloatArray) -> Curve:
-    apart = shown.scenario.separation
-    found = shown.closest_two(apart or Separation(1.0))
-    m = np.argmin(found.distances)
-    return Curve(
-        *_with(shown, times, away.min(axis=0), found.times[m], found.distances[m]),
-        limit=None if apart is None else apart.distance,
-        closest=(int(found.one[m]), int(found.other[m])),
-    )
+    """Return the distance of the closest two vehicles."""
+    separation = shown.scenario.separation
+    found = shown.closest_two(separation or Separation(1.0))
+    least = Minima(found.one, found.times, found.distances).least
+    limit = None if separation is None else separation.distance
+    return _curve(shown, times, away.min(axis=0), least, int(found.other[least.row]), limit)
 
 
-def _with(
-    shown: Drawn, times: FloatArray, values: FloatArray, time: float, value: float
-) -> tuple[FloatArray, FloatArray]:
-    """Return times and values with an added point, which replaces a point at the same time."""
-    (same,) = np.nonzero(Clock.of(shown.scenario.grid.step).same(times, time))
+def _curve(
+    shown: Drawn,
+    times: FloatArray,
+    values: FloatArray,
+    least: Minimum,
+    other: int,
+    limit: float | None = 0.0,
+) -> Curve:
+    """Return a curve with its exact minimum, which replaces a point at the same time.
+
+    Args:
+        shown: motion to draw.
+        times: times since the first knot [s], shape (M,).
+        values: least values of the fleet at these times [m], shape (M,).
+        least: minimum over time.
+        other: index of the other vehicle, obstacle or requirement at the minimum.
+        limit: required value [m], if any.
+    """
+    (same,) = np.nonzero(Clock.of(shown.scenario.grid.step).same(times, least.time))
     if len(same) > 0:
         values = values.copy()
-        values[same[0]] = value
-        return times, values
-    place = int(np.searchsorted(times, time))
-    return np.insert(times, place, time), np.insert(values, place, value)
+        values[same[0]] = least.value
+    else:
+        place = int(np.searchsorted(times, least.time))
+        times = np.insert(times, place, least.time)
+        values = np.insert(values, place, least.value)
+    return Curve(times, values, limit, (least.vehicle, other))

@@ -6,7 +6,9 @@
 from __future__ import annotations
 
 import inspect
-from typing import TypedDict, cast
+from typing import Annotated, TypedDict, cast
+
+from pydantic import Field
 
 from drake_rho.planning.call.options import Options
 from drake_rho.planning.call.progress import Progress
@@ -21,6 +23,7 @@ from drake_rho.planning.planners.convex import plan_convex
 from drake_rho.planning.planners.plan import plan
 from drake_rho.planning.programs.backend import Solver, SolverName
 from drake_rho.scenario.arguments import passes_to
+from drake_rho.scenario.fields import Count, Margin, record
 
 
 class Windows(TypedDict, total=False):
@@ -51,6 +54,49 @@ DEFAULTS = cast(
 
 takes_windows = passes_to(RecedingHorizon)
 """Decorator of functions with `**windows: Unpack[Windows]`, whose signatures then list them."""
+
+
+@record
+class PlainSettings:
+    """Settings of windows that are numbers or truth values, for studies and the command line.
+
+    Descriptions are in the annotations, which records inherit; docstrings under fields they do not.
+    """
+
+    replan_every: Annotated[
+        Count,
+        Field(ge=1, description="number of steps flown of each window before the next is planned"),
+    ] = DEFAULTS["replan_every"]
+    free_final_time: Annotated[
+        bool,
+        Field(
+            description="whether windows arrive at the earliest knot for which a plan is found, "
+            "after which vehicles rest; otherwise they arrive at the last knot"
+        ),
+    ] = DEFAULTS["free_final_time"]
+    contingencies: Annotated[
+        bool,
+        Field(
+            description="whether every window also plans how to brake to rest, clear of everything "
+            "known, in case something seen late leaves no plan"
+        ),
+    ] = DEFAULTS["contingencies"]
+    latency: Annotated[
+        Margin | None,
+        Field(
+            description="seconds that planning a window takes, at most those for which it is "
+            "flown: windows are planned that much ahead, from predicted states"
+        ),
+    ] = None
+    bounded_cost: Annotated[
+        bool,
+        Field(
+            description="whether a new plan is accepted only if it costs no more than the rest of "
+            "the previous one, moved to the measured states, so that the cost of the flight has a "
+            "bound"
+        ),
+    ] = DEFAULTS["bounded_cost"]
+
 
 _REFERENCES = {None: None, "free": free_reference, "tail": tail_reference}
 
