@@ -19,7 +19,8 @@ from drake_rho.scenario.errors import Description, ScenarioError
 from drake_rho.scenario.fields import LARGEST, FloatArray, record_kind
 from drake_rho.scenario.shapes.base import Shape
 from drake_rho.scenario.shapes.posed import KINDS, POSE, AnyConvex
-from drake_rho.scenario.shapes.unbounded import Cone, HalfSpace
+from drake_rho.scenario.shapes.unbounded import KINDS as UNBOUNDED
+from drake_rho.scenario.shapes.unbounded import AnyUnbounded, Unbounded
 
 
 @runtime_checkable
@@ -173,12 +174,7 @@ def _disagreement(name: str, value: Any, at: FloatArray, expected: str) -> Scena
 _OWN = "ConvexSet"
 """Tag of a set that is none of the package's records."""
 
-_KINDS = {
-    "Posed": ("shape", *POSE),
-    "HalfSpace": ("normal", "offset"),
-    "Cone": ("apex", "half_angle"),
-    **KINDS,
-}
+_KINDS = {"Posed": ("shape", *POSE), **UNBOUNDED, **KINDS}
 """Keys that identify the set that a mapping describes; of several, the first in this order."""
 
 
@@ -186,7 +182,7 @@ def _kind(value: object) -> str:
     """Return the name of a set's type, or of the type that a mapping describes; else `_OWN`."""
     if isinstance(value, Mapping):
         return record_kind(value, _KINDS, "Sphere")
-    ours = isinstance(value, Shape | Cone | HalfSpace)  # others may have their names
+    ours = isinstance(value, Shape | Unbounded)  # others may have their names
     return type(value).__name__ if ours else _OWN
 
 
@@ -200,8 +196,7 @@ def _own_set(value: object) -> Any:
 
 AnySet = Annotated[
     AnyConvex
-    | Annotated[Cone, Tag("Cone")]
-    | Annotated[HalfSpace, Tag("HalfSpace")]
+    | AnyUnbounded
     | Annotated[
         SkipJsonSchema[
             Annotated[Any, PlainValidator(_own_set), PlainSerializer(lambda each: each)]

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Self
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import Field, model_validator
+from pydantic import Field, Tag, model_validator
 
 from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.fields import NOT_BOOLEAN, BoolArray, Finite, FloatArray, Vector, record
@@ -192,3 +192,13 @@ def _is_nearest_to_apex(beside: FloatArray, up: FloatArray, angle: npt.ArrayLike
     """Return for which points the apex is the nearest point of the cone."""
     behind: BoolArray = (up < 0.0) & (beside * np.sin(angle) + up * np.cos(angle) <= 0.0)
     return behind
+
+
+Unbounded = Cone | HalfSpace
+"""Any of these sets."""
+
+AnyUnbounded = Annotated[Cone, Tag("Cone")] | Annotated[HalfSpace, Tag("HalfSpace")]
+"""One of these sets, identified by its keys in a file."""
+
+KINDS = {"HalfSpace": ("normal", "offset"), "Cone": ("apex", "half_angle")}
+"""Keys that identify the set that a mapping describes; of several, the first in this order."""
