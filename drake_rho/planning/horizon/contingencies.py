@@ -115,10 +115,8 @@ def _cleared(plan: Plan, knot: int, rests: FloatArray) -> FloatArray:
     """Return places of rest moved out of the obstacles, at their positions at a knot."""
     scenario, grid = plan.scenario, plan.scenario.grid
     time = np.array([knot * grid.step])
-    required = scenario.fleet.radii
-    if scenario.disturbance is not None:
-        tube = tube_of(_resting(plan, 0, rests, max(knot, grid.knots - 1)))
-        required = required + tube.position(grid.start + time)
+    tube = tube_of(_resting(plan, 0, rests, max(knot, grid.knots - 1)))
+    required = scenario.fleet.radii + tube.position(grid.start + time)
     for _ in range(_MOVED):
         moved = rests
         for _, body in scenario.avoided:

@@ -24,10 +24,11 @@ import numpy as np
 
 from drake_rho.motion.flight import Flight, Window
 from drake_rho.motion.plan import Plan
-from drake_rho.planning.horizon.measured_states import continued, deviations, off_tube
+from drake_rho.planning.horizon.measured_states import Measured, continued, off_tube
 from drake_rho.planning.horizon.newer_maps import Parts, parts_of_maps, with_newer_maps
 from drake_rho.planning.horizon.seen_again import Seen, seen_again
 from drake_rho.planning.horizon.waypoints_ahead import Free, free_ahead, free_of, timed_as
+from drake_rho.scenario.clock import clock_number, clock_time
 from drake_rho.scenario.fields import FloatArray, unchecked
 from drake_rho.scenario.maps.map import Map
 from drake_rho.scenario.obstacles import AnyObstacle
@@ -40,6 +41,9 @@ from drake_rho.scenario.rest_of_flight import (
     with_obstacles,
 )
 from drake_rho.scenario.times import Clock, steps_lasting
+
+_CLOCK = 1e-4
+"""Largest difference of a caller's time from a knot, in steps; allows for errors of its clock."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -64,7 +68,7 @@ class WindowStart:
     @property
     def on_plan(self) -> bool:
         """Whether all vehicles are in the tube of the plan in force, so that it stays valid."""
-        return self.scenario.smoothing is not None or not self.off
+        return bool(self.scenario.smoothing) or not self.off
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -137,9 +141,33 @@ class Situation:
     def at_start(self) -> Scenario:
         """Scenario of the first window: at rest before, with margins for later windows."""
         scenario = self.scenario
-        if scenario.smoothing is None:
+        if not scenario.smoothing:
             return scenario
         return going_on(scenario, np.zeros((len(scenario.vehicles), REACHED, 3)))
+
+    def knot_at(self, time: float) -> int:
+        """Return the knot at which the next window begins, counted from 0.
+
+        Args:
+            time: on the scenario's clock [s].
+
+        Raises:
+            ValueError: the time is not that of a knot at which the next window can begin.
+        """
+        grid = self.scenario.grid
+        knots = range(self.last.first_knot + 1, grid.knots - 1) if self.last else range(1)
+        steps = (time - grid.start) / grid.step
+        knot = round(steps) if np.isfinite(steps) else -1
+        late = abs(steps - knot) > _CLOCK and not grid.clock.same(
+            time, grid.start + knot * grid.step
+        )
+        if knot not in knots or late:
+            first, last = (
+                grid.times[min(k, grid.knots - 1)] for k in (knots.start, knots.stop - 1)
+            )
+            expected = f"the time of a knot from {clock_number(first)} to {clock_time(last)}"
+            raise ValueError(f"time: got {time!r}, expected {expected}")
+        return knot
 
     def planned(self, knot: int) -> FloatArray:
         """Return the planned states at which a window from a knot begins, shape (N, 6).
@@ -166,18 +194,17 @@ class Situation:
             raise ValueError("windows: got none, expected at least one planned window")
         remaining = self._rest(last.plan, knot - last.first_knot)
         planned = remaining.scenario
-        measured, away = deviations(states, _states_at(remaining, 0))
-        off = np.flatnonzero(off_tube(planned, away, self.latency))
-        left = with_obstacles(planned, self.scenario.obstacles)
-        left = continued(left, self.scenario, states, measured, away, self.latency)
+        measured = Measured.of(states, _states_at(remaining, 0))
+        off = np.flatnonzero(off_tube(planned, measured, self.latency))
+        scenario = with_obstacles(planned, self.scenario.obstacles)
         return WindowStart(
             knot,
-            left,
+            continued(scenario, measured, self.latency),
             remaining,
             last,
             stop=last.contingency and self._rest(last.contingency, knot - last.first_knot),
-            off=tuple(left.names[i] for i in off),
-            free=free_ahead(self.free, self.scenario, left.grid),
+            off=tuple(scenario.names[i] for i in off),
+            free=free_ahead(self.free, self.scenario, scenario.grid),
         )
 
     def _rest(self, plan: Plan, knot: int) -> Plan:
