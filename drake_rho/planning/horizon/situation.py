@@ -1,7 +1,7 @@
-"""Situation of a flight: what its next window stands on.
+"""Situation of a flight, from which its next window is planned.
 
-It has what is known now, the plan in force with its tube, and the times found for free waypoints. A
-window that begins at a knot stands on `Situation.at`.
+It has the obstacles known now, the plan in force with its tube, and the times found for free
+waypoints. A window that begins at a knot starts from `Situation.at`.
 
 With a latency, windows are planned while the previous one is flown. With a smoothing, averages
 depend on accelerations up to `Scenario.lead` later: a window that changes accelerations from a knot
@@ -48,7 +48,7 @@ _CLOCK = 1e-4
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class WindowStart:
-    """What a window after the first stands on."""
+    """Start of a window after the first: the rest of the flight and of the plan in force."""
 
     knot: int
     """knot of the whole flight at which the window begins, counted from 0"""
@@ -73,15 +73,15 @@ class WindowStart:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Situation:
-    """What the windows of a flight stand on, but for measured states."""
+    """Situation of a flight between two windows, without measured states."""
 
     given: Scenario
     """scenario as given"""
     scenario: Scenario
     """scenario of the whole flight as it is known now, with the times found for waypoints"""
     necessary: tuple[AnyObstacle, ...]
-    """obstacles that the plan in force has to avoid: those of the scenario, but for sightings
-    within the errors of former ones"""
+    """obstacles that the plan in force has to avoid: the scenario's, without sightings within the
+    errors of former ones"""
     free: Free
     """flags of the waypoints with free times"""
     maps: Parts
@@ -121,8 +121,8 @@ class Situation:
                 vectors.
         """
         ago = _time_ahead(self.given, self.latency)
-        scenario, due = seen_again(self.scenario, sightings, time, ago)
-        return dataclasses.replace(self, scenario=scenario, necessary=due.obstacles)
+        scenario, needed = seen_again(self.scenario, sightings, time, ago)
+        return dataclasses.replace(self, scenario=scenario, necessary=needed.obstacles)
 
     def with_window(self, window: Window) -> Self:
         """Return the situation after a window was planned.
@@ -180,7 +180,7 @@ class Situation:
         return _states_at(self.last.plan, knot - self.last.first_knot)
 
     def at(self, knot: int, states: FloatArray) -> WindowStart:
-        """Return what a window after the first stands on.
+        """Return the start of a window after the first.
 
         Args:
             knot: of the whole flight at which it begins, counted from 0.

@@ -70,11 +70,11 @@ def plan_convex(
     statistics = Statistics()
     steps_tried: tuple[float, ...] = ()
     for grid in (scenario.grid, *others):
-        asked = scenario.on_grid(grid) if steps_tried else scenario
+        tried = scenario.on_grid(grid) if steps_tried else scenario
         steps_tried += (grid.step,)
         try:
             plan = with_finer_margins(
-                lambda problem: linearised_once(problem, reference, backend), Problem.of(asked)
+                lambda problem: linearised_once(problem, reference, backend), Problem.of(tried)
             )
         except InfeasibleError as error:
             failures.append(error)

@@ -202,13 +202,13 @@ class FirstPlan:
                 accelerations[group] = along.plan.accelerations
         if lost := [along for along in found if along.plan is None]:
             raise no_plan(lost, scenario, spent, failure)
-        around = Plan.from_accelerations(scenario, accelerations)
+        reference = Plan.from_accelerations(scenario, accelerations)
         try:
-            plan = plan_around(problem, around, self.backend)
+            plan = plan_around(problem, reference, self.backend)
         except (InfeasibleError, SolverError, OutOfTimeError):  # rounding errors, without any slack
-            if not Subproblem(problem, decoupled, self.backend).holds(around):
+            if not Subproblem(problem, decoupled, self.backend).holds(reference):
                 raise
-            plan = around
+            plan = reference
         return plan.with_statistics(spent + plan.statistics)
 
 
