@@ -46,7 +46,6 @@ def plan_convex(
             plan has the chosen one in `scenario.grid`, and all that were tried in
             `statistics.steps_tried`.
         solver: `"clarabel"`, `"daqp"` or `"osqp"`, or a Drake solver; Clarabel if not given.
-
         options: only `time_limit` is used; `Options()` if not given.
 
     Returns:
