@@ -16,7 +16,7 @@ from drake_rho.planning.path_search.initial_guesses import find_paths
 from drake_rho.planning.path_search.lattice import Lattice, Raster, TooLargeError
 from drake_rho.planning.path_search.moving_obstacles import MovingObstacle
 from drake_rho.planning.path_search.prioritized import FleetSpaceTimeSearch, space_time_size
-from drake_rho.planning.path_search.reachable import reach_of
+from drake_rho.planning.path_search.reachable import reachable_bounds
 from drake_rho.planning.path_search.resolution import resolutions
 from drake_rho.planning.path_search.space_time import TimeExpandedGraph
 from drake_rho.planning.planners.from_paths import plan_along_paths
@@ -160,24 +160,24 @@ def test_plans_stay_within_reach() -> None:
         scenario = rho.load_scenario(CASES / f"{case}.yaml")
         plan = rho.plan(scenario, options=rho.Options(max_iterations=1))
         times = np.linspace(0.0, scenario.grid.duration, 201)
-        reach = reach_of(scenario)
-        lower, upper = reach.of(0, times)
+        reachable = reachable_bounds(scenario)
+        lower, upper = reachable.of(0, times)
         x = plan.motion().at("position", times)[0]
         assert np.all((x >= lower - 1e-3) & (x <= upper + 1e-3))  # straight between samples
     # no motion goes further and comes back in time
-    assert reach.upper[0, :, 0].max() == pytest.approx(20.0)
+    assert reachable.upper[0, :, 0].max() == pytest.approx(20.0)
 
 
 def test_reach_follows_from_speeds_and_accelerations() -> None:
     scenario = door(rho.Box([-5, -5, -0.1], [5, 5, 0.2]))
-    reach = reach_of(scenario)
-    lower, upper = reach.of(0, np.array([0.0, 5.0, 10.0]))
+    reachable = reachable_bounds(scenario)
+    lower, upper = reachable.of(0, np.array([0.0, 5.0, 10.0]))
     assert np.allclose(lower[[0, 2]], [[0, 0, 5], [20, 0, 5]])
     assert np.allclose(upper[[0, 2]], [[0, 0, 5], [20, 0, 5]])
     # up at 0.2 m/s and down at 0.1 m/s: the height at 5 s leaves time to come down
     assert upper[1, 2] == pytest.approx(5.5, abs=0.02)
     assert lower[1, 2] == pytest.approx(4.5, abs=0.02)
-    assert np.all(reach.speeds <= [5.0, 5.0, 0.2])
+    assert np.all(reachable.speeds <= [5.0, 5.0, 0.2])
 
 
 def test_a_vehicle_without_spare_time_has_a_path() -> None:

@@ -15,7 +15,7 @@ from drake_rho.motion.dynamics import Motion
 from drake_rho.planning.constraints.base import Constraint
 from drake_rho.planning.constraints.close_pairs import separation_of, violating_pairs
 from drake_rho.planning.constraints.separation import KeepApart
-from drake_rho.planning.planners.first_plan import brought_apart
+from drake_rho.planning.planners.first_plan import restored
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs.backend import Backend
 from drake_rho.planning.scp import violations
@@ -236,7 +236,7 @@ def test_a_reference_that_satisfies_every_constraint_is_a_plan(
 
     start = independent(scenario)
     monkeypatch.setattr(Subproblem, "solve_around", refused)
-    plan = brought_apart(Problem.of(scenario), start, Backend())
+    plan = restored(Problem.of(scenario), start, Backend())
     assert plan.statistics.linearisations > 1
     assert rho.verify(plan).ok
 
@@ -258,7 +258,7 @@ def test_only_violating_vehicles_have_programs_at_the_end_of_a_restoration(
         return plan
 
     monkeypatch.setattr(Subproblem, "solve_around", noted)
-    plan = brought_apart(Problem.of(scenario), independent(scenario), Backend())
+    plan = restored(Problem.of(scenario), independent(scenario), Backend())
     assert 0 < planned[-1] < 12
     assert rho.verify(plan).ok
 
@@ -298,7 +298,7 @@ def test_an_infeasible_vehicle_is_planned_in_a_group_with_its_neighbours(
 
     monkeypatch.setattr(Subproblem, "solve_around", refused_once)
     monkeypatch.setattr(InGroups, "solve_around", noted)
-    plan = brought_apart(Problem.of(scenario), independent(scenario), Backend())
+    plan = restored(Problem.of(scenario), independent(scenario), Backend())
     assert seen  # a neighbour was without violation
     assert rho.verify(plan).ok
 
@@ -313,7 +313,7 @@ def test_where_groups_fail_soft_rows_are_used(monkeypatch: pytest.MonkeyPatch) -
         return around(self, *args, **options)
 
     monkeypatch.setattr(InGroups, "solve_around", at_times)
-    plan = brought_apart(Problem.of(scenario), independent(scenario), Backend())
+    plan = restored(Problem.of(scenario), independent(scenario), Backend())
     assert not fails
     assert rho.verify(plan).ok
 

@@ -307,10 +307,10 @@ class Plan(ShownInNotebooks, metaclass=Described):
             raise ValueError(f"seconds: got {seconds}, expected a time from 0 to {most:g} s")
         check_goals_at_rest(scenario.vehicles)
         steps = steps_lasting(seconds, grid.step)
-        around = scenario.disturbance
-        around = around and unchecked(around, tracking=tracking_of(scenario))
+        disturbance = scenario.disturbance
+        disturbance = disturbance and unchecked(disturbance, tracking=tracking_of(scenario))
         longer = scenario.derived(
-            grid=unchecked(grid, knots=grid.knots + steps), disturbance=around
+            grid=unchecked(grid, knots=grid.knots + steps), disturbance=disturbance
         )
         still = np.zeros((len(scenario.vehicles), steps, 3))
         return Plan(

@@ -129,9 +129,8 @@ def attack(scenario: Scenario, plan: Plan) -> Attack:
 
     Raises:
         ValueError: the scenario has no disturbance, is a window of a flight under way, or has no
-            obstacles, separation, position
-            box or required set of positions; or the plan is for other vehicles or another
-            grid.
+            obstacles, separation, position box or required set of positions; or the plan is for
+            other vehicles or another grid.
 
     Examples:
         >>> scenario = rho.load_scenario("courier")

@@ -2,36 +2,21 @@
 
 from __future__ import annotations
 
-from typing import Literal
-
 import numpy as np
 from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
 from pydrake.systems.framework import DiagramBuilder, System
 
 from drake_rho.motion.simulation import Simulation
-from drake_rho.simulation.attitude import LAG
 from drake_rho.simulation.estimates import EstimationErrors
 from drake_rho.simulation.feedback import Horizon
-from drake_rho.simulation.plants import lag_in_samples
-from drake_rho.simulation.quadrotors import LONGEST, lean, quadrotors
-from drake_rho.simulation.systems import (
-    Estimator,
-    RecedingHorizonController,
-    WindSource,
-    WindyPointMass,
-)
+from drake_rho.simulation.plants import Plant
+from drake_rho.simulation.systems import Estimator, RecedingHorizonController, WindSource
 from drake_rho.simulation.timeline import Timeline
 from drake_rho.simulation.winds import Wind
 
-_PLANTS = {None: "point mass", "quadrotor": "quadrotor"}
-"""Name of each plant in records."""
-
 
 def simulated(
-    horizon: Horizon,
-    wind: Wind,
-    plant: Literal["quadrotor"] | None,
-    rng: np.random.Generator | None,
+    horizon: Horizon, wind: Wind, plant: Plant, rng: np.random.Generator | None
 ) -> Simulation:
     """Fly a receding horizon in wind; arguments as for `simulate`.
 
@@ -40,26 +25,20 @@ def simulated(
         ValueError: the wind or `rng` is invalid.
     """
     scenario = horizon.scenario
-    timeline = Timeline.of(scenario, wind, np.inf if plant is None else LONGEST)
+    timeline = Timeline.of(scenario, wind, plant.longest)
     errors = EstimationErrors.of(scenario, wind, rng)
-    flying = WindyPointMass(scenario) if plant is None else quadrotors(scenario)
-    controller = (
-        RecedingHorizonController(horizon)
-        if plant is None
-        else RecedingHorizonController(horizon, lag=LAG, delay=lag_in_samples(scenario))
-    )
+    flying, delay = plant.system(scenario), plant.lag_in_samples(scenario)
+    controller = RecedingHorizonController(horizon, lag=plant.lag, delay=delay)
     source = WindSource(scenario, wind, timeline)
     estimator = Estimator(scenario, errors, float(timeline.elapsed[timeline.samples[1]]))
-    simulator = _simulator(flying, controller, source, estimator, timeline)
+    simulator = _simulator(flying, plant.command, controller, source, estimator, timeline)
     root = simulator.get_mutable_context()
-    if plant is not None:
-        first = controller.GetOutputPort("command").Eval(controller.GetMyContextFromRoot(root))
-        lean(flying, root, first.reshape(-1, 3))
     ports = [
         (system.GetOutputPort(name), system.GetMyContextFromRoot(root))
         for system, name in ((flying, "states"), (source, "wind"), (controller, "command"))
     ]
     count = len(scenario.vehicles)
+    plant.turn(flying, root, ports[2][0].Eval(ports[2][1]).reshape(count, 3))
     states = np.empty((len(timeline.times), count, 6))
     acting, commands = np.empty((2, len(states), count, 3))
     states[0] = ports[0][0].Eval(ports[0][1]).reshape(count, 6)
@@ -76,7 +55,7 @@ def simulated(
         states[..., 3:],
         acting,
         commands,
-        _PLANTS[plant],
+        plant.name,
         timeline.elapsed,
         errors.lost,
     )
@@ -84,6 +63,7 @@ def simulated(
 
 def _simulator(
     plant: System,
+    command: str,
     controller: RecedingHorizonController,
     source: WindSource,
     estimator: Estimator,
@@ -96,7 +76,6 @@ def _simulator(
     builder.Connect(plant.GetOutputPort("states"), estimator.GetInputPort("states"))
     builder.Connect(plant.GetOutputPort("states"), source.GetInputPort("states"))
     builder.Connect(estimator.GetOutputPort("states"), controller.GetInputPort("states"))
-    command = "command" if isinstance(plant, WindyPointMass) else "ahead"
     builder.Connect(controller.GetOutputPort(command), plant.GetInputPort("acceleration"))
     builder.Connect(source.GetOutputPort("wind"), plant.GetInputPort("wind"))
     simulator = Simulator(builder.Build())

@@ -5,7 +5,14 @@ from __future__ import annotations
 import numpy as np
 from pydrake.examples import QuadrotorPlant
 from pydrake.math import RollPitchYaw, RotationMatrix
-from pydrake.systems.framework import BasicVector, Context, Diagram, DiagramBuilder, LeafSystem
+from pydrake.systems.framework import (
+    BasicVector,
+    Context,
+    Diagram,
+    DiagramBuilder,
+    LeafSystem,
+    System,
+)
 from pydrake.systems.primitives import Adder, Demultiplexer, Multiplexer
 
 from drake_rho.scenario.fields import FloatArray
@@ -60,7 +67,7 @@ def quadrotors(scenario: Scenario) -> Diagram:
     return builder.Build()
 
 
-def lean(quadrotors: Diagram, root: Context, accelerations: FloatArray) -> None:
+def lean(quadrotors: System, root: Context, accelerations: FloatArray) -> None:
     """Turn quadrotors to the attitudes of their first accelerations.
 
     Args:

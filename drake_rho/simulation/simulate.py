@@ -20,7 +20,7 @@ from drake_rho.simulation import winds
 from drake_rho.simulation.closed_loop import OnePlan, adopted
 from drake_rho.simulation.diagram import simulated
 from drake_rho.simulation.feedback import Horizon
-from drake_rho.simulation.plants import check_declared, declared, planned_ahead, with_gains
+from drake_rho.simulation.plants import PLANTS
 from drake_rho.simulation.small_steps import in_small_steps
 from drake_rho.simulation.small_windows import as_flown
 from drake_rho.simulation.winds import Wind
@@ -87,12 +87,10 @@ def simulate(
         True
     """
     horizon: Horizon
-    flyable = (lambda given: given) if plant is None else declared
+    kind = PLANTS[plant]
     if isinstance(scenario, Scenario):
-        flown = flyable(_disturbed(scenario, disturbance))
-        if plant is not None:
-            windows = planned_ahead(flown, windows)
-        horizon = RecedingHorizon(flown, **windows)
+        flown = kind.declared(_disturbed(scenario, disturbance))
+        horizon = RecedingHorizon(flown, **kind.planned_ahead(flown, windows))
     elif isinstance(scenario, RecedingHorizon):
         refuse_settings(windows, "receding horizon")
         if disturbance is not None:
@@ -102,22 +100,21 @@ def simulate(
         if scenario.windows:
             got = "a receding horizon that has windows"
             raise ValueError(f"scenario: got {got}, expected one that has not begun")
-        if plant is not None:
-            check_declared(scenario.scenario)
+        kind.check_declared(scenario.scenario)
         horizon = scenario
     else:
         refuse_settings(windows, scenario.kind)
         expected = f"a plan, or a {scenario.kind} without jumps, which vehicles could follow"
         check_continuous(scenario.plan, expected)
-        flown = flyable(_disturbed(scenario.plan.scenario, disturbance))
+        flown = kind.declared(_disturbed(scenario.plan.scenario, disturbance))
         plan = adopted(flown, scenario.plan)
         horizon = OnePlan(in_small_steps(plan))
     try:
-        return simulated(as_flown(horizon), winds.none() if wind is None else wind, plant, rng)
+        return simulated(as_flown(horizon), winds.none() if wind is None else wind, kind, rng)
     except InfeasibleError as error:
-        if plant is None or horizon.scenario.disturbance is None:
+        if kind.lag == 0.0 or not horizon.scenario.disturbance:
             raise
-        raise with_gains(error, horizon.scenario) from None
+        raise kind.with_gains(error, horizon.scenario) from None
 
 
 def _disturbed(scenario: Scenario, disturbance: Disturbance | None) -> Scenario:

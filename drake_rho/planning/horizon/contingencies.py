@@ -58,9 +58,9 @@ def contingency(plan: Plan, knot: int, solver: Solver | None = None) -> Plan:
         {"all vehicles": ("rest",)}, scenario=plan.scenario, because="no time to brake has a plan"
     )
     for rests, steps in _candidates(plan, knot):
-        left = _resting(plan, knot, rests, steps)
+        scenario = _resting(plan, knot, rests, steps)
         try:
-            braking = plan_convex(left, reference=None, solver=solver)
+            braking = plan_convex(scenario, reference=None, solver=solver)
         except (InfeasibleError, SolverError) as error:
             if isinstance(error, InfeasibleError):
                 failure = error
@@ -71,7 +71,7 @@ def contingency(plan: Plan, knot: int, solver: Solver | None = None) -> Plan:
         rest = Plan.from_accelerations(_resting(plan, knot, rests, count), accelerations)
         if (violated := first_violation(rest)) is not None:
             conflicts = {violated.vehicle: (violated.what,)}
-            failure = InfeasibleError(conflicts, scenario=left, because="braking violates it")
+            failure = InfeasibleError(conflicts, scenario=scenario, because="braking violates it")
             continue
         if knot == 0:
             return rest
@@ -115,10 +115,8 @@ def _cleared(plan: Plan, knot: int, rests: FloatArray) -> FloatArray:
     """Return places of rest moved out of the obstacles, at their positions at a knot."""
     scenario, grid = plan.scenario, plan.scenario.grid
     time = np.array([knot * grid.step])
-    required = scenario.fleet.radii
-    if scenario.disturbance is not None:
-        tube = tube_of(_resting(plan, 0, rests, max(knot, grid.knots - 1)))
-        required = required + tube.position(grid.start + time)
+    tube = tube_of(_resting(plan, 0, rests, max(knot, grid.knots - 1)))
+    required = scenario.fleet.radii + tube.position(grid.start + time)
     for _ in range(_MOVED):
         moved = rests
         for _, body in scenario.avoided:
@@ -144,30 +142,30 @@ def _resting(plan: Plan, knot: int, rests: FloatArray, steps: int) -> Scenario:
         steps: number of steps to these places.
     """
     window = plan.scenario
-    left = remainder(window, plan.motion(), knot)
+    remaining = remainder(window, plan.motion(), knot)
     grid: Grid = window.grid.from_knot(knot, steps)
-    fleet = left.fleet.started_at(
+    fleet = remaining.fleet.started_at(
         grid,
         vehicles := tuple(
             unchecked(each, goal=State(rest, np.zeros(3)), waypoints=())
-            for each, rest in zip(left.vehicles, rests, strict=True)
+            for each, rest in zip(remaining.vehicles, rests, strict=True)
         ),
-        left.fleet.start_positions,
-        left.fleet.start_velocities,
-        left.fleet.accelerations_before,
-        [body for _, body in left.avoided],
+        remaining.fleet.start_positions,
+        remaining.fleet.start_velocities,
+        remaining.fleet.accelerations_before,
+        [body for _, body in remaining.avoided],
         rests=rests,
     )
-    around = window.disturbance
-    around = around and unchecked(around, tracking=tracking_of(window))
+    disturbance = window.disturbance
+    disturbance = disturbance and unchecked(disturbance, tracking=tracking_of(window))
     known = [number - 1 for number, _ in window.known]
-    return left.derived(
+    return remaining.derived(
         grid=grid,
         vehicles=vehicles,
         fleet=fleet,
-        disturbance=around,
-        requirements=tuple(each for each in left.requirements if each.active is None),
-        obstacles=tuple(left.bodies[number] for number in known),
-        bodies_in_flight=tuple(left.bodies_in_flight[number] for number in known),
+        disturbance=disturbance,
+        requirements=tuple(each for each in remaining.requirements if each.active is None),
+        obstacles=tuple(remaining.bodies[number] for number in known),
+        bodies_in_flight=tuple(remaining.bodies_in_flight[number] for number in known),
         under_way=True,
     )

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 
 from drake_rho.motion.plan import Plan
 from drake_rho.motion.scenario_tube import tube_of
-from drake_rho.motion.tube import ErrorTube
 from drake_rho.planning.horizon.measured_states import estimate_errors
 from drake_rho.scenario.fields import FloatArray
 
@@ -44,10 +45,10 @@ def largest_correction(plan: Plan, steps: int, ahead: int = 0) -> float:
         ahead: number of samples by which states are predicted, as in `estimate_errors`.
     """
     scenario = plan.scenario
-    if scenario.disturbance is None or scenario.smoothing is not None or steps < 2:
+    if scenario.smoothing or steps < 2:
         return 0.0  # windows with a smoothing begin as planned
     estimates, own = estimate_errors(scenario, ahead), tube_of(scenario)
-    renewed = ErrorTube(scenario.disturbance, own.grid, own.gains, estimates)
+    renewed = dataclasses.replace(own, initial=estimates)
     first = round((scenario.grid.start - own.grid.start) / scenario.grid.step)
     count = scenario.grid.knots - 1
     worst = [tube.over_steps(since, count) for tube, since in ((own, first), (renewed, 0))]

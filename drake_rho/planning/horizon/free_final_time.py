@@ -76,7 +76,7 @@ def next_window(windows: WindowPlanner, start: WindowStart) -> Window:
 
     Args:
         windows: planner of windows with a given final time.
-        start: what the window stands on.
+        start: rest of the flight and of the plan in force.
     """
     remaining, spent = start.remaining, Statistics()
     before = arrival_steps(remaining)
@@ -181,10 +181,9 @@ class EarlyArrival:
         if steps == self.before == whole:
             return planner(scenario, reference=reference, solver=solver)
         short = shortened(scenario, self.free, steps, steps / max(self.before, 1))
-        around = None
         if reference is not None:  # moved to measured states, it does not rest exactly
-            around = in_steps(reference, short, min(arrival_steps(reference), self.before))
-        return rested(planner(short, reference=around, solver=solver), scenario)
+            reference = in_steps(reference, short, min(arrival_steps(reference), self.before))
+        return rested(planner(short, reference=reference, solver=solver), scenario)
 
 
 def shortened(scenario: Scenario, free: Free, steps: int, factor: float) -> Scenario:

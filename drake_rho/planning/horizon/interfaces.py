@@ -53,12 +53,12 @@ def tail_reference(
     return remaining
 
 
-def with_options(options: Options | None, planner: Planner) -> Planner:
+def with_options(options: Options, planner: Planner) -> Planner:
     """Return a planner with options, if it is one of this package's.
 
     The time limit is omitted, since it applies to the whole flight or step.
     """
-    if options is None or planner not in (plan, plan_scp, plan_convex):
+    if planner not in (plan, plan_scp, plan_convex):
         return planner
     ours: Planner = partial(planner, options=dataclasses.replace(options, time_limit=None))
     return ours

@@ -62,27 +62,27 @@ def with_newer_maps(
     for number, latest in _numbered(scenario, parts, newer):
         own = list(present.get(number, ()))
         name = (bodies[number - 1].name if number <= len(bodies) else None) or "map"
-        name, at, rest = name[:LONGEST], clock_time(time), _Rest(latest)
+        name, at, newer_map = name[:LONGEST], clock_time(time), _Newer(latest)
         for each in tuple(own):
             body = bodies[each - 1]
-            stays, goes = rest.compared(body.shape)
-            if goes is None:
+            common, removed = newer_map.compared(body.shape)
+            if removed is None:
                 continue
-            gone = _until(time, scenario, body, goes, f"{name} until {at}")
-            if stays is None:
+            former = _until(time, scenario, body, removed, f"{name} until {at}")
+            if common is None:
                 own.remove(each)
-                bodies[each - 1] = unchecked(gone, name=body.name)
+                bodies[each - 1] = unchecked(former, name=body.name)
             else:
-                bodies[each - 1] = unchecked(body, shape=stays)
-                bodies.append(gone)
-        if rest.left is not None:
-            bodies.append(Obstacle(rest.left, known_from=time, name=f"{name} from {at}"))
+                bodies[each - 1] = unchecked(body, shape=common)
+                bodies.append(former)
+        if newer_map.added is not None:
+            bodies.append(Obstacle(newer_map.added, known_from=time, name=f"{name} from {at}"))
             own.append(len(bodies))
         present[number] = tuple(own)
     return with_obstacles(scenario, tuple(bodies)), present
 
 
-def _until(time: float, scenario: Scenario, body: Obstacle, goes: Solid, name: str) -> Obstacle:
+def _until(time: float, scenario: Scenario, body: Obstacle, removed: Solid, name: str) -> Obstacle:
     """Return the removed part of an obstacle, active from when it became known until now.
 
     It counts as known from the start.
@@ -91,7 +91,7 @@ def _until(time: float, scenario: Scenario, body: Obstacle, goes: Solid, name: s
     if body.known_from > 0.0:
         begin = body.known_from
     active, known = (begin, just_before(time, scenario.grid)), body.known_by(0.0)
-    return unchecked(known, shape=goes, active=active, name=name)
+    return unchecked(known, shape=removed, active=active, name=name)
 
 
 def _numbered(
@@ -117,17 +117,17 @@ def just_before(time: float, grid: Grid) -> float:
 
 
 @dataclasses.dataclass
-class _Rest:
-    """Remaining cells of a newer map, without the older parts compared so far."""
+class _Newer:
+    """Newer map, compared with the parts of an older one in turn."""
 
-    left: Map | None
+    added: Map | None
 
     def compared(self, older: Solid) -> tuple[Solid | None, Solid | None]:
         """Return the common and the removed cells of an older part, None for nothing.
 
         Maps on different grids are compared as a whole.
         """
-        newer = self.left
+        newer = self.added
         if newer is None:
             return None, older
         shift = None
@@ -135,14 +135,14 @@ class _Rest:
             shift = _shift(older, newer)
         if shift is None or not (isinstance(older, Voxels) and isinstance(newer, Voxels)):
             same = older == newer
-            self.left = None if same else newer
+            self.added = None if same else newer
             return (older, None) if same else (None, older)
         cells = newer.occupied + shift
-        goes = difference(older.occupied, cells)
-        self.left = _of(older, difference(cells, older.occupied))
-        if len(goes) == 0:
+        removed = difference(older.occupied, cells)
+        self.added = _of(older, difference(cells, older.occupied))
+        if len(removed) == 0:
             return older, None
-        return _of(older, difference(older.occupied, goes)), _of(older, goes)
+        return _of(older, difference(older.occupied, removed)), _of(older, removed)
 
 
 def _of(like: Voxels, cells: IntArray) -> Voxels | None:

@@ -26,10 +26,9 @@ from drake_rho.planning.horizon.interfaces import (
     tail_reference,
     with_options,
 )
-from drake_rho.planning.horizon.measured_states import from_measured
+from drake_rho.planning.horizon.measured_states import checked_states, from_measured
 from drake_rho.planning.horizon.seen_again import Seen
 from drake_rho.planning.horizon.situation import Situation, latency_in_samples
-from drake_rho.planning.horizon.step_arguments import knot_at, states_of
 from drake_rho.planning.horizon.windows import WindowPlanner
 from drake_rho.planning.planners.convex import plan_convex
 from drake_rho.planning.planners.plan import plan as best_plan
@@ -132,19 +131,15 @@ class RecedingHorizon:
         self.replan_every, self.free_final_time = int(replan_every), free_final_time
         self.windows: list[Window] = []
         self._situation = Situation.of(scenario, self.latency)
-        self._planner, self._progress = (
-            WindowPlanner(
-                with_options(options, planner),
-                None if fallback is None else with_options(options, fallback),
-                reference,
-                Backend.of(solver).solver,
-                braking_after=self.replan_every if contingencies else None,
-                bounded_cost=bounded_cost,
-            ),
-            progress,
+        self._options, self._progress = options or Options(), progress
+        self._planner = WindowPlanner(
+            with_options(self._options, planner),
+            fallback and with_options(self._options, fallback),
+            reference,
+            Backend.of(solver).solver,
+            braking_after=self.replan_every if contingencies else None,
+            bounded_cost=bounded_cost,
         )
-        self._options = options
-        self._time_limit = None if options is None else options.time_limit
 
     @property
     def scenario(self) -> Scenario:
@@ -220,12 +215,12 @@ class RecedingHorizon:
         """
         situation = self._situation
         if map is not None or sightings:
-            self._knot(time)  # an impossible time is refused first
+            situation.knot_at(time)  # an impossible time is refused first
         if map is not None:
             situation = situation.with_map(map, time)
         if sightings:
             situation = situation.with_sightings(sightings, time)
-        with within_time(self._time_limit):
+        with within_time(self._options.time_limit):
             window = self._window(situation, states, time)
         self.windows.append(window)
         self._situation = situation.with_window(window)
@@ -235,8 +230,8 @@ class RecedingHorizon:
     @single_threaded_blas()
     def _window(self, situation: Situation, states: npt.ArrayLike, time: float) -> Window:
         """Return the next window; see `step`."""
-        measured = states_of(situation.scenario, states)
-        knot, notes = self._knot(time), dict[str, Any]()
+        measured = checked_states(situation.scenario, states)
+        knot, notes = situation.knot_at(time), dict[str, Any]()
         tell(self._progress, f"window {knot // self.replan_every + 1} of {len(self.knots)}")
         if situation.last is None:
             window = self._first(situation.at_start, measured)
@@ -265,13 +260,6 @@ class RecedingHorizon:
         if not self.windows:
             raise ValueError("windows: got none, expected at least one planned window")
         return self._situation.flight(self.windows)
-
-    def _knot(self, time: float) -> int:
-        """Return the number of the knot at a time."""
-        grid = self.scenario.grid
-        if not self.windows:
-            return knot_at(grid, time, range(1))
-        return knot_at(grid, time, range(self.windows[-1].first_knot + 1, grid.knots - 1))
 
     def _first(self, scenario: Scenario, states: FloatArray) -> Window:
         """Return the first window of a scenario, from measured states."""

@@ -56,8 +56,8 @@ def seen_again(
     wrong = [_excludes(scenario.bodies[n - 1], state[0], time, time - ago) for n, state in found]
     must = [each for each, excluded in zip(found, wrong, strict=True) if excluded]
     may = [each for each, excluded in zip(found, wrong, strict=True) if not excluded]
-    due = _with(scenario, must, time, time - ago)
-    return _with(due, may, time, time - ago), due
+    necessary = _with(scenario, must, time, time - ago)
+    return _with(necessary, may, time, time - ago), necessary
 
 
 def _number(scenario: Scenario, name: str) -> int:

@@ -1,7 +1,7 @@
-"""Situation of a flight: what its next window stands on.
+"""Situation of a flight, from which its next window is planned.
 
-It has what is known now, the plan in force with its tube, and the times found for free waypoints. A
-window that begins at a knot stands on `Situation.at`.
+It has the obstacles known now, the plan in force with its tube, and the times found for free
+waypoints. A window that begins at a knot starts from `Situation.at`.
 
 With a latency, windows are planned while the previous one is flown. With a smoothing, averages
 depend on accelerations up to `Scenario.lead` later: a window that changes accelerations from a knot
@@ -24,10 +24,11 @@ import numpy as np
 
 from drake_rho.motion.flight import Flight, Window
 from drake_rho.motion.plan import Plan
-from drake_rho.planning.horizon.measured_states import continued, deviations, off_tube
+from drake_rho.planning.horizon.measured_states import Measured, continued, off_tube
 from drake_rho.planning.horizon.newer_maps import Parts, parts_of_maps, with_newer_maps
 from drake_rho.planning.horizon.seen_again import Seen, seen_again
 from drake_rho.planning.horizon.waypoints_ahead import Free, free_ahead, free_of, timed_as
+from drake_rho.scenario.clock import clock_number, clock_time
 from drake_rho.scenario.fields import FloatArray, unchecked
 from drake_rho.scenario.maps.map import Map
 from drake_rho.scenario.obstacles import AnyObstacle
@@ -41,10 +42,13 @@ from drake_rho.scenario.rest_of_flight import (
 )
 from drake_rho.scenario.times import Clock, steps_lasting
 
+_CLOCK = 1e-4
+"""Largest difference of a caller's time from a knot, in steps; allows for errors of its clock."""
+
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class WindowStart:
-    """What a window after the first stands on."""
+    """Start of a window after the first: the rest of the flight and of the plan in force."""
 
     knot: int
     """knot of the whole flight at which the window begins, counted from 0"""
@@ -64,20 +68,20 @@ class WindowStart:
     @property
     def on_plan(self) -> bool:
         """Whether all vehicles are in the tube of the plan in force, so that it stays valid."""
-        return self.scenario.smoothing is not None or not self.off
+        return bool(self.scenario.smoothing) or not self.off
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Situation:
-    """What the windows of a flight stand on, but for measured states."""
+    """Situation of a flight between two windows, without measured states."""
 
     given: Scenario
     """scenario as given"""
     scenario: Scenario
     """scenario of the whole flight as it is known now, with the times found for waypoints"""
     necessary: tuple[AnyObstacle, ...]
-    """obstacles that the plan in force has to avoid: those of the scenario, but for sightings
-    within the errors of former ones"""
+    """obstacles that the plan in force has to avoid: the scenario's, without sightings within the
+    errors of former ones"""
     free: Free
     """flags of the waypoints with free times"""
     maps: Parts
@@ -117,8 +121,8 @@ class Situation:
                 vectors.
         """
         ago = _time_ahead(self.given, self.latency)
-        scenario, due = seen_again(self.scenario, sightings, time, ago)
-        return dataclasses.replace(self, scenario=scenario, necessary=due.obstacles)
+        scenario, needed = seen_again(self.scenario, sightings, time, ago)
+        return dataclasses.replace(self, scenario=scenario, necessary=needed.obstacles)
 
     def with_window(self, window: Window) -> Self:
         """Return the situation after a window was planned.
@@ -137,9 +141,33 @@ class Situation:
     def at_start(self) -> Scenario:
         """Scenario of the first window: at rest before, with margins for later windows."""
         scenario = self.scenario
-        if scenario.smoothing is None:
+        if not scenario.smoothing:
             return scenario
         return going_on(scenario, np.zeros((len(scenario.vehicles), REACHED, 3)))
+
+    def knot_at(self, time: float) -> int:
+        """Return the knot at which the next window begins, counted from 0.
+
+        Args:
+            time: on the scenario's clock [s].
+
+        Raises:
+            ValueError: the time is not that of a knot at which the next window can begin.
+        """
+        grid = self.scenario.grid
+        knots = range(self.last.first_knot + 1, grid.knots - 1) if self.last else range(1)
+        steps = (time - grid.start) / grid.step
+        knot = round(steps) if np.isfinite(steps) else -1
+        late = abs(steps - knot) > _CLOCK and not grid.clock.same(
+            time, grid.start + knot * grid.step
+        )
+        if knot not in knots or late:
+            first, last = (
+                grid.times[min(k, grid.knots - 1)] for k in (knots.start, knots.stop - 1)
+            )
+            expected = f"the time of a knot from {clock_number(first)} to {clock_time(last)}"
+            raise ValueError(f"time: got {time!r}, expected {expected}")
+        return knot
 
     def planned(self, knot: int) -> FloatArray:
         """Return the planned states at which a window from a knot begins, shape (N, 6).
@@ -152,7 +180,7 @@ class Situation:
         return _states_at(self.last.plan, knot - self.last.first_knot)
 
     def at(self, knot: int, states: FloatArray) -> WindowStart:
-        """Return what a window after the first stands on.
+        """Return the start of a window after the first.
 
         Args:
             knot: of the whole flight at which it begins, counted from 0.
@@ -166,18 +194,17 @@ class Situation:
             raise ValueError("windows: got none, expected at least one planned window")
         remaining = self._rest(last.plan, knot - last.first_knot)
         planned = remaining.scenario
-        measured, away = deviations(states, _states_at(remaining, 0))
-        off = np.flatnonzero(off_tube(planned, away, self.latency))
-        left = with_obstacles(planned, self.scenario.obstacles)
-        left = continued(left, self.scenario, states, measured, away, self.latency)
+        measured = Measured.of(states, _states_at(remaining, 0))
+        off = np.flatnonzero(off_tube(planned, measured, self.latency))
+        scenario = with_obstacles(planned, self.scenario.obstacles)
         return WindowStart(
             knot,
-            left,
+            continued(scenario, measured, self.latency),
             remaining,
             last,
             stop=last.contingency and self._rest(last.contingency, knot - last.first_knot),
-            off=tuple(left.names[i] for i in off),
-            free=free_ahead(self.free, self.scenario, left.grid),
+            off=tuple(scenario.names[i] for i in off),
+            free=free_ahead(self.free, self.scenario, scenario.grid),
         )
 
     def _rest(self, plan: Plan, knot: int) -> Plan:

@@ -103,31 +103,31 @@ class WindowPlanner:
         enabled, one is flown rather than a motion of minimum violation.
 
         Args:
-            start: what the window stands on.
+            start: rest of the flight and of the plan in force.
         """
-        scenario, followed = start.scenario, moved(start.remaining, start.scenario)
+        scenario, previous = start.scenario, moved(start.remaining, start.scenario)
         window: Window | Failure | None = self._lack_of_slack(start)
-        window = window or self._planned(scenario, start.knot, followed)
+        window = window or self._planned(scenario, start.knot, previous)
         if isinstance(window, Window):
-            if self._is_cheap(window.plan, followed) or not self.still_holds(start):
+            if self._is_cheap(window.plan, previous) or not self.still_holds(start):
                 return window
-            window = _too_costly(window.plan, followed)
+            window = _too_costly(window.plan, previous)
         holds = self.still_holds(start)
         if not _lacks(scenario):  # otherwise no planner can find a plan
             quick = holds and scenario.disturbance is not None
             other = self.planner if quick else self.fallback
-            window = self._planned_again(other, scenario, start.knot, followed, window)
+            window = self._planned_again(other, scenario, start.knot, previous, window)
             if isinstance(window, Window):
-                if self._is_cheap(window.plan, followed) or not holds:
+                if self._is_cheap(window.plan, previous) or not holds:
                     return window
-                window = _too_costly(window.plan, followed)
+                window = _too_costly(window.plan, previous)
         cut = isinstance(window, OutOfTimeError)
         spent = dataclasses.replace(window.statistics, cut=window.statistics.cut or cut)
         reason = str(window)
         if holds:
             plan = start.remaining.with_statistics(spent)
             return Window(start.knot, plan, plan, infeasible=reason, kept=True)
-        without = Window(start.knot, followed.with_statistics(spent), followed, reason)
+        without = Window(start.knot, previous.with_statistics(spent), previous, reason)
         return self._without_plan(without, start)
 
     def _without_plan(self, window: Window, start: WindowStart) -> Window:
@@ -136,25 +136,25 @@ class WindowPlanner:
         Args:
             window: with the rest of the previous prediction, moved, and the reason for having no
                 plan.
-            start: what the window stands on.
+            start: rest of the flight and of the plan in force.
         """
-        followed, spent, none_found = window.reference, window.plan.statistics, ""
+        previous, spent, none_found = window.reference, window.plan.statistics, ""
         if self.braking_after is not None:
-            around = followed
+            flown = previous
             try:
                 stop = start.stop
                 if start.on_plan and stop is not None and first_violation(stop) is None:
-                    found, around = stop, start.remaining
+                    found, flown = stop, start.remaining
                 else:
-                    found = contingency(followed, 0, self.solver)
+                    found = contingency(previous, 0, self.solver)
             except FAILURES as error:
                 none_found = str(error)
             else:
-                plan = as_part_of(found, around.scenario).with_statistics(spent)
+                plan = as_part_of(found, flown.scenario).with_statistics(spent)
                 return dataclasses.replace(
                     window, plan=plan, reference=plan, contingency=found, stopping=True
                 )
-        plan = least_violation(followed, self.solver)
+        plan = least_violation(previous, self.solver)
         plan = plan.with_statistics(spent + plan.statistics)
         return dataclasses.replace(window, plan=plan, reference=plan, no_contingency=none_found)
 
@@ -196,9 +196,9 @@ class WindowPlanner:
         reasons = _lacks(scenario)
         return _no_slack(scenario, reasons) if reasons else None
 
-    def _is_cheap(self, plan: Plan, followed: Plan) -> bool:
+    def _is_cheap(self, plan: Plan, previous: Plan) -> bool:
         """Return whether a plan costs no more than the rest of the previous one, moved."""
-        return not self.bounded_cost or plan.cost <= followed.cost
+        return not self.bounded_cost or plan.cost <= previous.cost
 
     def still_holds(self, start: WindowStart) -> bool:
         """Return whether the rest of the plan in force meets every constraint.
@@ -219,15 +219,15 @@ class WindowPlanner:
         self, scenario: Scenario, first_knot: int, remaining: Plan | None
     ) -> Window | Failure:
         """Return the planner's window, or its error."""
-        around = None
+        reference = None
         try:
             if scenario.obstacles or scenario.separation is not None:
-                around = self.reference(scenario, remaining, self.solver)
-            plan = self.planner(scenario, reference=around, solver=self.solver)
+                reference = self.reference(scenario, remaining, self.solver)
+            plan = self.planner(scenario, reference=reference, solver=self.solver)
             plan = self._verified(scenario, plan)
         except _expected(remaining) as error:
             return failure_of(error)
-        return Window(first_knot, plan, around or plan.reference or plan)
+        return Window(first_knot, plan, reference or plan.reference or plan)
 
     def _planned_again(
         self,
@@ -286,9 +286,9 @@ def _expected(remaining: Plan | None) -> type[Exception] | tuple[type[Exception]
     return FAILURES if remaining is None else Exception
 
 
-def _too_costly(plan: Plan, followed: Plan) -> InfeasibleError:
+def _too_costly(plan: Plan, previous: Plan) -> InfeasibleError:
     """Return the error of a plan that costs more than the rest of the previous one, moved."""
-    costs = f"{plan.cost:.6g} m²/s⁴, more than {followed.cost:.6g} m²/s⁴"
+    costs = f"{plan.cost:.6g} m²/s⁴, more than {previous.cost:.6g} m²/s⁴"
     because = "a new plan costs more than the rest of the previous one, moved to the states"
     conflicts = {"all vehicles": (costs,)}
     return InfeasibleError(

@@ -129,7 +129,7 @@ class SpacePathSearch:
 
     def _beside(self, path: SpacePath) -> IntArray:
         """Return the numbers of free points on other sides of the obstacles near a path."""
-        reach = 2.0 * float(self._lattice.raster.spacing.max())
+        nearby = 2.0 * float(self._lattice.raster.spacing.max())
         points = []
         for obstacle, side in zip(self._obstacles, path.sides, strict=True):
             if not isinstance(obstacle.shape, Shape):  # other sides of a map are not searched
@@ -138,7 +138,7 @@ class SpacePathSearch:
             required = required_distance(obstacle, self._radius)
             clearances = obstacle.shape.local_distance(x) - required
             k = int(np.argmin(clearances))
-            if clearances[k] > reach:
+            if clearances[k] > nearby:
                 continue
             ahead = path.positions[min(k + 1, len(x) - 1)] - path.positions[max(k - 1, 0)]
             places = obstacle.first_center + self._around(obstacle, side, ahead)

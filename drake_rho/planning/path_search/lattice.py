@@ -81,16 +81,16 @@ class Raster:
         positions: FloatArray = self.lower + self.spacing * index
         return positions
 
-    def window(self, center: FloatArray, reach: FloatArray) -> tuple[IntArray, IntArray]:
-        """Return the index range of the points within `reach` of a position: first, last + 1.
+    def window(self, center: FloatArray, extent: FloatArray) -> tuple[IntArray, IntArray]:
+        """Return the index range of the points within an extent of a position: first, last + 1.
 
         Args:
             center: position [m], shape (3,).
-            reach: largest distance along each axis [m], shape (3,).
+            extent: largest distance along each axis [m], shape (3,).
         """
         last = np.array(self.shape) - 1  # in units of the spacing, so that rounding loses no point
-        low = np.ceil((center - reach - self.lower) / self.spacing - _ROUNDING)
-        high = np.floor((center + reach - self.lower) / self.spacing + _ROUNDING) + 1
+        low = np.ceil((center - extent - self.lower) / self.spacing - _ROUNDING)
+        high = np.floor((center + extent - self.lower) / self.spacing + _ROUNDING) + 1
         low, high = np.maximum(low, 0), np.minimum(high, last + 1)
         return low.astype(np.int64), np.maximum(low, high).astype(np.int64)
 

@@ -61,7 +61,7 @@ class MovingObstacle:
         self.margins: FloatArray = required_distance(body, radius) + deviations
         errors = body.uncertainty(times) - body.position_error
         self._before, self._growth = errors[:-1], np.diff(errors)
-        self.reach: FloatArray = body.shape.extent + (self.margins + errors[1:]).max()
+        self.extent: FloatArray = body.shape.extent + (self.margins + errors[1:]).max()
         self.work = MOVE_IN_MAP if isinstance(body.shape, Parts) else MOVE
         self._shape, self._outermost = body.shape, float(np.linalg.norm(body.shape.extent))
 
@@ -113,7 +113,7 @@ class MovingVehicle:
     def __init__(self, positions: FloatArray, separation: Separation) -> None:
         self.centers = positions
         self.layers, self.alike = np.arange(len(positions) - 1), np.zeros(0, dtype=np.int64)
-        self.reach: FloatArray = separation.shape.semi_axes
+        self.extent: FloatArray = separation.shape.semi_axes
         self._separation = separation
 
     def clearance(self, layers: IntArray, positions: FloatArray) -> FloatArray:
@@ -154,7 +154,7 @@ UNBOUNDED: Bounds = np.full((1, 3), -np.inf), np.full((1, 3), np.inf)
 """Infinite bounds."""
 
 
-def blocked_moves(lattice: Lattice, moving: Moving, reach: Bounds = UNBOUNDED) -> list[IntArray]:
+def blocked_moves(lattice: Lattice, moving: Moving, bounds: Bounds = UNBOUNDED) -> list[IntArray]:
     """Return the codes of each layer's moves that are too close to an obstacle or vehicle.
 
     Move u to the point with number i has the code u F + i. Only points near enough for a collision
@@ -164,14 +164,14 @@ def blocked_moves(lattice: Lattice, moving: Moving, reach: Bounds = UNBOUNDED) -
     Args:
         lattice: with the moves.
         moving: obstacle or vehicle to keep clear of.
-        reach: bounds on the positions at which moves begin; moves from outside may be left out.
+        bounds: on the positions at which moves begin; moves from outside may be left out.
     """
     if len(moving.alike) > 0:  # for all of these layers, so within the bounds of any
-        reach = reach[0].min(axis=0, keepdims=True), reach[1].max(axis=0, keepdims=True)
+        bounds = bounds[0].min(axis=0, keepdims=True), bounds[1].max(axis=0, keepdims=True)
     none = np.zeros(0, dtype=np.int64)
     found = [
         (none, none),
-        *(_blocked_among(lattice, moving, *near) for near in _near(lattice, moving, reach)),
+        *(_blocked_among(lattice, moving, *near) for near in _near(lattice, moving, bounds)),
     ]
     layers, codes = map(np.concatenate, zip(*found, strict=True))
     order = np.argsort(layers, kind="stable")
@@ -222,9 +222,9 @@ def _near(lattice: Lattice, moving: Moving, bounds: Bounds) -> Iterator[tuple[In
     raster, ends = lattice.raster, moving.centers
     shape = np.array(raster.shape)
     shifts = np.abs(np.diff(ends, axis=0)).max(axis=0, initial=0.0)
-    reach = moving.reach + raster.spacing + shifts / 2.0
+    extent = moving.extent + raster.spacing + shifts / 2.0
     middles = ((ends[:-1] + ends[1:]) / 2.0 - raster.lower) / raster.spacing
-    wide = reach / raster.spacing  # infinite along the axis of an unbounded shape
+    wide = extent / raster.spacing  # infinite along the axis of an unbounded shape
     width = np.minimum(np.floor(2.0 * wide) + 1.0, shape).astype(np.int64)
     meets = np.all((middles + wide >= 0.0) & (middles - wide <= shape - 1.0), axis=1)
     low = np.clip(np.ceil(middles - wide), 0, shape - width).astype(np.int64)

@@ -116,24 +116,26 @@ class FleetSpaceTimeSearch:
         ]
 
     def _graph(self, kind: int, moving: Sequence[Moving] = ()) -> TimeExpandedGraph:
-        """Return the time-expanded graph of a lattice, within the reach of its vehicles."""
+        """Return the time-expanded graph of a lattice, within the bounds of its vehicles."""
         return TimeExpandedGraph(
-            self._lattices[kind], len(self._times) - 1, moving, self._reaches[kind], self._most
+            self._lattices[kind], len(self._times) - 1, moving, self._bounds[kind], self._most
         )
 
     @cached_property
-    def _reaches(self) -> list[Bounds]:
+    def _bounds(self) -> list[Bounds]:
         """Bounds on the positions of the vehicles of each lattice at the layer boundaries."""
-        reaches = list[Bounds]()
+        bounds = list[Bounds]()
         for kind in range(len(self._lattices)):
-            each = [self._reach(int(n), self._times) for n in np.flatnonzero(self._kinds == kind)]
+            each = [
+                self._bounds_of(int(n), self._times) for n in np.flatnonzero(self._kinds == kind)
+            ]
             lowers, uppers = zip(*each, strict=True)
-            reaches.append((np.min(lowers, axis=0), np.max(uppers, axis=0)))
-        return reaches
+            bounds.append((np.min(lowers, axis=0), np.max(uppers, axis=0)))
+        return bounds
 
-    def _reach(self, number: int, times: FloatArray) -> Bounds:
+    def _bounds_of(self, number: int, times: FloatArray) -> Bounds:
         """Return bounds on a vehicle's positions, widened by one spacing of the lattice."""
-        lower, upper = self._resolution.region.reach.of(number, times)
+        lower, upper = self._resolution.region.reachable.of(number, times)
         spacing = self._resolution.spacing[number]
         return lower - spacing, upper + spacing
 
@@ -187,7 +189,7 @@ class FleetSpaceTimeSearch:
                 obstacles.part(leg.first, leg.last),
                 vehicles.part(leg.first, leg.last),
                 progress(times, _RAMP),
-                self._reach(number, times),
+                self._bounds_of(number, times),
                 required and required.part(leg.first, leg.last),
             )
             if path is None:

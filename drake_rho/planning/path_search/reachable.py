@@ -25,7 +25,7 @@ _UNLIMITED = 1e4
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Reach:
+class ReachableBounds:
     """Bounds on positions and velocities along each axis, for every vehicle."""
 
     times: FloatArray
@@ -51,7 +51,7 @@ class Reach:
         return lower, upper
 
 
-def reach_of(scenario: Scenario) -> Reach:
+def reachable_bounds(scenario: Scenario) -> ReachableBounds:
     """Return bounds on the positions and speeds that the vehicles of a scenario can reach."""
     fleet, T = scenario.fleet, scenario.grid.duration
     times = np.linspace(0.0, T, _SAMPLES)
@@ -66,14 +66,18 @@ def reach_of(scenario: Scenario) -> Reach:
     lower = np.maximum(sides[0][0], sides[1][0])
     upper = np.minimum(sides[0][1], sides[1][1])
     for each in fleet.waypoints:
-        due = np.flatnonzero(each.present)
-        when = np.clip(each.times[due] - scenario.grid.start, 0.0, T)
-        low, high = _within(times, fastest[due], slowest[due], when, each.positions[due])
-        off = np.where(np.isfinite(each.within[due]), each.within[due], np.inf)[:, None, None]
-        lower[due] = np.maximum(lower[due], low - off)
-        upper[due] = np.minimum(upper[due], high + off)
+        present = np.flatnonzero(each.present)
+        when = np.clip(each.times[present] - scenario.grid.start, 0.0, T)
+        low, high = _within(
+            times, fastest[present], slowest[present], when, each.positions[present]
+        )
+        off = np.where(np.isfinite(each.within[present]), each.within[present], np.inf)[
+            :, None, None
+        ]
+        lower[present] = np.maximum(lower[present], low - off)
+        upper[present] = np.minimum(upper[present], high + off)
     speeds = np.maximum(fastest, -slowest).max(axis=(0, 1))
-    return Reach(times, np.minimum(lower, upper), np.maximum(lower, upper), speeds)
+    return ReachableBounds(times, np.minimum(lower, upper), np.maximum(lower, upper), speeds)
 
 
 def _fastest(scenario: Scenario, times: FloatArray, most: float, sign: float) -> FloatArray:
@@ -91,11 +95,11 @@ def _fastest(scenario: Scenario, times: FloatArray, most: float, sign: float) ->
     fleet = scenario.fleet
     along, _ = _sides(scenario, "velocity", "max_speed", sign)
     rising, falling = np.maximum(_sides(scenario, "acceleration", "max_acceleration", sign), 0.0)
-    gone, left = times[:, None], times[-1] - times[:, None]
+    elapsed, remaining = times[:, None], times[-1] - times[:, None]
     start, goal = sign * fleet.start_velocities, sign * fleet.goal_velocities
     with np.errstate(invalid="ignore"):  # zero time times an infinite limit
-        begun = start[:, None] + np.where(gone > 0.0, gone * rising[:, None], 0.0)
-        ended = goal[:, None] + np.where(left > 0.0, left * falling[:, None], 0.0)
+        begun = start[:, None] + np.where(elapsed > 0.0, elapsed * rising[:, None], 0.0)
+        ended = goal[:, None] + np.where(remaining > 0.0, remaining * falling[:, None], 0.0)
     fastest: FloatArray = np.minimum(np.minimum(begun, ended), np.minimum(along, most)[:, None])
     return fastest
 
@@ -130,7 +134,7 @@ def _within(
         when: times of the known positions [s], shape (N,).
         where: known positions [m], shape (N, 3).
     """
-    gone = []
+    bounds = []
     for velocities in (fastest, slowest):
         parts = np.diff(times)[:, None] * (velocities[:, 1:] + velocities[:, :-1]) / 2.0
         total = np.concatenate([np.zeros_like(parts[:, :1]), np.cumsum(parts, axis=1)], axis=1)
@@ -138,6 +142,6 @@ def _within(
         part = ((when - times[k - 1]) / (times[k] - times[k - 1]))[:, None]
         each = np.arange(len(total))
         then = (1.0 - part) * total[each, k - 1] + part * total[each, k]
-        gone.append(where[:, None] + total - then[:, None])
+        bounds.append(where[:, None] + total - then[:, None])
     later = (times >= when[:, None])[..., None]
-    return np.where(later, gone[1], gone[0]), np.where(later, gone[0], gone[1])
+    return np.where(later, bounds[1], bounds[0]), np.where(later, bounds[0], bounds[1])

@@ -62,12 +62,12 @@ class RequiredSets:
         ]
         if not links:
             return order
-        left = sorted(order.tolist(), key=lambda i: -int(legs[i]))
+        remaining = sorted(order.tolist(), key=lambda i: -int(legs[i]))
         found = list[int]()
-        while left:
+        while remaining:
             linked = {i for pair in links if set(pair) & set(found) for i in pair}
-            after = next((i for i in left if i in linked), left[0])
-            left.remove(after)
+            after = next((i for i in remaining if i in linked), remaining[0])
+            remaining.remove(after)
             found.append(after)
         return np.array(found)
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from drake_rho.planning.path_search.reachable import Reach, reach_of
+from drake_rho.planning.path_search.reachable import ReachableBounds, reachable_bounds
 from drake_rho.planning.path_search.speed_profiles import legs_of, usable_speeds
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.records import Grid, Scenario
@@ -50,7 +50,7 @@ class Region:
     """lower corner of a box for each vehicle [m], shape (N, 3)"""
     upper: FloatArray
     """upper corner of a box for each vehicle [m], shape (N, 3)"""
-    reach: Reach
+    reachable: ReachableBounds
     """bounds on the positions that vehicles can reach over time"""
 
 
@@ -97,7 +97,9 @@ def resolutions(
     timed = any(body.active is not None for _, body in scenario.avoided)
 
     def at(length: float, values: float) -> tuple[Resolution, bool]:
-        resolution = _resolution(scenario, where, length, _speeds(scenario, where.reach, faster))
+        resolution = _resolution(
+            scenario, where, length, _speeds(scenario, where.reachable, faster)
+        )
         takes = size(resolution)
         return resolution, takes.bytes <= most and takes.values <= values
 
@@ -161,12 +163,12 @@ def _levels(spacing: FloatArray, above: float, heights: FloatArray) -> FloatArra
     return np.asarray(levels, dtype=np.float64)
 
 
-def _speeds(scenario: Scenario, reach: Reach, faster: float) -> FloatArray:
+def _speeds(scenario: Scenario, reachable: ReachableBounds, faster: float) -> FloatArray:
     """Return the speeds along each axis at which paths are flown [m/s], shape (N, 3).
 
     Args:
         scenario: to be planned.
-        reach: bounds on the speeds that vehicles can reach.
+        reachable: bounds on the speeds that vehicles can reach.
         faster: speed where no limit binds, as a multiple of that of the straight flight.
     """
     legs = [legs_of(scenario, number) for number in range(len(scenario.vehicles))]
@@ -182,7 +184,7 @@ def _speeds(scenario: Scenario, reach: Reach, faster: float) -> FloatArray:
         for leg in each
     )
     wanted = faster * max(straight, _scale(scenario) / scenario.grid.duration)
-    usable = np.minimum(usable_speeds(scenario).max(axis=1), reach.speeds)
+    usable = np.minimum(usable_speeds(scenario).max(axis=1), reachable.speeds)
     usable = np.maximum(usable, _AHEAD * np.minimum(least, usable))
     speeds: FloatArray = np.minimum(wanted, usable)
     floor: FloatArray = np.maximum(speeds.max(), 1e-3 * wanted) / _FLATTEST
@@ -218,14 +220,14 @@ def region(scenario: Scenario) -> Region:
         extent = extent + body.uncertainty(elapsed[active])[:, None]
         lows.append((centers - extent).min(axis=0))
         highs.append((centers + extent).max(axis=0))
-    around = 2.0 * float(fleet.radii.max()) + _scale(scenario) + np.zeros(3)
+    margin = 2.0 * float(fleet.radii.max()) + _scale(scenario) + np.zeros(3)
     if scenario.separation is not None:
-        around += 2.0 * scenario.separation.shape.semi_axes
-    reach = reach_of(scenario)
-    lower = np.maximum(np.min(lows, axis=0) - around, reach.lower.min(axis=(0, 1)))
-    upper = np.minimum(np.max(highs, axis=0) + around, reach.upper.max(axis=(0, 1)))
+        margin += 2.0 * scenario.separation.shape.semi_axes
+    reachable = reachable_bounds(scenario)
+    lower = np.maximum(np.min(lows, axis=0) - margin, reachable.lower.min(axis=(0, 1)))
+    upper = np.minimum(np.max(highs, axis=0) + margin, reachable.upper.max(axis=(0, 1)))
     count = len(scenario.vehicles)
     lower, upper = np.tile(lower, (count, 1)), np.tile(upper, (count, 1))
     if (bounds := fleet.bounds("position")) is not None:
         lower, upper = np.maximum(lower, bounds.lower), np.minimum(upper, bounds.upper)
-    return Region(lower, np.maximum(lower, upper), reach)
+    return Region(lower, np.maximum(lower, upper), reachable)

@@ -52,7 +52,7 @@ class TimeExpandedGraph:
         lattice: points and moves that are clear of the obstacles at rest.
         count: number M of layers.
         moving: obstacles and vehicles to keep clear of.
-        reach: lower and upper bounds on positions at the layer boundaries [m], shape (M + 1, 3)
+        bounds: lower and upper bounds on positions at the layer boundaries [m], shape (M + 1, 3)
             each. Moves that begin outside are not checked.
         most: bound on the memory of the numbers of blocked moves [bytes].
 
@@ -69,11 +69,11 @@ class TimeExpandedGraph:
         lattice: Lattice,
         count: int,
         moving: Sequence[Moving] = (),
-        reach: Bounds = UNBOUNDED,
+        bounds: Bounds = UNBOUNDED,
         most: float = np.inf,
     ) -> None:
         self.count, self._lattice, self._first, self._most = count, lattice, 0, most
-        self._reach = reach
+        self._bounds = bounds
         self._moving: list[Moving] = []
         self.blocked: list[IntArray] = [np.zeros(0, dtype=np.int64)] * count
         for each in moving:
@@ -86,7 +86,7 @@ class TimeExpandedGraph:
             TooLargeError: the numbers of blocked moves exceed the memory allowed.
         """
         self._moving.append(moving)
-        blocked = blocked_moves(self._lattice, moving, self._reach)
+        blocked = blocked_moves(self._lattice, moving, self._bounds)
         if sum(each.nbytes for each in (*self.blocked, *blocked)) > self._most:
             raise TooLargeError
         self.blocked = [
@@ -156,7 +156,7 @@ class SpaceTimeSearch:
         obstacles: TimeExpandedGraph,
         vehicles: TimeExpandedGraph,
         progress: FloatArray,
-        reach: Bounds = UNBOUNDED,
+        bounds: Bounds = UNBOUNDED,
         required: RequiredOfVehicle | None = None,
     ) -> SpaceTimePath | None:
         """Return the path of least cost; None if there is none.
@@ -165,7 +165,7 @@ class SpaceTimeSearch:
             obstacles: moves blocked by moving obstacles, which are never taken.
             vehicles: moves blocked by other vehicles, taken only if there is no other path.
             progress: scheduled fraction of the path at the layer boundaries, shape (M + 1,).
-            reach: lower and upper bounds on positions at the layer boundaries [m], shape
+            bounds: lower and upper bounds on positions at the layer boundaries [m], shape
                 (M + 1, 3) each.
             required: sets that should contain the positions, with a penalty per metre outside.
         """
@@ -173,7 +173,7 @@ class SpaceTimeSearch:
             return None
         self._obstacles, self._vehicles = obstacles, vehicles
         self._exit_costs, self._entry_costs, self._wait_costs = self._links()
-        lower, upper = (np.broadcast_to(side, (len(progress), 3)) for side in reach)
+        lower, upper = (np.broadcast_to(side, (len(progress), 3)) for side in bounds)
         values = self._filled(progress, lower, upper, required)
         return self._backtracked(values)
 
@@ -217,7 +217,7 @@ class SpaceTimeSearch:
         origins = self._lattice.neighbors[::-1]  # of the moves that lead to each point
         costs = self._costs.astype(np.float32)[:, None]
         arrivals = np.empty(origins.shape, dtype=np.float32)
-        left = (self._to_go / max(self.length, 1e-300)).astype(np.float32)
+        remaining = (self._to_go / max(self.length, 1e-300)).astype(np.float32)
         timing_cost = _TIMING_COST * self._scale * self.length / M
         before = np.full(F + 1, np.inf, dtype=np.float32)
         every = self._at(np.arange(F + 2)) if required is not None else self._ends
@@ -232,7 +232,7 @@ class SpaceTimeSearch:
             after[self._begin] = np.minimum(after[self._begin], values[t, F] + self._exit_costs[t])
             after[F:] = values[t, F:] + self._wait_costs[t]
             after[F + 1] = min(after[F + 1], np.min(values[t, self._end] + self._entry_costs[t]))
-            after += timing_cost * (left - (1.0 - progress[t + 1])) ** 2
+            after += timing_cost * (remaining - (1.0 - progress[t + 1])) ** 2
             self._bound(after, lower[t + 1], upper[t + 1])
             if required is not None:
                 outside = required.outside(t + 1, every)

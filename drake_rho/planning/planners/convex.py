@@ -46,7 +46,6 @@ def plan_convex(
             plan has the chosen one in `scenario.grid`, and all that were tried in
             `statistics.steps_tried`.
         solver: `"clarabel"`, `"daqp"` or `"osqp"`, or a Drake solver; Clarabel if not given.
-
         options: only `time_limit` is used; `Options()` if not given.
 
     Returns:
@@ -70,11 +69,11 @@ def plan_convex(
     statistics = Statistics()
     steps_tried: tuple[float, ...] = ()
     for grid in (scenario.grid, *others):
-        asked = scenario.on_grid(grid) if steps_tried else scenario
+        tried = scenario.on_grid(grid) if steps_tried else scenario
         steps_tried += (grid.step,)
         try:
             plan = with_finer_margins(
-                lambda problem: linearised_once(problem, reference, backend), Problem.of(asked)
+                lambda problem: linearised_once(problem, reference, backend), Problem.of(tried)
             )
         except InfeasibleError as error:
             failures.append(error)

@@ -25,7 +25,7 @@ from drake_rho.planning.planners.related import can_be_slower, fitted, rescaled
 from drake_rho.planning.problem import Problem, with_finer_margins
 from drake_rho.planning.programs.backend import Backend
 from drake_rho.planning.scp.fleet_steps import FleetSteps
-from drake_rho.planning.scp.restoration import MAX_RESTORATIONS, Step, restore_feasibility
+from drake_rho.planning.scp.restoration import MAX_RESTORATIONS, restore_feasibility
 from drake_rho.planning.scp.subproblem import Subproblem, plan_around
 
 _SHORTER = 0.75, 0.5
@@ -111,7 +111,7 @@ class FirstPlan:
                 )
                 plan = single._around_obstacles(independent, list(error.conflicts), error)
             start = Plan.from_accelerations(scenario, plan.accelerations, plan.statistics)
-            return brought_apart(problem, start, self.backend, self.progress, self.most)
+            return restored(problem, start, self.backend, self.progress, self.most)
         except InfeasibleError as error:
             failure = error.replaced(scenario=scenario)  # with its separation
             if not (failure.about_linearisation and self.thorough):
@@ -202,13 +202,13 @@ class FirstPlan:
                 accelerations[group] = along.plan.accelerations
         if lost := [along for along in found if along.plan is None]:
             raise no_plan(lost, scenario, spent, failure)
-        around = Plan.from_accelerations(scenario, accelerations)
+        reference = Plan.from_accelerations(scenario, accelerations)
         try:
-            plan = plan_around(problem, around, self.backend)
+            plan = plan_around(problem, reference, self.backend)
         except (InfeasibleError, SolverError, OutOfTimeError):  # rounding errors, without any slack
-            if not Subproblem(problem, decoupled, self.backend).holds(around):
+            if not Subproblem(problem, decoupled, self.backend).holds(reference):
                 raise
-            plan = around
+            plan = reference
         return plan.with_statistics(spent + plan.statistics)
 
 
@@ -218,32 +218,30 @@ def _on_worker(problem: Problem, backend: Backend, options: Options, thorough: b
         return plan_along_paths(problem, backend, options, perturbed=thorough)
 
 
-def brought_apart(
+def restored(
     problem: Problem,
     start: Plan,
-    backend: Backend,
+    backend: Backend | None,
     progress: Progress | None = None,
     most: int = MAX_RESTORATIONS,
 ) -> Plan:
-    """Return a plan that satisfies the separation, restored from independent motions.
+    """Return a plan near a motion, restored by raising the penalties of its violations.
+
+    Args:
+        problem: to be solved, with the margins to keep.
+        start: motion of the same vehicles, which may violate any constraint.
+        backend: Clarabel if not given.
+        progress: called after each linearisation.
+        most: the largest number of penalties.
 
     Raises:
         InfeasibleError: no plan was found.
     """
     subproblem = Subproblem(problem, decoupled, backend)
-    step = fleet_step(subproblem)
+    # links of two vehicles couple their programs, which references in groups do not support
+    in_groups = problem.scenario.separation is not None and not problem.has_links
+    step = FleetSteps(subproblem) if in_groups else None
     return restore_feasibility(subproblem, start, step=step, most=most, progress=progress)
-
-
-def fleet_step(subproblem: Subproblem) -> Step | None:
-    """Return the restoration step of a fleet; None for `SoftRows`.
-
-    Links of two vehicles couple their programs, which references in groups do not support.
-    """
-    scenario = subproblem.problem.scenario
-    if scenario.separation is None or subproblem.problem.has_links:
-        return None
-    return FleetSteps(subproblem)
 
 
 def plan_near(
@@ -273,9 +271,7 @@ def plan_near(
         problem.check_tightening_slack()
         if not scenario.avoided and scenario.separation is None:
             return linearised_once(problem, None, backend)
-        subproblem = Subproblem(problem, decoupled, backend)
-        step = fleet_step(subproblem)
-        return restore_feasibility(subproblem, reference, step=step, most=most, progress=progress)
+        return restored(problem, reference, backend, progress, most)
 
     return with_finer_margins(find, problem)
 

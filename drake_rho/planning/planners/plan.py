@@ -91,16 +91,16 @@ def plan(
     options = options or DEFAULTS
     if isinstance(coupling, str):
         coupling = COUPLINGS[coupling]
-    kept_apart = coupling or coupling_for(scenario, options)
+    coupling = coupling or coupling_for(scenario, options)
     search = FirstPlan(Backend.of(solver, executor), progress, options)
     times = WaypointTimes(scenario, Backend.of(solver), progress)
     if times.any_free:
-        return _with_free_times(times, reference, kept_apart, search)
-    return _with_given_times(scenario, reference, kept_apart, search)
+        return _with_free_times(times, reference, coupling, search)
+    return _with_given_times(scenario, reference, coupling, search)
 
 
 def _with_free_times(
-    times: WaypointTimes, reference: Plan | None, kept_apart: Coupling, search: FirstPlan
+    times: WaypointTimes, reference: Plan | None, coupling: Coupling, search: FirstPlan
 ) -> Plan:
     """Return the best plan with free waypoint times optimised locally.
 
@@ -110,19 +110,19 @@ def _with_free_times(
     """
     times.check()
     failures = list[Exception]()
-    for guess in _all_times(times, reference, kept_apart, search):
+    for guess in _all_times(times, reference, coupling, search):
         try:
-            first = _with_given_times(guess, reference, kept_apart, search)
+            first = _with_given_times(guess, reference, coupling, search)
         except (InfeasibleError, SolverError, ScenarioError) as error:
             failures.append(error)
         else:
-            return _with_better_times(times, first, kept_apart, search)
+            return _with_better_times(times, first, coupling, search)
     infeasible = [each for each in failures if isinstance(each, InfeasibleError)]
     raise at_times_tried(infeasible[0]) if infeasible else failures[0]
 
 
 def _all_times(
-    times: WaypointTimes, reference: Plan | None, kept_apart: Coupling, search: FirstPlan
+    times: WaypointTimes, reference: Plan | None, coupling: Coupling, search: FirstPlan
 ) -> Iterator[Scenario]:
     """Yield the scenario with candidate times of its free waypoints, the most promising first.
 
@@ -131,26 +131,26 @@ def _all_times(
     """
     guesses = times.guesses()
     yield next(guesses)
-    without = _with_given_times(times.without_free(), reference, kept_apart, search)
+    without = _with_given_times(times.without_free(), reference, coupling, search)
     yield from times.towards(without)
     yield from guesses
 
 
 def _with_better_times(
-    times: WaypointTimes, first: Plan, kept_apart: Coupling, search: FirstPlan
+    times: WaypointTimes, first: Plan, coupling: Coupling, search: FirstPlan
 ) -> Plan:
     """Return a plan, or a cheaper one with waypoint times optimised near it."""
     if not first.scenario.avoided and first.scenario.separation is None:
         return first
     try:
-        again = _with_given_times(times.near(first), first, kept_apart, search)
+        again = _with_given_times(times.near(first), first, coupling, search)
     except (InfeasibleError, SolverError, OutOfTimeError, ScenarioError):
         return first
     return min(first, again, key=lambda plan: plan.cost)
 
 
 def _with_given_times(
-    scenario: Scenario, reference: Plan | None, kept_apart: Coupling, search: FirstPlan
+    scenario: Scenario, reference: Plan | None, coupling: Coupling, search: FirstPlan
 ) -> Plan:
     """Return the best plan of a scenario with given times of all waypoints."""
     if reference is not None:
@@ -158,13 +158,13 @@ def _with_given_times(
 
     def best(problem: Problem) -> Plan:
         first = search.of_any_duration(problem, reference)
-        plan = _iterated(problem, first, kept_apart, search)
+        plan = _iterated(problem, first, coupling, search)
         if reference is None and has_other_sides(problem):
             return _on_cheaper_sides(problem, plan, search)
         return plan
 
     if scenario.smoothing_margin > 0.0 and scenario.fleet.flown is None:
-        again = partial(_from_similar, kept_apart, search)
+        again = partial(_from_similar, coupling, search)
         return with_own_margin(best, again, Problem.of(scenario))
     return with_finer_margins(best, Problem.of(scenario))
 

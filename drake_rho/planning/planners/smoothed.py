@@ -56,5 +56,5 @@ def accelerations_near(plan: Plan) -> FloatArray:
     """Return the largest acceleration over each step's averaging interval, shape (K-1,)."""
     most = np.linalg.norm(plan.accelerations, axis=2).max(axis=0)
     reached = steps_lasting(plan.scenario.lead, plan.scenario.grid.step)
-    around = np.pad(most, reached)
-    return np.asarray(np.lib.stride_tricks.sliding_window_view(around, 2 * reached + 1).max(axis=1))
+    padded = np.pad(most, reached)
+    return np.asarray(np.lib.stride_tricks.sliding_window_view(padded, 2 * reached + 1).max(axis=1))
