@@ -1,4 +1,4 @@
-"""Plans for a given final time, as known motions for comparison."""
+"""Plans for the scenario's own final time, with which the least time is compared."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Wind as the reason why there is no plan: the largest wind with one."""
+"""Largest wind for which a scenario has a plan, where the wind is why it has none."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Distances and clearances of vehicles from obstacles, at given times and at their least."""
+"""Distances of vehicles from obstacles: at given times, and the least over time."""
 
 from __future__ import annotations
 

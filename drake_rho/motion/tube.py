@@ -1,4 +1,4 @@
-"""Error tubes: the exact reachable sets of tracking errors, which are balls at every time.
+"""Error tubes: exact reachable sets of tracking errors in wind, balls at every time.
 
 `docs/flight.md` contains the mathematics.
 """

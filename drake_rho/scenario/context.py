@@ -1,4 +1,4 @@
-"""Context of a scenario's validation: folder, stored maps, and whether it is under way."""
+"""Context of a scenario's validation: its folder, stored maps, whether its flight has begun."""
 
 from __future__ import annotations
 

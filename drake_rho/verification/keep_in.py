@@ -1,4 +1,4 @@
-"""Quantities that have to stay in convex sets: boxes, limits on norms and requirements are these.
+"""Check that quantities stay in convex sets, at every instant: boxes, norms and `KeepIn`.
 
 All are judged by one number: the greatest value, over all required times, of a convex measure of
 the quantity plus the radius of its errors. Each quantity has its own times:

@@ -1,4 +1,4 @@
-"""Collision avoidance between vehicles: half-spaces of pairs, linearised around a reference.
+"""Separation of pairs of vehicles: rows that couple both, or one each for half the distance.
 
 The position of a vehicle relative to another one stays outside of the separation's ellipsoid.
 Candidate pairs are found with k-d trees; the search never visits all pairs.

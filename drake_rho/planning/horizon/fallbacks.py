@@ -1,4 +1,4 @@
-"""Fallback motions of windows without a plan: the previous prediction moved, or least violation."""
+"""Motions of windows without a plan: the rest of the previous plan, or least violation."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Sightings of obstacles in flight, which update their positions from then on.
+"""Sightings of obstacles in flight: new positions with their errors, from that time on.
 
 A sighting does not change the obstacles of the flight so far. The obstacle as it was known is
 active until now, and a new one, whose errors start anew, is known and active from now on. Windows,

@@ -1,4 +1,4 @@
-"""The quadratic program (16) of each vehicle or coupled group, in its cheaper form.
+"""The quadratic program (16) in the span of its rows, or in a sparse form if that is cheaper.
 
 Let u be the accelerations of a vehicle, or of several that rows couple, minus those of minimum
 effort:

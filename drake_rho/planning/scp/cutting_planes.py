@@ -1,4 +1,4 @@
-"""Cutting planes of a problem's vehicles: their programs, and the violated rows that are added.
+"""Programs of vehicles or coupled groups, to which violated rows are added.
 
 The first motions are those of minimum effort, which are known in closed form. Every constraint
 enters as a row when a motion violates it: first at the knots and, once the knots satisfy all, at
