@@ -33,7 +33,6 @@ FOLLOWED = [
 ]
 _FEWER = {"repetitions: 40 ": "repetitions: 1 "}
 SHORTER = {
-    "README.md": _FEWER | {" --workers 2": "", " --figures pictures": ""},  # docs/campaigns.md
     "docs/campaigns.md": _FEWER,
     "docs/fleets.md": {"2000": "60"},
     "docs/guides/campaign.md": {
@@ -50,7 +49,6 @@ SHORTER = {
 
 
 GIVEN = {
-    "docs/command_line.md": ("mission.yaml",),
     "docs/export.md": ("plan.npz",),
     "docs/figures.md": ("runs.sqlite",),
     "docs/viewer.md": ("flight.npz",),
@@ -63,7 +61,8 @@ GIVEN = {
 def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a folder with all files that documents presuppose."""
     folder = tmp_path_factory.mktemp("desk")
-    (mission,) = (each for each in blocks(ROOT / "README.md") if each.title == "mission.yaml")
+    page = ROOT / "docs" / "command_line.md"
+    (mission,) = (each for each in blocks(page) if each.title == "mission.yaml")
     (folder / "mission.yaml").write_text(mission.text)
     scenario = rho.load_scenario(folder / "mission.yaml")
     rho.save(rho.plan(scenario), folder / "plan.npz")

@@ -6,6 +6,7 @@ import ast
 import importlib
 import importlib.metadata
 import json
+import re
 import subprocess
 import sys
 import tomllib
@@ -17,6 +18,7 @@ import yaml
 
 import drake_rho as rho
 from tests.scenarios import slow
+from tools.publishing import addresses, description
 
 ROOT = Path(__file__).parent.parent
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
@@ -107,3 +109,32 @@ def test_ctrl_c_while_the_command_loads_is_one_line(loading: str) -> None:
         "",
         "drake-rho: interrupted\n",
     )
+
+
+@pytest.mark.parametrize("repository", [None, "https://example.org/drake_rho"])
+def test_no_link_of_the_description_is_broken(repository: str | None) -> None:
+    """On an index page, links are complete addresses of files that exist, or text."""
+    text = description(repository)
+    targets = re.findall(r"\]\(([^)]+)\)", text) + re.findall(r'<img src="([^"]+)"', text)
+    assert all(each.startswith("https://") for each in targets)
+    if repository is None:
+        assert not any("example.org" in each for each in targets)
+        assert "figures/" not in text
+    else:
+        own = [each.removeprefix(repository) for each in targets if each.startswith(repository)]
+        assert len(own) > 10
+        for each in own:
+            assert (ROOT / re.sub(r"^/(raw|blob)/main/", "", each)).exists(), each
+
+
+def test_a_built_package_has_the_description(wheel: zipfile.ZipFile) -> None:
+    (name,) = (each for each in wheel.namelist() if each.endswith("/METADATA"))
+    metadata = wheel.read(name).decode()
+    assert description(addresses().get("repository")) in metadata
+    assert "Description-Content-Type: text/markdown" in metadata
+
+
+def test_the_readme_is_short() -> None:
+    text = (ROOT / "README.md").read_text()
+    assert len(text.split()) <= 700
+    assert len(text.splitlines()) <= 110

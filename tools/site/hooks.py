@@ -16,6 +16,8 @@ from mkdocs.plugins import event_priority
 from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 
+from drake_rho import __version__
+from tools.publishing import addresses
 from tools.site.gallery import as_grid, draw_gallery
 from tools.site.mathml import with_mathml
 from tools.site.notebooks import quiet_kernels, write_with_mathml
@@ -39,7 +41,10 @@ _SCRIPT_FROM_ELSEWHERE = re.compile(r'<script[^>]*\bsrc="(?:https?:[^"]*)?"[^>]*
 
 
 def on_config(config: MkDocsConfig) -> MkDocsConfig:
-    """Omit the page for missing pages, whose links need a server; keep kernels from warning."""
+    """Set version and addresses; omit the page for missing pages, whose links need a server."""
+    known = addresses()
+    config.repo_url, config.site_url = known.get("repository"), known.get("site")
+    config.copyright = f"{config.site_name} {__version__}, {config.copyright}"
     config.theme.static_templates.discard("404.html")
     os.environ["IPYTHONDIR"] = str(quiet_kernels(MADE / "ipython"))
     return config
