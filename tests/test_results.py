@@ -21,7 +21,7 @@ import drake_rho as rho
 from drake_rho.campaigns.statistics import Failure, Proportion, Quantiles, sign_test
 from drake_rho.campaigns.store import COLUMNS, StoreError
 from drake_rho.campaigns.tables import tables
-from drake_rho.display.common.style import MAX_NAMED, vehicle_colours, window_colours
+from drake_rho.display.common.style import MAX_NAMED, vehicle_colours, window_colours, window_greys
 from drake_rho.display.plots.campaigns import (
     _few_ticks,
     costs_figure,
@@ -231,9 +231,10 @@ def test_the_axis_of_cost_ratios_has_few_ticks_and_no_double_ones(span: float) -
     assert len({f"{tick:.4g}" for tick in ticks}) == len(ticks)
 
 
-def test_windows_and_vehicles_have_no_colour_in_common() -> None:
-    """Windows are greys, from dark to light; every vehicle's colour has a hue."""
-    greys = [to_rgb(colour) for colour in window_colours(12)]
+def test_windows_become_lighter_in_figures_and_have_no_hue_beside_coloured_vehicles() -> None:
+    luminances = [np.dot([0.299, 0.587, 0.114], to_rgb(each)) for each in window_colours(12)]
+    assert np.all(np.diff(luminances) > 0.02)
+    greys = [to_rgb(colour) for colour in window_greys(12)]
     assert all(max(grey) - min(grey) < 1e-6 for grey in greys)
     assert np.all(np.diff([grey[0] for grey in greys]) > 0.0)
     hues = [to_rgb(colour) for colour in vehicle_colours(MAX_NAMED)]

@@ -76,10 +76,12 @@ def vehicle_marker(index: int) -> str:
 
 
 def window_colours(count: int) -> list[str]:
-    """Return a grey for each receding-horizon window, from dark to light in their order.
+    """Return a colour for each receding-horizon window, from dark to light in equal steps."""
+    return [to_hex(colour) for colour in colormaps["viridis"](np.linspace(0.0, 0.9, count))]
 
-    Greys, because any hue could be mistaken for a vehicle's.
-    """
+
+def window_greys(count: int) -> list[str]:
+    """Return a grey for each window, where colours are those of vehicles, from dark to light."""
     return [to_hex(colour) for colour in colormaps["gray"](np.linspace(0.0, 0.75, count))]
 
 

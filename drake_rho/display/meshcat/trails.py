@@ -18,7 +18,7 @@ from drake_rho.display.common.style import (
     CONTINGENCY,
     before_jumps,
     palette,
-    window_colours,
+    window_greys,
 )
 from drake_rho.display.meshcat.meshes import tube
 from drake_rho.display.meshcat.scene import Scene, coloured
@@ -59,7 +59,7 @@ def add_light_trails(tree: Tree, plan: Drawn) -> None:
 
 def add_predictions(tree: Tree, windows: Sequence[Prediction]) -> None:
     """Add each window's prediction and contingency as lines, visible while it is in force."""
-    colours = window_colours(len(windows))
+    colours = window_greys(len(windows))
     for number, (window, colour) in enumerate(zip(windows, colours, strict=True), start=1):
         predicted, contingency = f"predictions/{number}", f"contingencies/{number}"
         tree.add_lines(predicted, _whole_paths(window.shown), rgba(colour))

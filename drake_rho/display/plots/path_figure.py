@@ -89,7 +89,7 @@ def paths_figure(
     ax: Axes | None = None,
     width: float = DOUBLE_COLUMN,
 ) -> Figure:
-    """Plot the vehicles' paths and the obstacles in space, with a grey for each window.
+    """Plot the vehicles' paths and the obstacles in space, with a colour for each window.
 
     Plans have no windows; each vehicle has its own colour instead. A scenario is drawn before
     planning, with straight lines from starts through waypoints to goals.

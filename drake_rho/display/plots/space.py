@@ -51,6 +51,8 @@ _MIN_NUMBERED = 0.02
 """Least size of a numbered obstacle over that of the axes, if there are many obstacles."""
 _TOP = 3
 """Layer above all lines."""
+_ON_WINDOWS = {"markersize": 3.6, "markeredgecolor": "black", "markeredgewidth": 0.3}
+"""Style of marks at knots in the colours of windows."""
 
 
 def within(ax: Axes3D, shown: Sequence[Snapshot]) -> list[Snapshot]:
@@ -159,7 +161,7 @@ def draw_paths(ax: Axes3D, plan: Drawn, shown: Sequence[Snapshot] = ()) -> list[
         parts = [draw_line(ax, paths[index, each], shown, color=colour, **shape) for each in pieces]
         parts[0][0].set_label(as_text(plan.scenario.vehicles[index].name))
         if flown:
-            _draw_knots(ax, plan, index, shown)
+            _draw_knots(ax, plan, index, shown, (0, len(plan.times) - 1), color=colour)
         lines += [line for part in parts for line in part]
     draw_ends(ax, plan.scenario)
     return lines
@@ -198,7 +200,9 @@ def draw_planned_paths(ax: Axes3D, plan: Drawn, shown: Sequence[Snapshot] = ()) 
 
 
 def draw_windows(ax: Axes3D, plan: Drawn, shown: Sequence[Snapshot] = ()) -> list[list[Line3D]]:
-    """Draw the flown part of each window in its grey, and its whole prediction as a thin line.
+    """Draw the flown part of each window in its colour, and its whole prediction as a thin line.
+
+    Up to `MAX_NAMED` vehicles have marks of their own at knots, in the colour of the window.
 
     Args:
         ax: axes to draw in.
@@ -220,11 +224,10 @@ def draw_windows(ax: Axes3D, plan: Drawn, shown: Sequence[Snapshot] = ()) -> lis
         lines.append([])
         for index in range(len(paths)):
             draw_line(ax, paths[index], shown, color=colour, linewidth=0.6, alpha=0.45)
-            lines[-1] += draw_line(ax, true[index, part], shown, color=colour, linewidth=2.2)
+            lines[-1] += draw_line(ax, true[index, part], shown, color=colour, linewidth=1.6)
+            _draw_knots(ax, plan, index, shown, (first, last), color=colour, **_ON_WINDOWS)
         if (braking := window.braking) is not None:
             draw_braking(ax, braking, shown)
-    for index in range(len(true)):
-        _draw_knots(ax, plan, index, shown)
     named = len(true) <= MAX_LABELLED
     draw_ends(ax, plan.scenario, ["black"] * len(true) if named else None)
     return lines
@@ -262,10 +265,28 @@ def draw_ends(ax: Axes3D, scenario: Scenario, colours: Sequence[str] | None = No
     return artists
 
 
-def _draw_knots(ax: Axes3D, plan: Drawn, index: int, shown: Sequence[Snapshot]) -> None:
-    """Mark a vehicle's positions at knots, or at some of them, if vehicles are named."""
+def _draw_knots(
+    ax: Axes3D,
+    plan: Drawn,
+    index: int,
+    shown: Sequence[Snapshot],
+    knots: tuple[int, int],
+    **style: Any,
+) -> None:
+    """Mark a vehicle's positions at knots, or at some of them, if vehicles are named.
+
+    Args:
+        ax: axes to draw in.
+        plan: motion to draw.
+        index: index of the vehicle.
+        shown: obstacles behind which marks are faint.
+        knots: first and last knot to mark, both included.
+        **style: colour and style of the marks.
+    """
     if len(plan.positions) > MAX_NAMED:
         return
-    knots = plan.positions[index, :: marks_every(len(plan.times), width_of(ax))]
-    colour, marker = vehicle_colours(len(plan.positions))[index], vehicle_marker(index)
-    draw_line(ax, knots, shown, color=colour, linestyle="none", marker=marker, markersize=2.4)
+    first, last = knots
+    every = marks_every(len(plan.times), width_of(ax))
+    marked = plan.positions[index, first + -first % every : last + 1 : every]
+    style = {"linestyle": "none", "marker": vehicle_marker(index), "markersize": 2.4} | style
+    draw_line(ax, marked, shown, **style)
