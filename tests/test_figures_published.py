@@ -27,7 +27,7 @@ from mpl_toolkits.mplot3d.axes3d import Axes3D
 import drake_rho as rho
 from drake_rho.cli.failures import status_of
 from drake_rho.display.common.drawable import drawn
-from drake_rho.display.common.style import vehicle_colours
+from drake_rho.display.common.style import vehicle_colours, window_colours
 from drake_rho.display.plots.distances import draw_distances
 from drake_rho.display.plots.figures import write_figures
 from drake_rho.display.plots.formats import DOUBLE_COLUMN, FORMATS, SINGLE_COLUMN
@@ -261,7 +261,7 @@ def test_overlapping_curves_are_all_visible() -> None:
 
 
 def test_the_end_of_a_path_is_visible_within_its_mark(study: Study) -> None:
-    """In Fig. 15 the colour of the vehicle that was drawn last reaches the goals."""
+    """In Fig. 15 the colour of the last window reaches the goals."""
     figure = draw_figure(15, study)
     image = _drawn(figure)
     ax = figure.axes[0]
@@ -270,7 +270,8 @@ def test_the_end_of_a_path_is_visible_within_its_mark(study: Study) -> None:
     x, y, _ = proj3d.proj_transform(*goal, ax.get_proj())
     column, row = ax.transData.transform((x, y))
     seen = image[image.shape[0] - int(row) - 1, int(column)]
-    np.testing.assert_allclose(seen, to_rgb(vehicle_colours(4)[-1]), atol=0.1)
+    last = window_colours(len(study.examples[3].windows))[-1]
+    np.testing.assert_allclose(seen, to_rgb(last), atol=0.1)
 
 
 def test_closest_approaches_are_marked(study: Study) -> None:
@@ -328,7 +329,7 @@ def test_invalid_figure_arguments_are_refused_before_work(
         raise AssertionError("worked before all arguments were checked")
 
     for module, names in (
-        ("commands", ("best_plan", "plan_rho", "run_study", "read")),
+        ("commands", ("best_plan", "plan_rho", "run_study", "read_or_load")),
         ("planning", ("best_plan", "plan_convex", "plan_rho", "read")),
         ("simulation", ("read",)),
     ):
