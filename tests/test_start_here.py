@@ -41,8 +41,9 @@ def test_every_step_shows_what_the_text_says(capsys: pytest.CaptureFixture[str])
     assert said["scenario"].strip() == str(room)
     report = rho.verify(plan)
     assert report.ok
-    assert report.clearance.value == pytest.approx(0.2, abs=1e-6)
-    assert report.clearance.constraint == "obstacle 1"
+    (nearest,) = [check for check in report.checks if check == report.clearance]
+    assert nearest.constraint == "obstacle 1"
+    assert nearest.value == pytest.approx(0.2, abs=1e-6)  # the radius
     assert rho.certify(plan).is_globally_optimal
     assert "there is a plan with any one of:" in said["diagnose"]
     assert "the same scenario: True" in said["file"]
