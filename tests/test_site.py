@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import tomllib
 from pathlib import Path
@@ -95,6 +96,22 @@ def test_links_to_the_repository_become_links_of_the_site() -> None:
     assert there("[d](https://drake.mit.edu) [e](#here)") == "[d](https://drake.mit.edu) [e](#here)"
     for path in ("docs/api/index.md", "CHANGELOG.md", "benchmarks/results/world_b6.md"):
         assert hooks.repository_path(str(hooks.site_path(path))) == path
+
+
+def test_links_of_notebooks_become_links_of_pages(tmp_path: Path) -> None:
+    made = pytest.importorskip("tools.site.notebooks", reason=BUILDS).write_with_mathml
+    notebook = ROOT / "notebooks" / "start_here.ipynb"
+    written, there = _links(notebook), _links(made(notebook, tmp_path))
+    assert all((notebook.parent / link).is_file() for link in written)
+    assert len(there) == len(written)
+    assert {"example_1.html", "../guides/index.html"} < set(there)
+    assert all(link.endswith(".html") for link in there)
+
+
+def _links(notebook: Path) -> list[str]:
+    """Return the links in the last cell of a notebook."""
+    text = "".join(json.loads(notebook.read_text())["cells"][-1]["source"])
+    return re.findall(r"\]\(([^)]*)\)", text)
 
 
 def test_formulas_are_mathml() -> None:

@@ -8,7 +8,7 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 
 from drake_rho.scenario.clock import clock_time
-from drake_rho.scenario.errors import Description, ScenarioError, one_of
+from drake_rho.scenario.errors import ScenarioError, one_of
 from drake_rho.scenario.fields import FloatArray, unchecked
 from drake_rho.scenario.fleet import Fleet
 from drake_rho.scenario.maps.map import Map
@@ -16,6 +16,7 @@ from drake_rho.scenario.obstacles import AnyObstacle, Obstacle
 from drake_rho.scenario.pairs import check_separation
 from drake_rho.scenario.parts import UNITS, Grid, Quantity, Separation, State, Vehicle
 from drake_rho.scenario.requirements import KeepIn
+from drake_rho.scenario.sets import set_text
 from drake_rho.scenario.times import END_MARGIN
 from drake_rho.scenario.waypoints import is_during_flight
 
@@ -371,7 +372,7 @@ def _check_values(
         of += requirement.leader or ("the track" if of else "")
         expected = (
             f"a {given.quantity}{of} in {requirement.called(number)}, "
-            f"not {outside[worst]:.4g} {unit} outside it ({_described(requirement.set)})"
+            f"not {outside[worst]:.4g} {unit} outside it ({set_text(requirement.set)})"
         )
         value = given.values[vehicle].tolist()
         raise ScenarioError(f"vehicles[{vehicle}].{given.field}", value, expected)
@@ -388,9 +389,3 @@ def _at_ends(active: _Active, grid: Grid) -> _Active:
         return active
     (first, last), near = active.active, END_MARGIN * grid.step
     return unchecked(active, active=(first - near, last + near))
-
-
-def _described(convex_set: object) -> Description:
-    """Return the text of a set, short enough for an error."""
-    own = type(convex_set).__str__ is object.__str__
-    return Description(type(convex_set).__name__ if own else str(convex_set)[:80])

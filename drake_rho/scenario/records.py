@@ -31,6 +31,16 @@ from drake_rho.scenario.maps.mesh import Mesh
 from drake_rho.scenario.maps.voxels import Voxels
 from drake_rho.scenario.obstacles import Obstacle
 from drake_rho.scenario.parts import Grid, Quantity, Separation, State, Vehicle, Waypoint
+from drake_rho.scenario.printed import (
+    in_columns,
+    limit_lines,
+    obstacle_lines,
+    option_lines,
+    requirement_lines,
+    time_line,
+    title_of,
+    vehicle_lines,
+)
 from drake_rho.scenario.requirements import KeepIn, parts_for
 from drake_rho.scenario.scales import warn_of_scales
 from drake_rho.scenario.shapes.base import TOLERANCE, Solid
@@ -141,6 +151,25 @@ class Scenario(ShownInNotebooks):
             smoothing: Smoothing | None = None,
             hold_at_goal: bool | None = None,
         ) -> None: ...
+
+    def __str__(self) -> str:
+        """Return a few lines: vehicles, limits, obstacles and wind, each with its numbers."""
+        options = option_lines(
+            self.separation,
+            self.disturbance,
+            self.smoothing,
+            between_knots=self.between_knots,
+            hold_at_goal=bool(self.hold_at_goal),
+        )
+        lines = (
+            time_line(self.grid),
+            *vehicle_lines(self.vehicles),
+            *limit_lines(self.limits),
+            *obstacle_lines(self.bodies),
+            *requirement_lines(self.requirements),
+            *options,
+        )
+        return in_columns(title_of(self.name, len(self.vehicles), len(self.obstacles)), lines)
 
     @cached_property
     def fleet(self) -> Fleet:

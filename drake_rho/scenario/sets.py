@@ -15,7 +15,7 @@ from pydantic import Discriminator, PlainSerializer, PlainValidator, Tag
 from pydantic.json_schema import SkipJsonSchema
 
 from drake_rho.scenario.arguments import checked
-from drake_rho.scenario.errors import Description, ScenarioError
+from drake_rho.scenario.errors import Description, ScenarioError, shortened
 from drake_rho.scenario.fields import LARGEST, FloatArray, record_kind
 from drake_rho.scenario.shapes.base import Shape
 from drake_rho.scenario.shapes.posed import KINDS, POSE, AnyConvex
@@ -211,3 +211,9 @@ AnySet = Annotated[
 def is_own(convex_set: object) -> bool:
     """Return whether a set is a user's own, which no file can hold."""
     return _kind(convex_set) == _OWN
+
+
+def set_text(convex_set: object) -> str:
+    """Return a short text of a set: its own, or the name of its type."""
+    own = type(convex_set).__str__ is object.__str__
+    return type(convex_set).__name__ if own else shortened(str(convex_set), 80)
