@@ -41,7 +41,6 @@ SHORTER = {
     },
     "docs/guides/compare.md": {"repetitions=40": "repetitions=4"},
     "docs/guides/tune.md": {"repetitions: 40": "repetitions: 2"},
-    "docs/flight.md": {" --figures figures": ""},
     "docs/guides/film.md": {"--rate 10": "--rate 100"},
     "docs/viewer.md": {"--film flight.gif": "--html film.html"},  # filmed in guides/film.md
 }
@@ -82,7 +81,6 @@ LONG = (
     "film.md",
     "fleet.md",
     "fleets.md",
-    "flight.md",
     "least_time.md",
     "maps.md",
     "mission.md",
@@ -125,13 +123,14 @@ def test_functions_called_in_the_text_exist_and_accept_the_arguments(document: s
 
 
 def test_the_custom_diagram_in_the_documents_flies() -> None:
-    text = (ROOT / "docs" / "flight.md").read_text()
+    text = (ROOT / "docs" / "api" / "wind.md").read_text()
     blocks = re.findall(r"^```python\n(.*?)^```", text, flags=re.DOTALL | re.MULTILINE)
     (code,) = (block for block in blocks if "DiagramBuilder" in block)
     found: dict[str, Any] = {}
     with contextlib.redirect_stdout(io.StringIO()):
         exec(code, found)  # noqa: S102  # of the document
-    scenario, states = found["scenario"], found["states"].T.reshape(-1, 4, 6)
+    scenario = found["scenario"]
+    states = found["states"].T.reshape(-1, len(scenario.vehicles), 6)
     assert len(found["controller"].flight.windows) == len(rho.plan_rho(scenario).windows)
     missed = np.linalg.norm(states[-1, :, :3] - scenario.fleet.goal_positions, axis=1)
     assert np.all(missed > 0.0)

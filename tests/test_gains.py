@@ -167,8 +167,8 @@ def test_the_largest_disturbance_without_bounds_or_with_too_small_ones() -> None
 
 
 def _table(delay: str) -> list[list[float]]:
-    """Return the rows of a table of peaks in docs/flight.md, delay first."""
-    text = (Path(__file__).parent.parent / "docs" / "flight.md").read_text()
+    """Return the rows of a table of peaks in docs/flight_results.md, delay first."""
+    text = (Path(__file__).parent.parent / "docs" / "flight_results.md").read_text()
     rows = text.split(rf"| {delay} | $1.2 W$: $\rho_p$ |")[1].split("\n\n")[0].splitlines()[2:]
     return [[float(cell) for cell in row.strip("| ").split("|")] for row in rows]
 
