@@ -278,7 +278,8 @@ def test_output_that_cannot_be_written_is_refused_before_planning(
 
     for module, names in (
         ("commands", ("best_plan", "plan_rho", "run_study")),
-        ("planning", ("best_plan", "plan_convex", "plan_rho", "assignment")),
+        ("planning", ("best_plan", "plan_convex", "plan_rho")),
+        ("assign", ("assignment",)),
     ):
         for name in names:
             monkeypatch.setattr(f"drake_rho.cli.{module}.{name}", never)
