@@ -57,8 +57,8 @@ class _Screen(Console):
 out = _Screen()
 err = _Screen(stderr=True)
 
-_UNFOLDED = 10_000
-"""Width for tables in files and pipes, larger than any table: lines are not folded."""
+_PIPED = 100
+"""Width of tables in files and pipes, in columns."""
 
 
 @dataclasses.dataclass
@@ -160,8 +160,8 @@ def tell(content: object, *text: str | Table, status: int = 0) -> int:
 
 
 def _print_table(table: Table) -> None:
-    """Print a table, folded to the width of a terminal, and with full lines elsewhere."""
-    console = out if out.is_terminal else _Screen(file=out.file, width=_UNFOLDED)
+    """Print a table, folded to the width of a terminal, or to that for files and pipes."""
+    console = out if out.is_terminal else _Screen(file=out.file, width=_PIPED)
     console.print(table)
 
 

@@ -62,7 +62,7 @@ def claims_table(study: Study) -> Table:
     table = Table(title="Claims of the paper", show_lines=True)
     table.add_column("")
     table.add_column("claim of the paper, and numbers of the reproduced examples")
-    table.add_column("found")
+    table.add_column("confirmed")
     for claim in study.claims:
         verdict = "yes" if claim.found else "[bold]no[/]"
         table.add_row(str(claim.number), f"{claim.text}\n[dim]{claim.evidence}[/]", verdict)

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator, Sequence
 
 from drake_rho.scenario.disturbance import Disturbance
 from drake_rho.scenario.limits import Limits
+from drake_rho.scenario.norms import NORMS
 from drake_rho.scenario.obstacles import Obstacle
 from drake_rho.scenario.parts import UNITS, Grid, Separation, State, Vehicle
 from drake_rho.scenario.requirements import KeepIn
@@ -59,14 +60,8 @@ def _state(state: State) -> str:
 
 def limit_lines(limits: Limits) -> Iterator[Line]:
     """Yield a line with all norms, then one for every box: its lower and upper corners."""
-    norms = {
-        "speed": (limits.max_speed, "m/s"),
-        "acceleration": (limits.max_acceleration, "m/s²"),
-        "thrust": (limits.max_thrust, "m/s²"),
-        "tilt": (limits.max_tilt, "rad"),
-        "jerk": (limits.max_jerk, "m/s³"),
-    }
-    words = [f"{name} {most:g} {unit}" for name, (most, unit) in norms.items() if most is not None]
+    norms = ((kind, getattr(limits, field)) for field, kind in NORMS.items())
+    words = [f"{kind.what} {most:g} {kind.unit}" for kind, most in norms if most is not None]
     if words:
         yield "limits", ", ".join(words)
     for quantity, unit in UNITS.items():
