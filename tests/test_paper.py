@@ -9,8 +9,6 @@ import pytest
 from pydrake.solvers import SolverInterface
 
 import drake_rho as rho
-from drake_rho.cli.console import answer
-from drake_rho.paper.tables import claims_table
 from tests.conftest import Study
 from tests.tolerances import INDEX, MOTION
 
@@ -88,12 +86,3 @@ def test_the_converged_plan_dips_into_the_obstacle_between_knots(paper: rho.Scen
     distances = np.linalg.norm(plan.motion().at("position", times) - sphere.center, axis=2)
     assert distances.min() == pytest.approx(996.5, abs=0.1)
     assert rho.verify(plan).ok  # (8) is required at the knots only
-
-
-def test_tables_in_files_are_at_most_a_hundred_columns_wide(
-    study: Study, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert answer({}, claims_table(study)) == 0
-    printed = capsys.readouterr().out
-    assert 80 < max(map(len, printed.splitlines())) <= 100
-    assert "17027.239 against 20920.353" in printed
