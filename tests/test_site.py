@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import subprocess
 import tomllib
 from pathlib import Path
 from typing import ClassVar
@@ -96,6 +97,35 @@ def test_links_to_the_repository_become_links_of_the_site() -> None:
     assert there("[d](https://drake.mit.edu) [e](#here)") == "[d](https://drake.mit.edu) [e](#here)"
     for path in ("docs/api/index.md", "CHANGELOG.md", "benchmarks/results/world_b6.md"):
         assert hooks.repository_path(str(hooks.site_path(path))) == path
+
+
+@pytest.mark.slow
+def test_a_notebook_runs_again_only_if_it_has_changed(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    write = pytest.importorskip("tools.site.notebooks", reason=BUILDS).write_notebooks
+    notebook, count = tmp_path / "count.ipynb", tmp_path / "count"
+    code = f"n = open({str(count)!r}, 'a').write('x'); print('ran')"
+    cell: dict[str, object] = {
+        "cell_type": "code",
+        "id": "a",
+        "metadata": {},
+        "outputs": [],
+        "execution_count": None,
+    }
+    whole = {"metadata": {}, "nbformat": 4, "nbformat_minor": 5}
+    for source, runs in ((code, 1), (code, 1), (f"{code}  # changed", 2)):
+        notebook.write_text(json.dumps(whole | {"cells": [cell | {"source": source}]}))
+        (copy,) = write([notebook], tmp_path / "made")
+        assert copy == tmp_path / "made" / "notebooks" / "count.ipynb"
+        assert len(count.read_text()) == runs
+        (output,) = json.loads(copy.read_text())["cells"][0]["outputs"]
+        assert "".join(output["text"]) == "ran\n"
+        assert len(list((tmp_path / "made" / "outputs").iterdir())) == 1  # older ones are gone
+    notebook.write_text(json.dumps(whole | {"cells": [cell | {"source": "1 / 0"}]}))
+    with pytest.raises(subprocess.CalledProcessError):
+        write([notebook], tmp_path / "made")
+    assert "ZeroDivisionError" in capfd.readouterr().err
 
 
 def test_links_of_notebooks_become_links_of_pages(tmp_path: Path) -> None:

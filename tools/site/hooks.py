@@ -20,7 +20,7 @@ from drake_rho import __version__
 from tools.publishing import addresses
 from tools.site.gallery import as_grid, draw_gallery
 from tools.site.mathml import with_mathml
-from tools.site.notebooks import quiet_kernels, write_with_mathml
+from tools.site.notebooks import quiet_kernels, write_notebooks
 
 ROOT = Path(__file__).parents[2]
 MADE = ROOT / "build" / "site"
@@ -59,7 +59,9 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
         place = site_path(path.relative_to(ROOT).as_posix())
         files.append(File.generated(config, place or path.name, abs_src_path=str(path)))
     files.append(File.generated(config, "results/index.md", content=_contents(results)))
-    made = [write_with_mathml(each, MADE) for each in (ROOT / "notebooks").glob("*.ipynb")]
+    made = []
+    if "mkdocs-jupyter" in config.plugins:
+        made += write_notebooks(sorted((ROOT / "notebooks").glob("*.ipynb")), MADE)
     made += draw_gallery(ROOT / "docs" / "gallery.md", MADE)
     for path in made:
         place = path.relative_to(MADE).as_posix()
