@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import drake_rho as rho
+from tests.arrays import FloatArray
 from tests.scenarios import single
 
 COURIER = """
@@ -42,14 +42,19 @@ class Slow:
 
     ball = rho.Ball([0, 0, 0], 4.0)
 
-    def __getattr__(self, name: str) -> Any:  # the three functions of a convex set
-        return getattr(self.ball, name)
+    def support(self, n: FloatArray) -> FloatArray:
+        return self.ball.support(n)
+
+    def signed_distance(self, x: FloatArray) -> FloatArray:
+        return self.ball.signed_distance(x)
+
+    def outward(self, x: FloatArray) -> FloatArray:
+        return self.ball.outward(x)
 
 
 def pair() -> rho.Scenario:
     """Return a scenario with a part of almost every kind."""
     waypoint = rho.Waypoint(5.0, [4.0, 0.0, 1.0], 0.5)
-    slow: Any = Slow()
     begin = rho.State([0, 0, 1], [1, 0, 0])
     cart = rho.Sphere([4, 9, 1], 0.5)
     track = rho.Track([0, 9], [[5, 6, 1], [6, 6, 1]])
@@ -70,7 +75,7 @@ def pair() -> rho.Scenario:
         between_knots=False,
         requirements=[
             rho.KeepIn(rho.Ball([0, 0, 0], 5.0), vehicles="b", relative_to="a", name="link"),
-            rho.KeepIn(slow, of="velocity"),
+            rho.KeepIn(Slow(), of="velocity"),
         ],
         hold_at_goal=True,
     )

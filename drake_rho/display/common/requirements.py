@@ -114,8 +114,8 @@ class RequiredPositions:
         times, count = self.times(shown), len(self.members)
         margins = self.margins(shown, times)
         largest = np.abs(margins).max(axis=1, initial=0.0, where=np.isfinite(margins))
-        rounding = _SAME * (1.0 + largest)
-        k = np.argmax(margins <= margins.min(axis=1, keepdims=True) + rounding[:, None], axis=1)
+        tolerance = _SAME * (1.0 + largest)
+        k = np.argmax(margins <= margins.min(axis=1, keepdims=True) + tolerance[:, None], axis=1)
         best, least = times[k], margins[np.arange(count), k]
         begins, ends = times[np.maximum(k - 1, 0)], times[np.minimum(k + 1, len(times) - 1)]
         for _ in range(_ZOOMS):
@@ -124,7 +124,7 @@ class RequiredPositions:
             who = np.tile(self.members, len(near))
             positions = shown.motion().each_at("position", who, near.ravel())
             each = self._margins(shown, positions, near.ravel()).reshape(near.shape)
-            m = np.argmin(each - rounding * (np.arange(len(near)) == 0)[:, None], axis=0)
+            m = np.argmin(each - tolerance * (np.arange(len(near)) == 0)[:, None], axis=0)
             best, least = near[m, np.arange(count)], each[m, np.arange(count)]
             width = (ends - begins) / _PARTS
             begins, ends = np.maximum(best - width, begins), np.minimum(best + width, ends)
