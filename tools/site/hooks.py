@@ -74,6 +74,8 @@ def on_page_markdown(markdown: str, page: Page, **_: object) -> str:
     here = page.file.src_uri
     boosts = [boost for place, boost in BOOSTS.items() if here.startswith(place)]
     page.meta["search"] = {"boost": boosts[0] if boosts else 1.0}
+    if here.endswith(".ipynb"):  # `write_with_mathml` has done it, and outputs stay as they are
+        return markdown
     source = repository_path(here)
 
     def link(found: re.Match[str]) -> str:
