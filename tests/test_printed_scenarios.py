@@ -43,12 +43,15 @@ class Slow:
     ball = rho.Ball([0, 0, 0], 4.0)
 
     def support(self, n: FloatArray) -> FloatArray:
+        """Return the ball's."""
         return self.ball.support(n)
 
     def signed_distance(self, x: FloatArray) -> FloatArray:
+        """Return the ball's."""
         return self.ball.signed_distance(x)
 
     def outward(self, x: FloatArray) -> FloatArray:
+        """Return the ball's."""
         return self.ball.outward(x)
 
 
