@@ -22,7 +22,8 @@ from typing import Self
 import numpy as np
 
 from drake_rho.motion.close_pairs import CloseApproaches
-from drake_rho.motion.dynamics import Motion
+from drake_rho.motion.dynamics import Motion, step_at
+from drake_rho.motion.penetration import deepest, pieces_near
 from drake_rho.planning.constraints.base import VIOLATED, Constraint, HalfSpaces
 from drake_rho.planning.constraints.margins import Margins
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
@@ -199,6 +200,19 @@ class KeepOutOfObstacle(KeepOut):
         points = self.penetrations(motion, np.arange(len(self.required)))
         distances = self.distances(motion, points) - self.radius(points)
         return CloseApproaches(points.vehicles, points.partners, points.times, distances)
+
+    def deepest_instants(
+        self, motion: Motion, vehicles: IntArray
+    ) -> tuple[IntArray, IntArray, FloatArray]:
+        """Return the parts, vehicles and times [s] of the deepest instants inside, (R,) each."""
+        below = self.required[vehicles] - VIOLATED * self.tolerances[vehicles]
+        within = np.maximum(below + self.margins.largest, 0.0)
+        pieces = pieces_near(motion.of(vehicles), self.obstacle, within)
+        steps = step_at(pieces.times, motion.step)
+        below = below[pieces.owners] + self.margins.steps["position"][steps]
+        tolerances = self.tolerances[vehicles[pieces.owners]]
+        which, times = deepest(self.obstacle.shape, pieces, below, tolerances)
+        return pieces.parts[which], vehicles[pieces.owners[which]], times
 
     def bounds_at(self, rows: HalfSpaces, times: FloatArray) -> FloatArray:
         """Return bounds with the obstacle's position at other times."""

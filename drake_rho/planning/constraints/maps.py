@@ -14,7 +14,6 @@ from typing import Self
 import numpy as np
 
 from drake_rho.motion.dynamics import Motion, step_at
-from drake_rho.motion.penetration import deepest, pieces_near
 from drake_rho.planning.constraints.base import VIOLATED, HalfSpaces, with_neighbours
 from drake_rho.planning.constraints.keep_out import EvaluationPoints, KeepOutOfObstacle
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
@@ -84,14 +83,7 @@ class KeepOutOfMap(KeepOutOfObstacle):
         """
         if not self.every_instant:
             return self._penetrating_knots(motion, vehicles)
-        below = self.required[vehicles] - VIOLATED * self.tolerances[vehicles]
-        within = np.maximum(below + self.margins.largest, 0.0)
-        pieces = pieces_near(motion.of(vehicles), self.obstacle, within)
-        steps = step_at(pieces.times, motion.step)
-        below = below[pieces.owners] + self.margins.steps["position"][steps]
-        tolerances = self.tolerances[vehicles[pieces.owners]]
-        which, times = deepest(self.shape, pieces, below, tolerances)
-        parts, whose = pieces.parts[which], vehicles[pieces.owners[which]]
+        parts, whose, times = self.deepest_instants(motion, vehicles)
         points = _sorted(whose, parts, times)
         depths = self.distances(motion, points) - self.radius(points)
         steps = step_at(points.times, motion.step)

@@ -8,8 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from drake_rho.motion.dynamics import Motion, step_at
-from drake_rho.motion.penetration import deepest, pieces_near
+from drake_rho.motion.dynamics import Motion
 from drake_rho.planning.constraints.base import VIOLATED, HalfSpaces, Quadratic, with_neighbours
 from drake_rho.planning.constraints.keep_out import EvaluationPoints, KeepOutOfObstacle, side_of
 from drake_rho.planning.constraints.maps import KeepOutOfMap
@@ -67,14 +66,7 @@ class KeepOutOfShape(KeepOutOfObstacle):
         """Return the deepest instant of each penetrating step, without duplicates."""
         if not self.every_instant:
             return self._penetrating_knots(motion, vehicles)
-        below = self.required[vehicles] - VIOLATED * self.tolerances[vehicles]
-        within = np.maximum(below + self.margins.largest, 0.0)
-        pieces = pieces_near(motion.of(vehicles), self.obstacle, within)
-        steps = step_at(pieces.times, motion.step)
-        below = below[pieces.owners] + self.margins.steps["position"][steps]
-        tolerances = self.tolerances[vehicles[pieces.owners]]
-        which, times = deepest(self.shape, pieces, below, tolerances)
-        whose = vehicles[pieces.owners[which]]
+        _, whose, times = self.deepest_instants(motion, vehicles)
         repeated = (np.diff(whose, prepend=-1) == 0) & (np.diff(times, prepend=-1.0) == 0.0)
         return EvaluationPoints(whose[~repeated], whose[~repeated], times[~repeated])
 
