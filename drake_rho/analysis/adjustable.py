@@ -82,7 +82,7 @@ def adjustable_numbers(scenario: Scenario, vehicles: Sequence[str]) -> list[Adju
 
 
 def _of_field(scenario: Scenario, field: str, vehicles: Sequence[str]) -> list[Adjustable]:
-    """Return the limits of a field of `Limits`: the fleet's, and those of single vehicles."""
+    """Return the fleet's limit and the vehicles' own limits of one field of `Limits`."""
     own, shared = list[Adjustable](), list[str]()
     for vehicle in scenario.vehicles:
         if vehicle.limits is None or getattr(vehicle.limits, field) is None:

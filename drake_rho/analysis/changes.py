@@ -97,7 +97,7 @@ class Change(metaclass=Described):
 
     @property
     def is_of_duration(self) -> bool:
-        """Whether this changes the scenario's duration and nothing else."""
+        """Whether the duration is the only changed number."""
         return [each.limit for each in self.numbers] == ["duration"]
 
     def __str__(self) -> str:

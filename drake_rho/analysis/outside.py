@@ -40,7 +40,7 @@ class Forbidden:
 
     @property
     def has_middle(self) -> bool:
-        """Whether the point `middle` is closer to the obstacle than the required distance."""
+        """Whether `middle` is too close to the obstacle."""
         return bool(self.distance(np.zeros(3)) < self.required)
 
     @property

@@ -100,7 +100,7 @@ class Results:
         return frame.astype({"verified": bool, "vehicles": "Int64", "programs": "Int64"})
 
     def rows(self) -> Iterator[Row]:
-        """Yield all rows as records, in the order in which they were written."""
+        """Yield all rows as records, in their order in the store."""
         with reading(self.path) as connection:
             for values in connection.execute(f"{_SELECT} ORDER BY rowid"):
                 row = dict(zip(COLUMNS, values, strict=True))

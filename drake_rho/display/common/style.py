@@ -81,7 +81,7 @@ def window_colours(count: int) -> list[str]:
 
 
 def window_greys(count: int) -> list[str]:
-    """Return a grey for each window, where colours are those of vehicles, from dark to light."""
+    """Return a grey for each window, from dark to light, beside vehicles in colours."""
     return [to_hex(colour) for colour in colormaps["gray"](np.linspace(0.0, 0.75, count))]
 
 

@@ -138,7 +138,7 @@ def fit_scene(figure: Figure, ax: Axes3D, area: Area) -> Bbox:
 
 
 def _place(ax: Axes3D, side: float, corner: tuple[float, float]) -> None:
-    """Set the square of the axes in the figure [in], only a part of which is used."""
+    """Set the place of the axes in the figure: side and corner of their square [in]."""
     figure = ax.get_figure(True)
     wide, high = figure.get_size_inches()
     ax.set_position((corner[0] / wide, corner[1] / high, side / wide, side / high))
@@ -166,7 +166,7 @@ def _extents(figure: Figure, ax: Axes3D) -> tuple[Bbox, Bbox]:
 
 
 def _drop_overlapping_ticks(figure: Figure, ax: Axes3D) -> None:
-    """Remove ticks whose numbers would overlap those of any axis."""
+    """Remove ticks with overlapping numbers."""
     renderer, occupied = renderer_of(figure), list[Bbox]()
     for axis in _axes_of(ax):
         low, high = sorted(axis.get_view_interval())

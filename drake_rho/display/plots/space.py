@@ -188,7 +188,7 @@ def draw_conflicts(
 
 
 def draw_planned_paths(ax: Axes3D, plan: Drawn, shown: Sequence[Snapshot] = ()) -> list[Line3D]:
-    """Draw planned paths as dotted lines, if they differ from those of `draw_paths`."""
+    """Draw planned paths as dotted lines, if the flown paths differ from them."""
     colours = vehicle_colours(len(plan.positions))
     lines = []
     for piece in plan.planned:
