@@ -76,7 +76,15 @@ def test_a_checked_function_keeps_its_signature_and_documentation(name: str) -> 
 @pytest.mark.parametrize(
     ("wrong", "words"),
     [
-        (lambda: rho.plan("paper"), "scenario: got 'paper', expected Scenario"),  # type: ignore[arg-type]
+        (
+            lambda: rho.plan("paper"),
+            "scenario: got 'paper', expected Scenario; rho.load_scenario reads one",
+        ),  # type: ignore[arg-type]
+        (
+            lambda: rho.plan(STRAIGHT),  # type: ignore[arg-type]
+            "scenario: got an object of type Plan, expected Scenario; it has one as its attribute "
+            "`scenario`",
+        ),
         (
             lambda: rho.verify(EMPTY),  # type: ignore[arg-type]
             "flown: got an object of type Scenario, expected Plan, Flight or Simulation",
@@ -120,11 +128,11 @@ def test_a_checked_function_keeps_its_signature_and_documentation(name: str) -> 
         ),
         (
             lambda: rho.RecedingHorizon("paper"),  # type: ignore[arg-type]
-            "scenario: got 'paper', expected Scenario",
+            "scenario: got 'paper', expected Scenario; rho.load_scenario reads one",
         ),
         (
             lambda: rho.Plan.from_accelerations("paper", np.zeros((1, 2, 3))),  # type: ignore[arg-type]
-            "scenario: got 'paper', expected Scenario",
+            "scenario: got 'paper', expected Scenario; rho.load_scenario reads one",
         ),
         (
             lambda: rho.certify_time(STRAIGHT, gap=True),
@@ -140,7 +148,7 @@ def test_a_checked_function_keeps_its_signature_and_documentation(name: str) -> 
         ),
         (
             lambda: rho.WindyPointMass("paper"),  # type: ignore[arg-type]
-            "scenario: got 'paper', expected Scenario",
+            "scenario: got 'paper', expected Scenario; rho.load_scenario reads one",
         ),
     ],
 )

@@ -111,8 +111,8 @@ def test_the_table_reports_errors_and_clearances(
     (sphere,), apart = simulation.scenario.bodies, simulation.positions[:, 0]
     apart = np.linalg.norm(apart - simulation.positions[:, 1], axis=1).min() - 0.5
     for index, name in enumerate(("scout", "cargo")):
-        (row,) = re.findall(rf"│ {name} +│(.*)│", out)
-        numbers = [float(each) for each in row.split("│")]
+        (row,) = re.findall(rf"^{name} +(.*)$", out.partition("\nvehicle")[2], re.MULTILINE)
+        numbers = [float(each) for each in row.split()]
         error, radii = simulation.errors()[:, index], simulation.radii()
         wide = radii > 1e-6
         distances = sphere.distances(simulation.positions[:, index], simulation.times)

@@ -131,7 +131,7 @@ def test_fastest_tells_the_gap_of_the_time(
         cli.main()
     told = capsys.readouterr().out
     assert "gap to the optimum" not in told
-    assert "this one at most 0 % longer" in told
+    assert "gap to the least time at most 0.0001 %" in told
 
 
 @pytest.mark.slow

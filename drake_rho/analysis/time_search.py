@@ -137,7 +137,9 @@ class TimeSearch:
                     plan = faster
         spent = self._least.statistics + self._plans.statistics
         converged = plan.statistics.converged
-        found = dataclasses.replace(spent, converged=converged, time_bound=self._bound)
+        found = dataclasses.replace(
+            spent, converged=converged, minimised="time", time_bound=self._bound
+        )
         return plan.with_statistics(found)
 
     def _with_other_times(self, best: Plan, alone: FloatArray) -> Iterator[Plan]:

@@ -53,7 +53,19 @@ def _groups(groups: Sequence[Group]) -> str:
         values = [each.cost, *([each.duration] if timed else []), each.seconds]
         rows.append((*row, *map(_spread, values)))
     note = f"cost{', final time' if timed else ''} and time: {_SPREAD}"
-    return f"{_grid(heads, rows)}\n{note}"
+    return f"{_in_width(heads, rows)}\n{note}"
+
+
+def _in_width(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Return a table of groups, with the times below if it is wider than the terminal."""
+    whole = _grid(heads, rows)
+    if max(map(len, whole.splitlines())) <= _TERMINAL_WIDTH:
+        return whole
+    named, times = 2, heads.index("cost [m²/s⁴]") + 1
+    above = _grid(heads[:times], [row[:times] for row in rows])
+    heads, *rows = ([*row[:named], *row[times:]] for row in (heads, *rows))
+    below = _grid(heads, rows)
+    return f"{above}\n\n{below}"
 
 
 def _failures(failures: Sequence[Failure]) -> str:

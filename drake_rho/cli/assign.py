@@ -10,7 +10,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from drake_rho.cli.checks import check_writable
-from drake_rho.cli.console import answer, tell, working
+from drake_rho.cli.console import answer, plain_table, tell, working
 from drake_rho.cli.options import DurationOption, ScenarioArgument, StepOption, WorldOption
 from drake_rho.cli.sources import read
 from drake_rho.motion.costs import cost_of
@@ -97,7 +97,7 @@ def _summary(found: Assigned) -> list[str | Table]:
         f"{found.scenario}: {len(moved)} of {len(found.vehicles)} vehicles have another goal; "
         f"{effort} instead of {found.effort_before:.6g} m²/s⁴"
     )
-    table = Table("vehicle", "goal of", "position \\[m]")
+    table = plain_table("vehicle", "goal of", "position [m]", texts=3)
     for each in moved:
         position = "  ".join(f"{value:.4g}" for value in each.goal_m)
         table.add_row(escape(each.vehicle), escape(each.goal_of), position)

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import dataclasses
+import io
 import re
 import signal
+import textwrap
 import threading
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 
 from rich.console import Console, ConsoleOptions, RenderableType
+from rich.markup import escape
 from rich.progress import Progress, ProgressColumn
 from rich.segment import Segment
 from rich.status import Status
@@ -33,11 +36,11 @@ def escaped(text: str) -> str:
     leaves unescaped only characters that have four-digit escapes here.
     """
 
-    def escape(found: re.Match[str]) -> str:
+    def written(found: re.Match[str]) -> str:
         number = ord(found[0])
         return f"\\x{number:02x}" if number < 0x20 else f"\\u{number:04x}"
 
-    return _CONTROL.sub(escape, text)
+    return _CONTROL.sub(written, text)
 
 
 class _Screen(Console):
@@ -58,7 +61,7 @@ out = _Screen()
 err = _Screen(stderr=True)
 
 _PIPED = 100
-"""Width of tables in files and pipes, in columns."""
+"""Width of texts and tables in files and pipes, in columns."""
 
 
 @dataclasses.dataclass
@@ -95,11 +98,34 @@ def write(text: str, console: Console = out) -> None:
 
 
 def say(text: str, console: Console = out) -> None:
-    """Print text, wrapped between words on a terminal and unchanged elsewhere."""
+    """Print text, wrapped between words; only errors in files and pipes are one line each."""
     if console.is_terminal:
         console.print(Text(text, overflow="ignore"))
     else:
-        write(text, console)
+        write(text if console is err else "\n".join(map(_wrapped, text.splitlines())), console)
+
+
+def _wrapped(line: str) -> str:
+    """Return a line for files and pipes, wrapped between words, its further lines indented.
+
+    Lines with columns, at least two spaces apart, remain as they are.
+    """
+    if "  " in line.strip():
+        return line
+    indent = line[: len(line) - len(line.lstrip())] + "  "
+    return textwrap.fill(
+        line,
+        _PIPED,
+        subsequent_indent=indent,
+        break_long_words=False,
+        break_on_hyphens=False,
+        replace_whitespace=False,
+    )
+
+
+def columns() -> int:
+    """Return the width of texts and tables on standard output, in columns."""
+    return out.width if out.is_terminal else _PIPED
 
 
 def remark(text: str) -> None:
@@ -159,10 +185,28 @@ def tell(content: object, *text: str | Table, status: int = 0) -> int:
     return answer(content, *(() if output_mode.quiet else text), status=status)
 
 
+def plain_table(*heads: str, texts: int = 1) -> Table:
+    """Return a table without lines, the one style of all tables.
+
+    Args:
+        heads: heads of the columns, without markup; none if the table has no heads.
+        texts: number of columns of text, from the left; the others are numbers.
+    """
+    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), show_header=bool(heads))
+    for number, head in enumerate(heads):
+        table.add_column(escape(head), justify="left" if number < texts else "right")
+    return table
+
+
 def _print_table(table: Table) -> None:
-    """Print a table, folded to the width of a terminal, or to that for files and pipes."""
-    console = out if out.is_terminal else _Screen(file=out.file, width=_PIPED)
-    console.print(table)
+    """Print a table, folded to `columns`."""
+    if out.is_terminal:
+        out.print(table)
+        return
+    text = io.StringIO()
+    _Screen(file=text, width=_PIPED).print(table)
+    for line in text.getvalue().splitlines():
+        write(line.rstrip())
 
 
 class Work:

@@ -13,7 +13,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from drake_rho.cli.checks import check_writable
-from drake_rho.cli.console import answer, working
+from drake_rho.cli.console import answer, plain_table, working
 from drake_rho.scenario.maps import mesh_files, octomaps, point_clouds, world_xml
 from drake_rho.scenario.maps.map import Map
 from drake_rho.scenario.maps.mesh import Mesh
@@ -226,7 +226,7 @@ def _world(file: str, obstacles: Sequence[Obstacle]) -> Mapped:
 
 def _table(document: Mapped) -> Table:
     """Return the description as a table of two columns."""
-    table = Table(box=None, show_header=False, padding=(0, 2, 0, 0), pad_edge=False)
+    table = plain_table()
     for name, text in _rows(document).items():
         table.add_row(name, escape(text))
     return table

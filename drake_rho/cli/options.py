@@ -50,10 +50,11 @@ def _completed(beginning: str) -> list[str]:
 ScenarioArgument = Annotated[
     str,
     typer.Argument(
-        metavar="SCENARIO",
+        metavar="SCENARIO|FILE",
         autocompletion=_completed,
-        help=f"A library scenario ({', '.join(library())}), a YAML file, or a mission of the LSC "
-        "planner (.json), which needs --duration and --step.",
+        help=f"A library scenario ({', '.join(library())}), a YAML file, a file saved by 'plan', "
+        "'fly' or 'simulate', whose scenario is taken, or a mission of the LSC planner (.json), "
+        "which needs --duration and --step.",
     ),
 ]
 ResultArgument = Annotated[

@@ -111,7 +111,7 @@ def fastest(
             progress=work,
             options=options,
         )
-    return finish(planned, output, drawing, least_time=True)
+    return finish(planned, output, drawing)
 
 
 @takes_windows

@@ -10,9 +10,9 @@ from rich.markup import escape
 from rich.table import Table
 
 from drake_rho.cli.checks import Drawing
-from drake_rho.cli.console import out, tell, working
+from drake_rho.cli.console import columns, plain_table, tell, working
 from drake_rho.cli.documents import content_of
-from drake_rho.cli.summary import errors_of, simulation_table
+from drake_rho.cli.summary import errors_of, simulation_text
 from drake_rho.motion.files import save
 from drake_rho.motion.flight import Window
 from drake_rho.motion.flown import Flown
@@ -28,7 +28,6 @@ def finish(
     wind: str | None = None,
     *,
     every_row: bool = False,
-    least_time: bool = False,
 ) -> int:
     """Save, draw and verify a result, print the report and return the exit status.
 
@@ -40,7 +39,6 @@ def finish(
         drawing: figures to draw, if any.
         wind: description of the wind, if any.
         every_row: whether to print every row of the report.
-        least_time: whether time was minimised, so that its gap is printed instead of the cost's.
     """
     if output is not None:  # before anything is printed: a closed pipe must not lose the work
         save(flown, output)
@@ -60,7 +58,7 @@ def finish(
         report = verify(flown)
     document = _document(flown, report, wind, output, drawn)
     heading = [f"wind: {wind}"] if wind is not None else []
-    text = _text(flown, report.printed(every_row=every_row, gap=not least_time), least_time)
+    text = _text(flown, report.printed(every_row=every_row))
     status = 0 if report.ok else 1
     return tell(document, *heading, *text, *written, status=status)
 
@@ -105,26 +103,20 @@ def _least(report: Report, kind: str) -> float | None:
     return min(values, default=None)
 
 
-def _text(flown: Flown, printed: Printed, least_time: bool) -> Iterator[str | Table]:
+def _text(flown: Flown, printed: Printed) -> Iterator[str | Table]:
     """Yield the report, then the work of planning, or the errors of a simulation."""
     yield from _report(printed)
     if flown.simulation is not None:
         yield from _windows_without_plan(flown.windows)
-        yield simulation_table(flown.simulation)
+        yield from simulation_text(flown.simulation)
         return
     numbers = flown.statistics
     yield (
         f"planned in {numbers.seconds:.3f} s: {numbers.programs} programs, "
         f"{numbers.solver or 'no solver'}; step {flown.scenario.grid.step:g} s"
     )
-    if numbers.time_bound is not None:
-        above = 100.0 * (flown.scenario.grid.duration / numbers.time_bound - 1.0)
-        yield (
-            f"every plan on {flown.scenario.grid.knots} knots takes at least "
-            f"{numbers.time_bound:.6g} s: this one at most {max(above, 0.0):.2g} % longer"
-        )
-    elif least_time:
-        yield "no bound of the time is known; `drake-rho certify --time` computes one"
+    if numbers.minimised == "time" and numbers.time_bound is None:
+        yield "`drake-rho certify --time` bounds the gap to the least time"
     if flown.flight is not None:
         without = sum(bool(window.infeasible) for window in flown.windows)
         yield f"{len(flown.windows)} windows, {without} of them without a plan of their own"
@@ -142,17 +134,15 @@ def _text(flown: Flown, printed: Printed, least_time: bool) -> Iterator[str | Ta
 
 
 def _report(printed: Printed) -> Iterator[str | Table]:
-    """Yield the report as text, or as tables that fit a narrower terminal."""
+    """Yield the report as text, or as tables that fit a narrower screen."""
     text = str(printed)
-    if not out.is_terminal or max(map(len, text.splitlines())) <= out.width:
+    if max(map(len, text.splitlines())) <= columns():
         yield text
         return
-    facts = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0), show_header=False)
+    facts = plain_table()
     for fact in printed.facts:
         facts.add_row(*map(escape, fact))
-    table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0))
-    for number, head in enumerate(printed.heads):
-        table.add_column(escape(head), justify="left" if number < TEXTS else "right")
+    table = plain_table(*printed.heads, texts=TEXTS)
     for row in printed.rows:
         table.add_row(*map(escape, row))
     yield printed.title

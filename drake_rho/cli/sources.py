@@ -8,6 +8,7 @@ from contextlib import suppress
 from difflib import get_close_matches
 from pathlib import Path
 
+from drake_rho.motion.documents import is_exported
 from drake_rho.motion.files import PlanFileError, load
 from drake_rho.motion.flown import Flown
 from drake_rho.motion.tables import is_table
@@ -26,7 +27,7 @@ def is_result(source: str) -> bool:
     if source.endswith(".npz"):
         return True
     with suppress(OSError, ValueError), opened(source) as file:
-        return zipfile.is_zipfile(file)
+        return zipfile.is_zipfile(file) or is_exported(read_text(source))
     return False
 
 
@@ -51,17 +52,20 @@ def load_result(path: Path) -> Flown:
 def read(
     source: str, duration: float | None, step: float | None, world: str | None = None
 ) -> Scenario:
-    """Read a scenario by name or from a file; options give a mission its grid and world.
+    """Read a scenario by name, from a file, or from the file of a plan, flight or simulation.
+
+    Options give a mission its grid and world.
 
     Raises:
+        PlanFileError: the file of a result cannot be read.
         ScenarioError: there is no such scenario, the scenario is invalid, or the step does not
             divide the duration.
-        ValueError: an option of missions is missing for a mission, or given for a scenario.
+        ValueError: an option of missions is missing for a mission, or given otherwise.
     """
     if not is_lsc_mission(source):
-        scenario = _load_scenario(source)
+        given = load(source) if is_result(source) else _load_scenario(source)
         refuse_options(source, duration, step, world)
-        return scenario
+        return given if isinstance(given, Scenario) else given.scenario
     if duration is None or step is None:
         missing = "--step" if duration is not None else "--duration"
         expected = "--duration and --step: a mission has no grid of its own"
@@ -81,8 +85,9 @@ def read_or_load(
     """
     if not is_result(source):
         return read(source, duration, step, world)
+    flown = load(source)
     refuse_options(source, duration, step, world)
-    return load(source)
+    return flown
 
 
 def _load_scenario(source: str) -> Scenario:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterator
 
 import numpy as np
 from rich.markup import escape
 from rich.table import Table
 
+from drake_rho.cli.console import plain_table
 from drake_rho.motion.nearest_vehicles import nearest_vehicles
 from drake_rho.motion.obstacle_clearances import clearances
 from drake_rho.motion.simulation import Simulation
@@ -57,14 +59,14 @@ def errors_of(simulation: Simulation) -> list[VehicleErrors]:
     ]
 
 
-def simulation_table(simulation: Simulation) -> Table:
-    """Return the table of `errors_of`; with many vehicles, only the largest errors."""
+def simulation_text(simulation: Simulation) -> Iterator[str | Table]:
+    """Yield a title, the table of `errors_of`, and a note; only the largest errors of many."""
     rows = errors_of(simulation)
     columns: dict[str, list[float | None]] = {
-        "error \\[m]": [each.error_m for each in rows],
-        "of radius \\[%]": [each.of_radius and 100.0 * each.of_radius for each in rows],
-        "to obstacles \\[m]": [each.to_obstacles_m for each in rows],
-        "to others \\[m]": [each.to_others_m for each in rows],
+        "error [m]": [each.error_m for each in rows],
+        "of radius [%]": [each.of_radius and 100.0 * each.of_radius for each in rows],
+        "to obstacles [m]": [each.to_obstacles_m for each in rows],
+        "to others [m]": [each.to_others_m for each in rows],
     }
     columns = {
         name: values
@@ -73,23 +75,23 @@ def simulation_table(simulation: Simulation) -> Table:
     }
     errors = np.array([each.error_m for each in rows])
     worst: IntArray = np.sort(np.argsort(-errors, kind="stable")[:_MOST_ROWS])
-    table = Table(title=_title(simulation), title_justify="left", caption_justify="left")
-    table.caption = "error: of position; distances: beyond radius or separation"
-    table.add_column("vehicle")
-    for name in columns:
-        table.add_column(name, justify="right")
+    table = plain_table("vehicle", *columns)
     for i in worst:
         table.add_row(escape(rows[i].vehicle), *(_number(values[i]) for values in columns.values()))
-    if len(rows) > len(worst):
-        table.caption += f"; the {len(worst)} of {len(rows)} vehicles with the largest errors"
-    return table
+    note = "error: of position; distances: beyond radius or separation"
+    if len(worst) < len(rows):
+        note += f"; the {len(worst)} of {len(rows)} vehicles with the largest errors"
+    yield ""
+    yield _title(simulation)
+    yield table
+    yield note
 
 
 def _title(simulation: Simulation) -> str:
     """Return the title: scenario, vehicle model and strongest wind."""
     strongest = float(np.linalg.norm(simulation.wind, axis=2).max())
     wind = f"in wind of up to {strongest:.3g} m/s²" if strongest > 0.0 else "without wind"
-    return f"{escape(simulation.scenario.name)}: {escape(simulation.plant)} {wind}"
+    return f"{simulation.scenario.name}: {simulation.plant} {wind}"
 
 
 def _finite(value: float) -> float | None:

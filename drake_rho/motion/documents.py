@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import io
 import json
+import re
 from typing import IO, Annotated, Any, Literal
 
 import numpy as np
@@ -49,6 +50,10 @@ class _Document:
 _DOCUMENT = TypeAdapter(_Document)
 
 
+_FORMAT = re.compile(r'"format"\s*:\s*"drake_rho ')
+"""Name of the format, which begins alike for plans and for true motions."""
+
+
 def write_document(file: IO[bytes], flown: Flown, rate: float | None = None) -> None:
     """Write the states at every knot and, if a rate is given [1/s], at that rate as well.
 
@@ -84,6 +89,11 @@ def write_document(file: IO[bytes], flown: Flown, rate: float | None = None) -> 
 def is_document(text: str) -> bool:
     """Return whether text begins like a JSON object, and so may be a document."""
     return text.lstrip().startswith("{")
+
+
+def is_exported(text: str) -> bool:
+    """Return whether text is a document with the format's name, not just any JSON object."""
+    return is_document(text) and _FORMAT.search(text) is not None
 
 
 def read_document(text: str) -> Plan:

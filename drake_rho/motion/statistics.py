@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import Literal
 
 from pydantic import ConfigDict
 
@@ -58,6 +59,8 @@ class Statistics(metaclass=Described):
     tolerance: float | None = None
     """relative decrease of the cost in one linearisation below which an iteration has converged;
     None without iterations"""
+    minimised: Literal["cost", "time"] = "cost"
+    """what the planner minimised: the cost, or the final time"""
     time_bound: float | None = None
     """time that every plan on as many knots takes at least [s]: the least time of the slowest
     vehicle without obstacles and other vehicles; None if it is not known"""
@@ -87,6 +90,7 @@ class Statistics(metaclass=Described):
             converged=self.converged and other.converged,
             cut=self.cut or other.cut,
             last_fall=self.last_fall if other.last_fall is None else other.last_fall,
+            minimised=self.minimised,
             time_bound=self.time_bound if other.time_bound is None else other.time_bound,
             solver=other.solver or self.solver,
             tolerance=other.tolerance or self.tolerance,

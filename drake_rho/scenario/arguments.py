@@ -8,6 +8,7 @@ import types
 from collections.abc import Callable, Iterable, Mapping
 from itertools import chain
 from numbers import Real
+from pathlib import Path
 from typing import (
     Annotated,
     Any,
@@ -49,6 +50,9 @@ _NAMES = {
     "str": "a string",
 }
 """Plain names of types in error messages."""
+
+_READERS = {"Scenario": "rho.load_scenario", "Plan": "rho.load", "Flight": "rho.load"}
+"""Functions that read objects, for errors about a name or path in place of one."""
 
 
 def checked(function: Callable[_Arguments, _Result]) -> Callable[_Arguments, _Result]:
@@ -125,7 +129,12 @@ def _refusal(name: str, value: object, kinds: tuple[_Kind, ...]) -> TypeError | 
     if isinstance(value, type):
         got = f"the class {value.__name__}"
     words = isinstance(value, str) and any(name.startswith("'") for name in names)
-    return (ValueError if words else TypeError)(f"{name}: got {got}, expected {expected}")
+    hint = ""
+    if isinstance(value, str | Path):
+        hint = next((f"; {_READERS[each]} reads one" for each in names if each in _READERS), "")
+    elif "Scenario" in names and hasattr(value, "scenario"):
+        hint = "; it has one as its attribute `scenario`"
+    return (ValueError if words else TypeError)(f"{name}: got {got}, expected {expected}{hint}")
 
 
 @functools.cache

@@ -36,10 +36,30 @@ def scenario_error(error: ValidationError, root: type, parent: str = "") -> Scen
     if first["type"] in {"missing", "missing_argument"}:
         return ScenarioError(where, Description("nothing"), "a value").inside(parent)
     if first["type"] in _NO_RECORD:
-        return ScenarioError(where, first["input"], "a mapping of field names to values").inside(
-            parent
-        )
+        expected = _records(kinds, in_python=bool(parent))
+        return ScenarioError(where, first["input"], expected).inside(parent)
     return ScenarioError(where, first["input"], _expectation(first["msg"])).inside(parent)
+
+
+def _records(kinds: list[type], *, in_python: bool) -> str:
+    """Return what is expected where there is no record: a call in Python, keys in a file."""
+    if in_python:
+        others = " or another of these kinds" if len(kinds) > _KINDS_LISTED else ""
+        return " or ".join(map(_call_of, kinds[:_KINDS_LISTED])) + others
+    if len(kinds) > 1:
+        return "a mapping of field names to values"
+    return f"a mapping with the keys {', '.join(getattr(kinds[0], '__pydantic_fields__', {}))}"
+
+
+_KINDS_LISTED = 3
+"""Largest number of record types that an error lists."""
+
+
+def _call_of(kind: type) -> str:
+    """Return the call that creates a record, with its required fields."""
+    fields: Any = getattr(kind, "__pydantic_fields__", {})
+    required = [f"{name}=..." for name, field in fields.items() if field.is_required()]
+    return f"{kind.__name__}({', '.join(required or ['...'])})"
 
 
 def _wrong_tag(details: Any, where: str, kinds: list[type]) -> ScenarioError | None:
@@ -135,4 +155,5 @@ def _expectation(message: str) -> str:
     for beginning in ("Input should be ", "Tuple should have ", "String should have "):
         message = message.removeprefix(beginning)
     message = message.replace("a valid tuple", "a list").partition(" after validation")[0]
+    message = message.replace("a valid integer", "an integer").partition(", got ")[0]
     return message[:1].lower() + message[1:]

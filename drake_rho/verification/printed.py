@@ -56,7 +56,7 @@ def facts(summary: Summary, checks: Sequence[Check], *, gap: bool) -> Iterator[t
     Args:
         summary: summary of the motion.
         checks: all checks.
-        gap: whether to include the largest possible optimality gap.
+        gap: whether to include the largest possible optimality gap of the cost.
     """
     for name, kind in (("least clearance", "obstacles"), ("least separation", "separation")):
         if (nearest := closest(checks, kind)) is None:
@@ -69,10 +69,11 @@ def facts(summary: Summary, checks: Sequence[Check], *, gap: bool) -> Iterator[t
             yield "  between knots", f"{_place(worst)}; not required"
     at = clock_time(summary.fastest_at)
     yield "top speed", f"{summary.top_speed:.4g} m/s, {summary.fastest} at {at}"
-    yield "time", f"{clock_number(summary.start)} to {clock_time(summary.end)}"
+    times = f"{clock_number(summary.start)} to {clock_time(summary.end)}"
+    yield "time", times + (_gap_of_time(summary) if summary.minimised == "time" else "")
     most = summary.cost_bound
     bounds = "" if most is None else f"; at most {most:.6g} m²/s⁴ by the first window's bound"
-    bounds += _gap(summary) if gap else ""
+    bounds += _gap_of_cost(summary) if gap and summary.minimised == "cost" else ""
     yield "cost", f"{summary.cost:.6g} m²/s⁴{bounds}"
 
 
@@ -102,15 +103,24 @@ def _place(check: Check) -> str:
     return f"{check.vehicle} {how} {other} at {clock_time(check.time)}"
 
 
-def _gap(summary: Summary) -> str:
-    """Return the largest possible optimality gap, with the least effort as the lower bound.
+def _gap_of_time(summary: Summary) -> str:
+    """Return the largest possible gap to the least time on as many knots."""
+    if summary.time_bound is None:
+        return ", minimised; the gap to the least time is not known"
+    gap = max(0.0, 1.0 - summary.time_bound / (summary.end - summary.start))
+    return f", minimised; gap to the least time at most {percent(gap)}"
+
+
+def _gap_of_cost(summary: Summary) -> str:
+    """Return the largest possible optimality gap of the cost; the least effort is the lower bound.
 
     A motion that jumps is no plan from the starts, so the bound does not apply to its cost.
     """
     least = summary.least_effort
     if summary.largest_jump is not None or not summary.cost >= (1.0 - _ROUNDING) * least > 0.0:
         return ""
-    return f"; gap to the optimum at most {percent(max(0.0, 1.0 - least / summary.cost))}"
+    gap = max(0.0, 1.0 - least / summary.cost)
+    return f"; gap to the optimum at most {percent(gap)} (quick bound)"
 
 
 def margin_in_words(check: Check) -> str:

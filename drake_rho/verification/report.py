@@ -88,16 +88,15 @@ class Report(metaclass=Described):
             printed.title, printed.heads, printed.rows, printed.below, left=TEXTS, above=above
         )
 
-    def printed(self, *, every_row: bool = False, gap: bool = True) -> Printed:
+    def printed(self, *, every_row: bool = False) -> Printed:
         """Return the contents of a printed report, which `print` shows.
 
         Args:
             every_row: whether to list every row, with values and limits: also equalities, the
                 furthest obstacles, and the knots where every instant is verified.
-            gap: whether to include the largest possible optimality gap, if all constraints hold.
         """
         violations = self.violations
-        lines = tuple(facts(self.summary, self.checks, gap=gap and self.ok))
+        lines = tuple(facts(self.summary, self.checks, gap=self.ok))
         name, below = self.scenario.name, list[str]()
         title = f"{name}: all constraints hold"
         rows = list(self.tightest)

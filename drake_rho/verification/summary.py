@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import Literal
 
 import numpy as np
 
@@ -36,6 +37,11 @@ class Summary(metaclass=Described):
     least_effort: float
     """least cost of all motions from the starts to the goals, without limits, obstacles and
     separation [m²/s⁴]: a lower bound on the cost of every plan"""
+    minimised: Literal["cost", "time"] | None = "cost"
+    """what the planner minimised, the cost or the final time; None for the motion of a simulation,
+    which the wind changes"""
+    time_bound: float | None = None
+    """time that every plan on as many knots takes at least [s]; None if it is not known"""
     cost_bound: float | None = None
     """largest cost of a flight with bounded costs, known from its first window [m²/s⁴]"""
     largest_jump: Jump | None = None
@@ -60,6 +66,8 @@ class Summary(metaclass=Described):
             end=scenario.grid.end + scenario.lead,
             cost=flown.cost,
             least_effort=least_effort(scenario),
+            minimised=None if flown.simulation else flown.statistics.minimised,
+            time_bound=flown.statistics.time_bound,
             cost_bound=flown.windows[0].cost_bound if flown.windows else None,
             largest_jump=None if flown.simulation else largest_jump(flown.plan),
         )

@@ -6,6 +6,7 @@ import numpy as np
 from rich.markup import escape
 from rich.table import Table
 
+from drake_rho.cli.console import plain_table
 from drake_rho.paper.study import REPEATS, Example, Study
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.parts import UNITS
@@ -16,11 +17,9 @@ def study_table(study: Study) -> Table:
 
     Clearance is the least distance from the obstacle's surface, at the knots and at every instant.
     """
-    table = Table(title=f"The four examples of {study.scenario.name!r}")
-    table.add_column("")
-    for example in study.examples:
-        table.add_column(f"Example {example.number}", justify="right")
     examples = study.examples
+    heads = (f"Example {example.number}" for example in examples)
+    table = plain_table(f"the four examples of {study.scenario.name!r}", *heads)
     table.add_row("method", *(example.method for example in examples))
     table.add_row("obstacle", *(example.obstacle for example in examples))
     table.add_row(
@@ -59,10 +58,9 @@ def study_table(study: Study) -> Table:
 
 def claims_table(study: Study) -> Table:
     """Return a table of the paper's claims, the evidence, and the verdicts."""
-    table = Table(title="Claims of the paper", show_lines=True)
-    table.add_column("")
-    table.add_column("claim of the paper, and numbers of the reproduced examples")
-    table.add_column("confirmed")
+    heads = ("", "claim of the paper, and numbers of the reproduced examples", "confirmed")
+    table = plain_table(*heads, texts=3)
+    table.leading = 1  # rows have several lines
     for claim in study.claims:
         verdict = "yes" if claim.found else "[bold]no[/]"
         table.add_row(str(claim.number), f"{claim.text}\n[dim]{claim.evidence}[/]", verdict)
