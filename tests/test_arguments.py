@@ -77,9 +77,9 @@ def test_a_checked_function_keeps_its_signature_and_documentation(name: str) -> 
     ("wrong", "words"),
     [
         (
-            lambda: rho.plan("paper"),
+            lambda: rho.plan("paper"),  # type: ignore[arg-type]
             "scenario: got 'paper', expected Scenario; rho.load_scenario reads one",
-        ),  # type: ignore[arg-type]
+        ),
         (
             lambda: rho.plan(STRAIGHT),  # type: ignore[arg-type]
             "scenario: got an object of type Plan, expected Scenario; it has one as its attribute "

@@ -218,7 +218,7 @@ def test_texts_in_a_pipe_have_at_most_a_hundred_columns(
     named = dataclasses.replace(courier, name="courier of the morning round, north of the river")
     tree = rho.Obstacle(rho.Sphere([2, 0, 1], 0.3), name="the old lime tree beside the chapel")
     changed = dataclasses.replace(
-        scenario, vehicles=[named], obstacles=[*scenario.obstacles, tree], name="a long name " * 3
+        scenario, vehicles=(named,), obstacles=(*scenario.obstacles, tree), name="a long name " * 3
     )
     mission, flight = tmp_path / "mission.yaml", tmp_path / "flight.npz"
     rho.save_scenario(changed, mission)

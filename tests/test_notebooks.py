@@ -59,6 +59,9 @@ def test_only_cells_with_the_tag_check_assert(path: Path) -> None:
         assert not any(isinstance(node, ast.Import | ast.ImportFrom) for node in ast.walk(tree))
     for tree in shown:
         assert not any(isinstance(node, ast.Assert) for node in ast.walk(tree))
+    cells = json.loads(path.read_text())["cells"]
+    hidden = [each["metadata"].get("jupyter") == {"source_hidden": True} for each in cells]
+    assert hidden == [_is_check(each) for each in cells]  # folded in JupyterLab
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
