@@ -29,7 +29,7 @@ def draw_gallery(page: Path, folder: Path) -> list[Path]:
         exec(compile(code, f"{page.name}: {name}", "exec"), left)  # noqa: S102
         path = folder / "gallery" / f"{name}.png"
         path.parent.mkdir(parents=True, exist_ok=True)
-        left["figure"].savefig(path, dpi=110)  # type: ignore[attr-defined]  # matplotlib's
+        left["figure"].savefig(path, dpi=220)  # type: ignore[attr-defined]  # matplotlib's
         drawn.append(path)
     return drawn
 
