@@ -182,9 +182,13 @@ def test_the_position_of_an_obstacle_follows_its_motion(kind: str) -> None:
         (lambda: rho.Obstacle(rho.Ellipsoid([0, 0, 0], [1, 1, 1e-5])), "obstacle.shape", "flat"),
         (lambda: rho.Obstacle(rho.Cylinder([0, 0, 0], 1.0, 1e-5)), "obstacle.shape", "flat"),
         (lambda: rho.Obstacle(rho.Cylinder([0, 0, 0], 1e-5, 1.0)), "obstacle.shape", "flat"),
-        (lambda: rho.Obstacle(as_any(5)), "obstacle.shape", "a mapping"),
+        (lambda: rho.Obstacle(as_any(5)), "obstacle.shape", "Sphere(center=..., radius=...)"),
         (lambda: rho.Obstacle(BALL, velocity=[1, 0]), "obstacle.velocity", "three"),
-        (lambda: rho.Obstacle(BALL, track=as_any([0, 1])), "obstacle.track", "a mapping"),
+        (
+            lambda: rho.Obstacle(BALL, track=as_any([0, 1])),
+            "obstacle.track",
+            "Track(times=..., positions=...)",
+        ),
         (
             lambda: rho.Obstacle(BALL, velocity=[1, 0, 0], track=rho.Track([0], [[0, 0, 0]])),
             "obstacle.velocity",

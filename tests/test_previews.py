@@ -201,7 +201,7 @@ def test_plans_and_scenarios_show_themselves_in_a_notebook() -> None:
 def test_a_page_shows_itself_in_a_frame_and_is_short_in_print() -> None:
     page = rho.viewer_page(rho.plan(single()))
     assert isinstance(page, str)
-    assert page._repr_html_().startswith('<iframe srcdoc="&lt;!DOCTYPE html')
+    assert page._repr_html_().startswith('<iframe title="viewer" srcdoc="&lt;!DOCTYPE html')
     assert len(repr(page)) < 100
 
 

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 from hypothesis import given
 
 import drake_rho as rho
@@ -49,6 +50,12 @@ GRID = rho.Grid(1.0, 5)
         (lambda: as_any(rho.Grid)(1.0), "grid.knots", "nothing"),
         (lambda: as_any(rho.Grid)(step=1.0, knot=5), "grid.knot", "no field of this name"),
         (lambda: rho.State([0, 0]), "state.position", "three finite numbers"),
+        (
+            lambda: rho.Vehicle("a", as_any([0, 0, 0]), STATE),
+            "vehicle.start",
+            "got [0, 0, 0], expected State(position=...)",
+        ),
+        (lambda: as_any(rho.Grid)(duration=5.0), "grid.duration", "there are knots, start, step"),
         (lambda: rho.State([[0, 0, 0]]), "state.position", "three finite numbers"),
         (lambda: rho.State([0, 0, float("nan")]), "state.position", "nan"),
         (lambda: rho.State([0, 0, 0], [0, float("inf"), 0]), "state.velocity", "inf"),
@@ -150,6 +157,14 @@ def test_bad_yaml_is_refused_by_name(old: str, new: str, field: str, paper: rho.
     with pytest.raises(rho.ScenarioError) as caught:
         from_yaml(text.replace(old, new, 1))
     assert caught.value.field == field
+
+
+def test_a_file_is_told_the_keys_of_a_part(paper: rho.Scenario) -> None:
+    content = yaml.safe_load(as_yaml(paper))
+    content["vehicles"][0]["goal"] = [5000, 4000, 3000]
+    keys = "the keys position, velocity, acceleration"
+    with pytest.raises(rho.ScenarioError, match=rf"vehicles\[0\]\.goal: .* a mapping with {keys}"):
+        from_yaml(yaml.safe_dump(content))
 
 
 @pytest.mark.parametrize(

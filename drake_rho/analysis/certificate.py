@@ -25,7 +25,8 @@ _HEADS = ("vehicle", "cost", "lower bound", "gap", "eigenvalue")
 
 _COLUMNS = (
     "gap: (cost - lower bound) / cost; the optimum is between the two",
-    "eigenvalue: least of the Lagrangian's Hessian; if above 0, a converged plan meets its bound",
+    "eigenvalue: least of the Lagrangian's Hessian; if above 0, a converged plan meets its bound, "
+    "unless the bound leaves out a constraint",
 )
 """Explanation of the columns, printed below the table."""
 

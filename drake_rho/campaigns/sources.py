@@ -235,7 +235,8 @@ def _check_parameters(generator: str, parameters: Mapping[str, object]) -> None:
     known = _kinds_of(generator)
     for name in parameters:
         if name not in known:
-            expected = f"no parameter of this name for {generator}{suggestion(name, known)}"
+            hint = suggestion(name, known) or f"; there are {', '.join(known)}"
+            expected = f"no parameter of this name for {generator}{hint}"
             raise ScenarioError(f"parameters.{name}", parameters[name], expected)
 
 

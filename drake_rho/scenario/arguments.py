@@ -134,6 +134,8 @@ def _refusal(name: str, value: object, kinds: tuple[_Kind, ...]) -> TypeError | 
         hint = next((f"; {_READERS[each]} reads one" for each in names if each in _READERS), "")
     elif "Scenario" in names and hasattr(value, "scenario"):
         hint = "; it has one as its attribute `scenario`"
+    elif "Figure" in names:
+        hint = "; rho.paths_figure draws one"
     return (ValueError if words else TypeError)(f"{name}: got {got}, expected {expected}{hint}")
 
 

@@ -130,7 +130,13 @@ def _suggestion(name: str, kinds: list[type]) -> str:
     fields = {field for kind in kinds for field in getattr(kind, "__pydantic_fields__", {})}
     if (other := _OTHER_NAMES.get(name)) in fields:
         return f"; did you mean {other}?"
-    return "".join(f"; did you mean {each}?" for each in get_close_matches(name, fields, 1))
+    if close := get_close_matches(name, fields, 1):
+        return f"; did you mean {close[0]}?"
+    return f"; there are {', '.join(sorted(fields))}" if 0 < len(fields) <= _LISTED else ""
+
+
+_LISTED = 12
+"""Largest number of names of fields that an error lists."""
 
 
 _OTHER_NAMES = {"max_velocity": "max_speed", "speed": "max_speed"}
@@ -156,4 +162,6 @@ def _expectation(message: str) -> str:
         message = message.removeprefix(beginning)
     message = message.replace("a valid tuple", "a list").partition(" after validation")[0]
     message = message.replace("a valid integer", "an integer").partition(", got ")[0]
+    message = message.replace("a valid number", "a number").partition(", unable to parse ")[0]
+    message = message.replace("a valid string", "a text, in YAML perhaps in quotes")
     return message[:1].lower() + message[1:]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Container
+
 import numpy as np
 
 from drake_rho.motion.jumps import largest_jump
@@ -53,7 +55,26 @@ def notes_on_jumps(plan: Plan) -> tuple[str, ...]:
     windows = "1 window" if count == 1 else f"{count} windows"
     return (
         f"{windows} began at measured states off the motion before: its largest jump is that of "
-        f"{jump.vehicle} at {clock_time(jump.time)}, by {jump}",
+        f"{jump.vehicle} at {clock_time(jump.time)}, by {jump}"
+        + ("; no disturbance allows for it" if plan.scenario.disturbance is None else ""),
+    )
+
+
+def notes_on_late_obstacles(scenario: Scenario, violated: Container[str]) -> tuple[str, ...]:
+    """Return notes on violated obstacles that become known after the start.
+
+    A plan for the whole flight, made before, does not avoid them.
+
+    Args:
+        scenario: scenario of a plan.
+        violated: names of the constraints that do not hold.
+    """
+    known = {number for number, _ in scenario.known}
+    return tuple(
+        f"{name} becomes known at {clock_time(body.known_from)}, and a plan made before does not "
+        "avoid it: replan in flight (`plan_rho`, `drake-rho fly`)"
+        for number, body in enumerate(scenario.bodies, start=1)
+        if number not in known and (name := scenario.obstacle_name(number)) in violated
     )
 
 

@@ -18,6 +18,7 @@ from drake_rho.verification.jerks import notes_on_free_jerks
 from drake_rho.verification.notes import (
     notes_on,
     notes_on_jumps,
+    notes_on_late_obstacles,
     notes_on_simulation,
     notes_on_tracks,
     notes_on_uncertainty,
@@ -130,6 +131,8 @@ def verify(flown: Flown) -> Report:
         dataclasses.replace(each, avoided=_is_avoided(each) and each.obstacle not in hit)
         for each in flown.sightings
     )
+    if not flown.windows:
+        notes += notes_on_late_obstacles(scenario, hit)
     about = (notes_on_free_jerks, notes_on_tracks, notes_on_uncertainty)
     notes = (*notes, *(note for notes_of in about for note in notes_of(scenario)))
     return Report(scenario, checks, summary, sightings, notes)

@@ -38,7 +38,7 @@ class Page(str):
     def _repr_html_(self) -> str:
         """Return a frame that contains the page."""
         style = f"width:100%;height:{_HEIGHT}px;border:0"
-        return f'<iframe srcdoc="{escape(self)}" style="{style}"></iframe>'
+        return f'<iframe title="viewer" srcdoc="{escape(self)}" style="{style}"></iframe>'
 
 
 @checked
