@@ -243,3 +243,17 @@ def test_the_site_requests_no_external_fonts_or_scripts() -> None:
     assert config["extra"]["polyfills"] == ["assets/iframe-worker.js"]
     extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     assert any("mkdocs-material" in each for each in extras["optional-dependencies"]["docs"])
+
+
+def test_pages_are_for_keyboards_and_screen_readers() -> None:
+    hooks = pytest.importorskip("tools.site.hooks", reason=BUILDS)
+    page = (
+        '<div class="md-search" role="dialog"></div><div class="highlight-ipynb hl-python"></div>'
+    )
+    page += '<script src="https://example.org/x.js"></script>'
+    found = hooks.on_post_page(page)
+    assert 'role="dialog" aria-label="Search"' in found
+    assert 'class="highlight-ipynb hl-python" tabindex="0"' in found
+    assert "<script" not in found
+    style = (DOCS / "assets" / "site.css").read_text()
+    assert "text-decoration: underline" in style  # links do not rely on colour

@@ -37,7 +37,7 @@ BOOSTS = {"guides/": 4.0, "glossary.md": 2.0, "api/": 0.5, "results/": 0.2, "cha
 """Weights of pages in the search: tasks come before references, and these before tables."""
 
 _LINK = re.compile(r"\[([^\]]*)\]\(([^)\s]+)\)")
-_CODE = re.compile(r'<pre[^>]*>(?:<span></span>)?<code|<div class="highlight-ipynb[^>]*"')
+_CELL = re.compile(r'<div class="highlight-ipynb[^>]*"')
 _SCRIPT_FROM_ELSEWHERE = re.compile(r'<script[^>]*\bsrc="(?:https?:[^"]*)?"[^>]*></script>')
 
 
@@ -101,11 +101,11 @@ def on_page_content(html: str, page: Page, **_: object) -> str:
 def on_post_page(output: str, **_: object) -> str:
     """Return the page without external scripts, and with what keyboards and screen readers need.
 
-    Formulas are MathML, so nothing is requested. Code that is wider than its column can be reached
-    by the keyboard, which scrolls it, and the search has a name.
+    Formulas are MathML, so nothing is requested. The code of a cell can be reached by the keyboard,
+    which scrolls it, as the theme does for other code, and the search has a name.
     """
     output = _SCRIPT_FROM_ELSEWHERE.sub("", output)
-    output = _CODE.sub(r'\g<0> tabindex="0"', output)
+    output = _CELL.sub(r'\g<0> tabindex="0"', output)
     return output.replace('role="dialog"', 'role="dialog" aria-label="Search"', 1)
 
 
