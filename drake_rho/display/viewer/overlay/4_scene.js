@@ -66,7 +66,7 @@ let bodies = [];
 /**
  * Return the widths covered by cards at the edges of the window [px].
  *
- * In narrow windows the tools are below the scene and the headline is above it, in low ones to its left.
+ * The headline is above the scene, in low windows to its left; in narrow ones the tools are below.
  */
 function free() {
   const [head, numbers, ...bars] = [title, panel, tools, transport].map((card) => card.getBoundingClientRect());
@@ -75,7 +75,7 @@ function free() {
   const isBelow = (bar) => bar.top + bar.bottom > innerHeight;
   const shown = bars.filter((bar) => bar.width);
   const below = [...shown.filter(isBelow), ...(wide(numbers) ? [numbers] : [])]; // on phones the numbers are a sheet
-  const above = [...shown.filter((bar) => !isBelow(bar)), ...(wide(head) && !low ? [head] : [])];
+  const above = [...shown.filter((bar) => !isBelow(bar)), ...(low ? [] : [head])];
   return {
     left: low ? head.right : 0, right: numbers.width && !wide(numbers) ? innerWidth - numbers.left : 0,
     top: Math.max(10, ...above.map((bar) => bar.bottom)),
