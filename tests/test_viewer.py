@@ -429,11 +429,11 @@ def test_layers_can_be_selected_and_the_table_sorted(tmp_path: Path) -> None:
 def test_the_camera_follows_and_names_face_it_from_four_sides(tmp_path: Path) -> None:
     with _opened(rho.viewer_page(_yard()), tmp_path) as page:
         page.evaluate("drakeRho.follow(1, 0)")
-        panel, tools, transport = (
+        panel, headline, transport = (
             page.locator(f".{name}").evaluate("each => each.getBoundingClientRect().toJSON()")
-            for name in ("panel", "tools", "transport")
+            for name in ("panel", "headline", "transport")
         )
-        middle = panel["left"] / 2, (tools["bottom"] + transport["top"]) / 2
+        middle = panel["left"] / 2, (headline["bottom"] + transport["top"]) / 2
         for quarter in range(4):
             page.evaluate(
                 """quarter => {
@@ -520,7 +520,7 @@ def test_the_keyboard_reaches_all_controls_and_presses_them(tmp_path: Path) -> N
             *(("main", "scene"), ("banner", "time"), ("complementary", "numbers")),
             *(("region", "camera and display"), ("region", "playback")),
         ):
-            assert page.get_by_role(role, name=name, exact=True).count() == 1
+            assert page.locator(f'role={role}[name="{name}"s]').count() == 1
         focused = """() => {
             const { activeElement } = document;
             return [activeElement.tagName, getComputedStyle(activeElement).outlineStyle];
