@@ -16,13 +16,18 @@ def _note(message: ConsoleMessage, errors: list[str]) -> None:
     errors.append(f"{message.type}: {message.text}")
 
 
-PHONE: dict[str, Any] = {
-    "viewport": {"width": 390, "height": 844},
-    "device_scale_factor": 2.0,
-    "is_mobile": True,
-    "has_touch": True,
+def _touch(width: int, height: int, scale: float) -> dict[str, Any]:
+    size = {"width": width, "height": height}
+    return {"viewport": size, "device_scale_factor": scale, "is_mobile": True, "has_touch": True}
+
+
+TOUCH: dict[str, dict[str, Any]] = {
+    "iPhone SE": _touch(320, 568, 2.0),
+    "iPhone 13 landscape": _touch(750, 342, 3.0),
+    "Pixel 7": _touch(412, 839, 2.625),
+    "iPad Mini landscape": _touch(1024, 768, 2.0),
 }
-"""Options of a page on a phone held upright. Without a viewport tag, phones make pages small."""
+"""Options of pages on devices that Playwright knows by these names."""
 
 
 @contextmanager

@@ -19,7 +19,7 @@ from playwright.sync_api import Page
 
 import drake_rho as rho
 from drake_rho.display.viewer.serve import serve
-from tests.browser import PHONE, open_page
+from tests.browser import TOUCH, open_page
 from tests.test_animation import crossing
 from tests.test_display_flight import in_noise
 
@@ -158,43 +158,115 @@ def _overlap(one: np.ndarray, other: np.ndarray) -> bool:
     return bool(np.all(one[:2] < other[2:]) and np.all(other[:2] < one[2:]))
 
 
-FINGER = 40.0
-"""Least width and height of what is touched on a phone [px]."""
+FINGER = 44.0
+"""Least width and height of what is touched [px]."""
 
 _TOUCHED = """() => [...document.querySelectorAll(
-    "#overlay .tools > button, #overlay .menu > button, #overlay select, .transport button"
+    "#overlay button, #overlay select, .transport input, .panel tbody tr, .menu label"
 )].map(each => each.getBoundingClientRect()).filter(box => box.width > 0).map(
     box => [box.left, box.top, box.right, box.bottom]
 )"""
-"""Edges of buttons and choices [px]."""
+"""Edges of all that is pressed [px]."""
+
+
+def _drag(page: Page, *paths: tuple[tuple[float, float], tuple[float, float]]) -> None:
+    """Put a finger down at the start of each path [px], move it to the end, and lift it."""
+    session = page.context.new_cdp_session(page)
+    starts, ends = ([{"x": x, "y": y} for x, y in each] for each in zip(*paths, strict=True))
+    for kind, points in (("Start", starts), ("Move", ends), ("End", [])):
+        session.send("Input.dispatchTouchEvent", {"type": f"touch{kind}", "touchPoints": points})
+    page.evaluate("() => new Promise(requestAnimationFrame)")
+
+
+def _check_cards(page: Page, size: np.ndarray) -> None:
+    """Check that all cards are on the screen, apart from each other and from vehicles."""
+    page.evaluate("() => new Promise(requestAnimationFrame)")
+    boxes = _boxes(page)
+    for name, box in boxes.items():
+        assert np.all(box >= 0.0), name
+        assert np.all(box <= size), name
+    for (name, box), (other, another) in combinations(boxes.items(), 2):
+        assert not _overlap(box, another), (name, other)
+    for time in (0.0, 4.0, 8.0):
+        _read(page, time)
+        for place in _on_screen(page):
+            point = np.concatenate([place, place])
+            under = [name for name, box in boxes.items() if _overlap(box, point)]
+            assert under in ([], [".gauge"]), time
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("lying", [False, True])
-def test_a_phone_shows_the_page_at_its_size(tmp_path: Path, lying: bool) -> None:
+@pytest.mark.parametrize("device", TOUCH)
+def test_fingers_reach_everything_on_phones_and_tablets(tmp_path: Path, device: str) -> None:
     """Phones show pages without a viewport tag as ones of 980 pixels, at 0.4 of their size."""
-    screen = dict(PHONE["viewport"])
-    if lying:
-        screen = {"width": screen["height"], "height": screen["width"]}
+    screen = TOUCH[device]["viewport"]
     size = np.array([screen["width"], screen["height"]] * 2)
-    with _opened(rho.viewer_page(_yard()), tmp_path, **{**PHONE, "viewport": screen}) as page:
+    with _opened(rho.viewer_page(_yard()), tmp_path, **TOUCH[device]) as page:
         assert page.evaluate("[innerWidth, innerHeight]") == size[:2].tolist()
         assert page.evaluate("document.documentElement.scrollWidth") == size[0]
-        page.evaluate("() => new Promise(requestAnimationFrame)")
-        boxes = _boxes(page)
-        for (name, box), (other, another) in combinations(boxes.items(), 2):
-            assert not _overlap(box, another), (name, other)
-        touched = np.array(page.evaluate(_TOUCHED))
-        assert np.all(touched[:, 2:] - touched[:, :2] >= FINGER)
+        for folded in (True, False):
+            page.evaluate("folded => { drakeRho.fold(folded); drakeRho.look('free', 0) }", folded)
+            _check_cards(page, size)
+            _keep(page, f"{device.replace(' ', '_')}_{'folded' if folded else 'open'}")
         page.get_by_role("button", name="Show").tap()
+        touched = np.array(page.evaluate(_TOUCHED))
+        assert np.all(touched[:, 2:] - touched[:, :2] >= FINGER - 0.01)
         menu = page.locator(".menu .card").bounding_box()
         assert menu is not None
         edges = menu["x"], menu["y"], menu["x"] + menu["width"], menu["y"] + menu["height"]
-        for box in (*boxes.values(), *touched, np.array(edges)):
-            assert np.all(box >= 0.0)
-            assert np.all(box <= size)
-        page.locator(".menu label").first.tap()
-        _keep(page, f"yard_{'lying' if lying else 'upright'}")
+        assert np.all(np.array(edges) >= 0.0)
+        assert np.all(np.array(edges) <= size)
+        page.locator(".menu label").last.tap()  # scrolls there
+        assert page.locator(".label:visible").count() == 0  # that was the names' box
+        page.get_by_role("button", name="Show").tap()
+        page.locator(".panel tbody tr").nth(2).tap()
+        assert page.locator(".panel tr.followed").inner_text().startswith(NAMES[2])
+
+
+@pytest.mark.slow
+def test_fingers_turn_and_enlarge_the_scene(tmp_path: Path) -> None:
+    with _opened(rho.viewer_page(_yard()), tmp_path, **TOUCH["Pixel 7"]) as page:
+        camera = """() => {
+            const { position } = viewer.camera;
+            return [...position.toArray(), viewer.controls.target.distanceTo(position)];
+        }"""
+        page.evaluate("drakeRho.look('free', 0)")
+        before = page.evaluate(camera)
+        _drag(page, ((200, 350), (260, 350)))
+        turned = page.evaluate(camera)
+        assert np.linalg.norm(np.subtract(turned, before)[:3]) > 0.1 * before[3]
+        assert turned[3] == pytest.approx(before[3], rel=1e-3)
+        _drag(page, ((180, 350), (120, 350)), ((220, 350), (280, 350)))
+        assert page.evaluate(camera)[3] < 0.8 * before[3]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("folded", [False, True])
+@pytest.mark.parametrize("device", ["desk", "iPhone SE", "iPhone 13 landscape"])
+def test_the_least_clearance_is_in_sight_at_once(
+    paper: rho.Flight, tmp_path: Path, device: str, folded: bool
+) -> None:
+    with _opened(rho.viewer_page(paper), tmp_path, **TOUCH.get(device, {})) as page:
+        page.evaluate("folded => drakeRho.fold(folded)", folded)
+        page.evaluate("() => new Promise(requestAnimationFrame)")
+        when, least = page.evaluate("drakeRho.data.curves[1].least")
+        line = page.locator(".headline .least")  # none for the separation, which is not limited
+        words = line.inner_text().replace("\N{NO-BREAK SPACE}", " ")
+        found = re.fullmatch(
+            r"least clearance (\S+) m at (\S+) s, checked at the knots only", words
+        )
+        assert found is not None, words
+        assert _number(found[1]) == pytest.approx(least, rel=5e-3)
+        assert float(found[2]) == pytest.approx(when, abs=0.05)
+        on_top = """each => {
+            const { left, top, right, bottom } = each.getBoundingClientRect();
+            return left >= 0 && top >= 0 && right <= innerWidth && bottom <= innerHeight
+                && each.checkVisibility({ opacityProperty: true, visibilityProperty: true });
+        }"""
+        assert line.evaluate(on_top)
+        boxes = _boxes(page)
+        headline = boxes.pop(".headline")
+        assert [name for name, box in boxes.items() if _overlap(headline, box)] == []
 
 
 @pytest.mark.slow
@@ -357,11 +429,11 @@ def test_layers_can_be_selected_and_the_table_sorted(tmp_path: Path) -> None:
 def test_the_camera_follows_and_names_face_it_from_four_sides(tmp_path: Path) -> None:
     with _opened(rho.viewer_page(_yard()), tmp_path) as page:
         page.evaluate("drakeRho.follow(1, 0)")
-        panel, tools, transport = (
+        panel, headline, transport = (
             page.locator(f".{name}").evaluate("each => each.getBoundingClientRect().toJSON()")
-            for name in ("panel", "tools", "transport")
+            for name in ("panel", "headline", "transport")
         )
-        middle = panel["left"] / 2, (tools["bottom"] + transport["top"]) / 2
+        middle = panel["left"] / 2, (headline["bottom"] + transport["top"]) / 2
         for quarter in range(4):
             page.evaluate(
                 """quarter => {
@@ -387,6 +459,90 @@ def test_the_camera_follows_and_names_face_it_from_four_sides(tmp_path: Path) ->
                     assert box["y"] + box["height"] < where[i, 1]
                 assert names.nth(1).is_visible()
             _keep(page, f"followed_{quarter}")
+
+
+_NAMES_OVER_TIME = """count => Array.from({ length: count }, (_, m) => {
+    drakeRho.seek(m * drakeRho.data.duration / (count - 1));
+    viewer.render_callback();
+    const shown = drakeRho.tags.filter(({ label }) => label?.checkVisibility());
+    return Object.fromEntries(shown.map(({ label, text }) => {
+        const { left, top, right, bottom } = label.getBoundingClientRect();
+        return [text, [left, top, right, bottom]];
+    }));
+})"""
+"""Edges of the visible names [px] at times that span the flight, as text: edges."""
+
+
+def _twelve() -> rho.Plan:
+    """Return twelve vehicles that cross through one point."""
+    limits, apart = rho.Limits(max_acceleration=6.0), rho.Separation(0.7, downwash=1.5)
+    swap = rho.circle_swap(
+        12, radius=6.0, duration=10.0, step=0.2, height=2.0, limits=limits, separation=apart
+    )
+    return rho.plan(swap)
+
+
+@pytest.mark.slow
+def test_names_never_overlap_where_vehicles_meet(tmp_path: Path) -> None:
+    count = 301  # thirty a second, as in a film
+    with _opened(rho.viewer_page(_twelve()), tmp_path) as page:
+        clearances = np.array(page.evaluate("drakeRho.data.clearances"))
+        lead = 0.1 * page.evaluate("drakeRho.data.ranges.clearance[1]")
+        names = page.evaluate("drakeRho.data.vehicles.map(({ label }) => label)")
+        for size, followed in (("desk", None), ("phone", None), ("phone", 4)):
+            wide, high = SIZES[size]
+            page.set_viewport_size({"width": wide, "height": high})
+            page.evaluate("index => drakeRho.follow(index, 0)", followed)
+            page.evaluate("drakeRho.look('free', 0)")
+            frames = page.evaluate(_NAMES_OVER_TIME, count)
+            for frame in frames:
+                for one, other in combinations(map(np.array, frame.values()), 2):
+                    assert not _overlap(one, other), frame
+                assert followed is None or names[followed] in frame
+            seen = np.array([[name in frame for name in names] for frame in frames])
+            assert np.abs(np.diff(seen.astype(int), axis=0)).sum(axis=0).max() <= 12  # no flicker
+            if followed is None:
+                assert seen.any(axis=0).all()
+                assert seen.sum(axis=1).min() < 12  # some are hidden
+                times = page.evaluate("drakeRho.data.times")
+                for m, time in enumerate(np.linspace(0.0, 10.0, count)):
+                    now = np.array([np.interp(time, times, each) for each in clearances])
+                    assert now[seen[m]].min() <= now.min() + lead
+            page.evaluate("drakeRho.seek(5)")
+            _keep(page, f"twelve_{size}_{followed}")
+
+
+@pytest.mark.slow
+def test_the_keyboard_reaches_all_controls_and_presses_them(tmp_path: Path) -> None:
+    with _opened(rho.viewer_page(_yard()), tmp_path) as page:
+        assert page.evaluate("document.documentElement.lang") == "en"
+        for role, name in (
+            *(("main", "scene"), ("banner", "time"), ("complementary", "numbers")),
+            *(("region", "camera and display"), ("region", "playback")),
+        ):
+            assert page.locator(f'role={role}[name="{name}"s]').count() == 1
+        focused = """() => {
+            const { activeElement } = document;
+            return [activeElement.tagName, getComputedStyle(activeElement).outlineStyle];
+        }"""
+        count = page.locator("#overlay :is(button, select, input):visible").count()
+        for _ in range(count):
+            page.keyboard.press("Tab")
+            tag, outline = page.evaluate(focused)
+            assert tag in {"BUTTON", "SELECT", "INPUT"}
+            assert outline == "solid"
+        third = page.get_by_role("button", name=NAMES[2])
+        third.focus()
+        page.keyboard.press("Space")
+        assert third.get_attribute("aria-pressed") == "true"
+        assert page.locator("tr.followed").count() == 1
+        top = page.get_by_role("button", name="Top")
+        top.click()
+        page.keyboard.press("Space")  # plays: the pointer has left no focus on the button
+        assert page.evaluate("document.querySelector('.play').textContent") == "❚❚"
+        for control in page.locator("#overlay :is(button, select, input)").all():
+            named = "each => each.ariaLabel || each.labels?.[0]?.textContent || each.textContent"
+            assert re.search("[a-z]", control.evaluate(named))
 
 
 @pytest.mark.slow

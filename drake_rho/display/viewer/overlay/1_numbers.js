@@ -10,6 +10,7 @@ const THREE = MeshCat.THREE;
 const VIEWS = { free: data.view, top: [-90, 89.9], side: [-90, 0] }; // azimuth, elevation [deg]
 const SPEEDS = [0.1, 0.25, 0.5, 1, 2, 4, 8];
 const FOLDED = 8; // rows of a folded table
+const LOW = 480; // height of a window in which the scene is beside the headline [px]
 const SMALLEST = 0.6; // least scale of the numbers in a film, at which they can still be read
 const SCALES = {
   // from low to high, evenly spaced: viridis, and red (no clearance) to yellow to blue
@@ -81,6 +82,13 @@ function element(parent, tag, className = "", text = "") {
   return made;
 }
 
+/** Return a card, a landmark with a name. */
+function card(tag, name, title) {
+  const made = element(overlay, tag, `card ${name}`);
+  made.setAttribute("aria-label", title);
+  return made;
+}
+
 function drawing(parent, tag, attributes = {}) {
   const made = document.createElementNS("http://www.w3.org/2000/svg", tag);
   for (const [name, value] of Object.entries(attributes)) made.setAttribute(name, value);
@@ -88,22 +96,36 @@ function drawing(parent, tag, attributes = {}) {
   return made;
 }
 
-function button(parent, text, title, action) {
-  const made = element(parent, "button", "", text);
+/** Give a control its title, which is also its name where it has no words of its own. */
+function called(made, title) {
   made.title = title;
+  if (!/[a-z]/i.test(made.textContent) || made.tagName === "SELECT") made.setAttribute("aria-label", title);
+  return made;
+}
+
+function button(parent, text, title, action) {
+  const made = called(element(parent, "button", "", text), title);
   made.addEventListener("click", action);
   return made;
 }
 
 function choice(parent, title, options, action) {
-  const made = element(parent, "select");
-  made.title = title;
+  const made = called(element(parent, "select"), title);
   for (const [value, text] of options) element(made, "option", "", text).value = value;
   made.addEventListener("change", () => action(made.value));
   return made;
 }
 
+/** Show a button as on or off. */
+function press(made, on) {
+  made.setAttribute("aria-pressed", on);
+}
+
 document.title = `${data.name} – drake_rho`;
+document.documentElement.lang = "en";
 const overlay = element(document.body, "div");
 overlay.id = "overlay";
 const labels = element(overlay, "div", "labels");
+labels.setAttribute("aria-hidden", true); // the table has all names of vehicles
+viewer.dom_element.setAttribute("role", "main");
+viewer.dom_element.setAttribute("aria-label", "scene");

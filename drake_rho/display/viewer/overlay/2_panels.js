@@ -2,14 +2,14 @@
 
 // ---------------------------------------------------------------- title, tools, transport
 
-const title = element(overlay, "section", "card headline");
+const title = card("header", "headline", "time");
 element(title, "h1", "", data.name).title = data.name;
 const clock = element(title, "div", "clock num");
 const clockValue = element(clock, "span");
 element(clock, "small", "", "s");
 const moment = element(title, "div", "soft num");
 
-const tools = element(overlay, "nav", "card tools");
+const tools = card("section", "tools", "camera and display");
 const views = Object.fromEntries(
   Object.keys(VIEWS).map((name, index) => [
     name,
@@ -25,16 +25,18 @@ const coloured = choice(
   colourBy,
 );
 const menu = element(tools, "div", "menu");
-button(menu, "Show ▾", "layers", () => menu.classList.toggle("open"));
+const opener = button(menu, "Show ▾", "layers", () => opener.setAttribute("aria-expanded", menu.classList.toggle("open")));
+opener.setAttribute("aria-expanded", false);
 const layers = element(menu, "div", "card");
-button(tools, "◐", "light or dark (d)", () => theme(!dark()));
-button(tools, "▤", "numbers (n)", () => fold(!document.body.classList.contains("folded")));
+const themeButton = button(tools, "◐", "light or dark (d)", () => theme(!dark()));
+const foldButton = button(tools, "▤", "numbers (n)", () => fold(!document.body.classList.contains("folded")));
 
-const transport = element(overlay, "nav", "card transport");
+const transport = card("section", "transport", "playback");
 const playButton = button(transport, "", "play or pause (space)", () => play(!state.playing));
 playButton.className = "play";
 const slider = element(transport, "input");
-Object.assign(slider, { type: "range", min: 0, max: data.duration, step: "any", title: "time" });
+Object.assign(slider, { type: "range", min: 0, max: data.duration, step: "any" });
+called(slider, "time");
 slider.addEventListener("input", () => seek(Number(slider.value)));
 const end = element(transport, "span", "soft num");
 choice(transport, "speed", SPEEDS.map((speed) => [speed, `${speed} ×`]), (value) => (state.speed = Number(value))).value = 1;
@@ -42,22 +44,22 @@ const loopButton = button(transport, "↻", "repeat (l)", () => loop(!state.loop
 
 // ---------------------------------------------------------------- vehicles
 
-const panel = element(overlay, "aside", "card panel");
+const panel = card("aside", "panel", "numbers");
 const scroller = element(panel, "div", "rows");
 const table = element(scroller, "table");
 const heads = element(element(table, "thead"), "tr");
 const COLUMNS = { order: "vehicle", speed: "speed\n[m/s]", clearance: "clearance\n[m]" };
 for (const [key, text] of Object.entries(COLUMNS)) {
-  const head = element(heads, "th", "", text);
+  const head = element(heads, "th");
   head.dataset.key = key;
-  head.addEventListener("click", () => {
+  button(head, text, "sort", () => {
     state.descending = state.sort === key ? !state.descending : key === "speed";
     state.sort = key;
     update(true);
   });
 }
 const body = element(table, "tbody");
-const more = button(panel, "", "all vehicles", () => {
+const more = button(panel, "fold", "all vehicles", () => {
   state.unfolded = !state.unfolded;
   update(true);
 });
@@ -68,9 +70,9 @@ const rows = [];
 function row(place) {
   if (rows[place]) return rows[place];
   const line = element(body, "tr");
-  const name = element(line, "td");
+  const name = element(element(line, "td"), "button"); // its click is the row's
   const made = {
-    line, swatch: element(name, "i"), name: element(name, "span"),
+    line, button: name, swatch: element(name, "i"), name: element(name, "span"),
     speed: element(line, "td", "num"), clearance: element(line, "td", "num"), vehicle: -1,
   };
   line.addEventListener("click", () => follow(state.follow === made.vehicle ? null : made.vehicle));
@@ -92,7 +94,7 @@ function updateTable(now, atOnce) {
   const shown = state.film ? state.most : state.unfolded ? order.length : FOLDED;
   for (const head of heads.children) {
     const active = head.dataset.key === state.sort;
-    head.className = active ? (state.descending ? "down" : "up") : "";
+    head.setAttribute("aria-sort", active ? (state.descending ? "descending" : "ascending") : "none");
   }
   for (let place = 0; place < shown; place += 1) {
     const index = order[place];
@@ -108,6 +110,7 @@ function updateTable(now, atOnce) {
     each.clearance.classList.toggle("bad", clear !== null && clear < -data.tolerance);
     each.line.title = data.vehicles[index].name + (clear === null ? "" : ` – nearest: ${nearestName(now.nearest[index])}`);
     each.line.classList.toggle("followed", state.follow === index);
+    press(each.button, state.follow === index);
     each.line.hidden = false;
   }
   for (let place = shown; place < rows.length; place += 1) rows[place].line.hidden = true;
@@ -171,7 +174,7 @@ const plots = data.curves.map((curve) => {
   const header = element(box, "header");
   element(header, "span", "", curve.title).title = curve.how;
   const value = element(header, "b", "num");
-  const svg = drawing(box, "svg", { viewBox: `0 0 ${WIDE} ${HIGH}`, preserveAspectRatio: "none" });
+  const svg = drawing(box, "svg", { viewBox: `0 0 ${WIDE} ${HIGH}`, preserveAspectRatio: "none", "aria-hidden": true });
   const [when, least] = curve.least;
   const highest = curve.values.reduce((most, value) => Math.max(most, value ?? most), curve.limit ?? 0);
   const bottom = Math.min(least, curve.limit ?? 0);
@@ -193,8 +196,16 @@ const plots = data.curves.map((curve) => {
   const knots = data.knotsOnly ? ", checked at the knots only" : "";
   const limit = curve.limit === null ? "no separation required" : `limit ${curve.limit}\u00a0m${knots}`;
   const [one, other] = curve.closest;
-  element(box, "footer", "", `least ${inDigits(least, "m")} at ${inDigits(data.start + when, "s")}, ${one} – ${other}; ${limit}`);
+  const [size, moment] = [inDigits(least, "m"), inDigits(data.start + when, "s")];
+  element(box, "footer", "", `least ${size} at ${moment}, ${one} – ${other}; ${limit}`);
   if (curve.how) element(box, "footer", "", curve.how);
+  if (curve.limit !== null) {
+    // the headline has it too, so that it is seen without the panel
+    const short = element(title, "div", "least num", `${curve.title.toLowerCase()} `);
+    const broken = least < curve.limit - data.tolerance;
+    element(short, "b", broken ? "bad" : "", size);
+    short.append(` at ${moment}${broken ? knots : ""}`);
+  }
   return { curve, value, now, x };
 });
 

@@ -48,6 +48,7 @@ function materials(path) {
 
 function theme(toDark) {
   document.documentElement.classList.toggle("dark", toDark);
+  press(themeButton, toDark);
   const [top, bottom] = toDark ? [[0.09, 0.11, 0.15], [0.03, 0.035, 0.05]] : [[0.87, 0.91, 0.96], [1, 1, 1]];
   viewer.set_property(["Background", "<object>"], "top_color", top);
   viewer.set_property(["Background", "<object>"], "bottom_color", bottom);
@@ -111,7 +112,7 @@ const scale = element(scaleLine, "span", "bar");
 const scaleText = element(scaleLine, "span", "num");
 for (const { sign, text } of data.legend) {
   const line = element(legend, "div");
-  const svg = drawing(line, "svg", { viewBox: "0 0 20 16" });
+  const svg = drawing(line, "svg", { viewBox: "0 0 20 16", "aria-hidden": true });
   const [tag, attributes] = SIGNS[sign];
   drawing(svg, tag, { fill: "none", stroke: "currentColor", "stroke-width": 1.8, ...attributes });
   element(line, "span", "", text);

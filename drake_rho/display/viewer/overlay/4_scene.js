@@ -63,15 +63,24 @@ let bodies = [];
 
 // ---------------------------------------------------------------- cameras
 
-/** Return the widths covered by cards at the edges of the window [px]; in narrow windows tools are below. */
+/**
+ * Return the widths covered by cards at the edges of the window [px].
+ *
+ * The headline is above the scene, in low windows to its left; in narrow ones the tools are below.
+ */
 function free() {
-  const numbers = panel.getBoundingClientRect();
-  const sheet = panel.offsetWidth > innerWidth / 2; // on phones the panel is below the scene
-  const right = numbers.width && !sheet ? innerWidth - numbers.left : 0;
-  const bars = [tools, transport, ...(sheet ? [panel] : [])].map((bar) => bar.getBoundingClientRect()).filter((bar) => bar.width);
-  const [above, below] = [0, 1].map((low) => bars.filter((bar) => (bar.top + bar.bottom) / 2 > innerHeight / 2 === Boolean(low)));
-  const top = Math.max(10, ...above.map((bar) => bar.bottom));
-  return { left: 0, top, right, bottom: innerHeight - Math.min(innerHeight - 10, ...below.map((bar) => bar.top)) };
+  const [head, numbers, ...bars] = [title, panel, tools, transport].map((card) => card.getBoundingClientRect());
+  const wide = ({ width }) => width > innerWidth / 2;
+  const low = innerHeight < LOW;
+  const isBelow = (bar) => bar.top + bar.bottom > innerHeight;
+  const shown = bars.filter((bar) => bar.width);
+  const below = [...shown.filter(isBelow), ...(wide(numbers) ? [numbers] : [])]; // on phones the numbers are a sheet
+  const above = [...shown.filter((bar) => !isBelow(bar)), ...(low ? [] : [head])];
+  return {
+    left: low ? head.right : 0, right: numbers.width && !wide(numbers) ? innerWidth - numbers.left : 0,
+    top: Math.max(10, ...above.map((bar) => bar.bottom)),
+    bottom: innerHeight - Math.min(innerHeight - 10, ...below.map((bar) => bar.top)),
+  };
 }
 
 function centred() {
@@ -137,7 +146,7 @@ function stepCamera(elapsed) {
 /** Set a view of the followed vehicle or, if there is none, of the whole scene. */
 function look(view, seconds = 0.5) {
   state.view = view;
-  for (const [name, each] of Object.entries(views)) each.classList.toggle("on", name === view);
+  for (const [name, each] of Object.entries(views)) press(each, name === view);
   centred();
   const towards = direction(VIEWS[view]);
   if (state.follow === null) return moveCamera(whole(towards), seconds);
@@ -171,6 +180,7 @@ function keepFollowing() {
 // ---------------------------------------------------------------- scale and axes
 
 const gauge = element(overlay, "div", "gauge");
+gauge.setAttribute("aria-hidden", true);
 const triad = drawing(gauge, "svg", { viewBox: "-26 -26 52 52" });
 const AXES = ["x", "y", "z"].map((name) => ({ line: drawing(triad, "line"), text: drawing(triad, "text"), name }));
 for (const { text, name } of AXES) text.textContent = name;
@@ -216,6 +226,42 @@ function tagShown({ vehicle }) {
   return vehicle === undefined || data.vehicles.length <= data.fleet || vehicle === state.follow;
 }
 
+/** Add a tag's label to the page, and a vehicle's mark, or remove them. */
+function attach(tag) {
+  const shown = tagShown(tag);
+  if (shown && !tag.label) {
+    tag.label = element(labels, "div", tag.vehicle === undefined ? "label thing" : "label", tag.text);
+    [tag.width, tag.height] = [tag.label.offsetWidth, tag.label.offsetHeight];
+    if (tag.vehicle !== undefined) tag.mark = element(labels, "div", "mark");
+  }
+  if (!shown && tag.label) {
+    tag.label.remove();
+    tag.mark?.remove();
+    tag.label = tag.mark = tag.hidden = null;
+  }
+}
+
+/** Return the labelled tags by rank: the followed vehicle, those with the least clearance, obstacles. */
+function ranked() {
+  const at = frameAt(state.time);
+  const lead = 0.1 * (data.ranges.clearance?.[1] ?? 1); // of a shown name over a hidden one, so that none flickers
+  const rank = ({ vehicle, hidden }) => {
+    if (vehicle === undefined) return Infinity;
+    if (vehicle === state.follow) return -Infinity;
+    return (between(data.clearances[vehicle], at) ?? Number.MAX_VALUE) - (hidden === false ? lead : 0);
+  };
+  const found = tags.filter(({ label }) => label).map((tag) => ({ tag, rank: rank(tag) }));
+  return found.sort((one, other) => one.rank - other.rank || 0).map(({ tag }) => tag);
+}
+
+/** Return whether a name would overlap another; a hidden one needs some more room to come back. */
+function meets(tag, x, y, other) {
+  const gap = tag.hidden === false ? 1 : 8;
+  const beside = Math.abs(other.x - x) >= (other.width + tag.width) / 2 + gap;
+  return !beside && Math.abs(other.y - y) < (other.height + tag.height) / 2 + gap;
+}
+
+/** Place names above vehicles and obstacles; of those that would overlap only the first in rank is shown. */
 function updateLabels() {
   const { camera } = viewer;
   camera.updateMatrixWorld();
@@ -223,18 +269,8 @@ function updateLabels() {
   const [wide, high] = [viewer.dom_element.offsetWidth, viewer.dom_element.offsetHeight];
   const up = new THREE.Vector3().setFromMatrixColumn(camera.matrixWorld, 1);
   const placed = [];
-  for (const tag of tags) {
-    if (!tagShown(tag)) {
-      tag.label?.remove();
-      tag.mark?.remove();
-      tag.label = tag.mark = null;
-      continue;
-    }
-    if (!tag.label) {
-      tag.label = element(labels, "div", tag.vehicle === undefined ? "label thing" : "label", tag.text);
-      tag.width = tag.label.offsetWidth;
-      if (tag.vehicle !== undefined) tag.mark = element(labels, "div", "mark");
-    }
+  tags.forEach(attach);
+  for (const tag of ranked()) {
     const object = tag.vehicle === undefined ? node(["obstacles", String(tag.number)])?.object : nodes[tag.vehicle];
     if (!object) continue;
     const place = inView(...object.position.toArray());
@@ -248,14 +284,12 @@ function updateLabels() {
       tag.mark.style.transform = `translate(${((at.x + 1) / 2) * wide}px, ${((1 - at.y) / 2) * high}px)`;
     }
     const x = ((top.x + 1) / 2) * wide;
-    let y = ((1 - top.y) / 2) * high - 25;
+    const y = ((1 - top.y) / 2) * high - 25;
     const gone = tag.vehicle === undefined && !object.visible; // an obstacle that is not active now
-    const hidden = gone || top.z > 1 || x < -50 || y < -50 || x > wide + 50 || y > high + 50;
-    for (const other of hidden ? [] : placed) {
-      if (Math.abs(other.x - x) < (other.width + tag.width) / 2 && Math.abs(other.y - y) < 15) y = other.y - 15;
-    }
-    if (!hidden) placed.push({ x, y, width: tag.width });
+    const away = gone || top.z > 1 || x < -50 || y < -50 || x > wide + 50 || y > high + 50;
+    const hidden = away || placed.some((other) => meets(tag, x, y, other));
     Object.assign(tag, { x, y, hidden });
+    if (!hidden) placed.push(tag);
     tag.label.style.display = hidden ? "none" : "";
     tag.label.style.transform = `translate(${(x - tag.width / 2).toFixed(1)}px, ${y.toFixed(1)}px)`;
   }

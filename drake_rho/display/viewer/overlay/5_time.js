@@ -8,6 +8,7 @@ function update(atOnce = false) {
   const now = readings();
   clockValue.textContent = now.time.toFixed(data.duration < 100 ? 2 : 1).replace("-", "−");
   slider.value = state.time;
+  slider.setAttribute("aria-valuetext", `${clockValue.textContent} s`);
   const written = performance.now();
   if (atOnce || written - lastWritten > 100) {
     lastWritten = written;
@@ -40,7 +41,7 @@ function play(on) {
 
 function loop(on) {
   state.loop = on;
-  loopButton.classList.toggle("on", on);
+  press(loopButton, on);
 }
 
 function colourBy(by) {
@@ -51,6 +52,7 @@ function colourBy(by) {
 
 function fold(on) {
   document.body.classList.toggle("folded", on);
+  press(foldButton, !on);
   look(state.view);
 }
 
@@ -97,13 +99,16 @@ function begin() {
   viewer.render_callback = updateLabels;
   end.textContent = `${inDigits(data.start + data.duration)} s`;
   addEventListener("resize", centred);
+  // what a pointer has pressed is not in focus, so that the space bar plays; clicks of keys have no detail
+  overlay.addEventListener("click", ({ target, detail }) => detail > 0 && target.closest("button, [type=checkbox]")?.blur());
   addEventListener("keydown", (event) => {
     if (event.target.tagName === "SELECT" || event.ctrlKey || event.metaKey || !KEYS[event.code]) return;
+    if (event.code === "Space" && event.target.matches("button, [type=checkbox]")) return; // it presses them
     event.preventDefault();
     KEYS[event.code]();
   });
   if (data.shell) showShells(false);
-  if (innerWidth <= 700) document.body.classList.add("folded");
+  fold(innerWidth <= 700 || innerHeight < LOW);
   loop(true);
   play(true);
   theme(matchMedia("(prefers-color-scheme: dark)").matches);
