@@ -239,7 +239,8 @@ def test_the_command_and_the_function_write_the_same_files(
     assert (status, err) == (0, "")
     other = tmp_path / "other" / ALL[format]
     written = rho.export(plan, other, format=format, rate=12.5 if rate else None)
-    assert out.replace(str(path), str(other)) == f"{written}\n"
+    words_of = out.replace(str(path), str(other)).split()  # long paths have lines of their own
+    assert words_of == str(written).split()
     assert _content([path]) == _content([other])
 
 

@@ -46,7 +46,7 @@ def test_the_report_agrees_with_the_record(kind: str, seed: int) -> None:
     for quantity in ("position", "velocity", "acceleration"):
         errors, radii = simulation.errors(quantity), simulation.radii(quantity)
         assert np.all(errors <= radii[:, None] * (1.0 + 1e-9) + 1e-9)
-    assert "of the tube's radii" in str(report)
+    assert "over the tube's radii" in str(report)
     assert "left the tube" not in str(report)
 
 

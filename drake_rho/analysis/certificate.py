@@ -25,8 +25,7 @@ _HEADS = ("vehicle", "cost", "lower bound", "gap", "eigenvalue")
 
 _COLUMNS = (
     "gap: (cost - lower bound) / cost; the optimum is between the two",
-    "eigenvalue: least of the Lagrangian's Hessian; if above 0, a converged plan meets its bound, "
-    "unless the bound leaves out a constraint",
+    "eigenvalue: the Hessian's least; above 0 with nothing left out, a converged plan is optimal",
 )
 """Explanation of the columns, printed below the table."""
 

@@ -78,6 +78,13 @@ def notes_on_late_obstacles(scenario: Scenario, violated: Container[str]) -> tup
     )
 
 
+def notes_on_separation(scenario: Scenario) -> tuple[str, ...]:
+    """Return a note on several vehicles without a separation, whose distances are not limited."""
+    if len(scenario.vehicles) == 1 or scenario.separation is not None:
+        return ()
+    return ("vehicles may collide with each other: the scenario has no separation",)
+
+
 def notes_on_tracks(scenario: Scenario) -> tuple[str, ...]:
     """Return notes on obstacles whose tracks end, in motion, before the flight does."""
     grid = scenario.grid
@@ -170,7 +177,7 @@ def _largest_errors(simulation: Simulation) -> str:
     ratios = largest_error_ratios(simulation)
     texts = ", ".join(f"{ratios[quantity]:.3f} ({name})" for quantity, name in _NAMES.items())
     outside = "" if max(ratios.values()) <= _FULL else "; vehicles left the tube"
-    return f"largest errors, as fractions of the tube's radii: {texts}{outside}"
+    return f"largest errors over the tube's radii: {texts}{outside}"
 
 
 def largest_error_ratios(simulation: Simulation) -> dict[Quantity, float]:

@@ -19,6 +19,7 @@ from drake_rho.verification.notes import (
     notes_on,
     notes_on_jumps,
     notes_on_late_obstacles,
+    notes_on_separation,
     notes_on_simulation,
     notes_on_tracks,
     notes_on_uncertainty,
@@ -133,7 +134,7 @@ def verify(flown: Flown) -> Report:
     )
     if not flown.windows:
         notes += notes_on_late_obstacles(scenario, hit)
-    about = (notes_on_free_jerks, notes_on_tracks, notes_on_uncertainty)
+    about = (notes_on_free_jerks, notes_on_separation, notes_on_tracks, notes_on_uncertainty)
     notes = (*notes, *(note for notes_of in about for note in notes_of(scenario)))
     return Report(scenario, checks, summary, sightings, notes)
 
