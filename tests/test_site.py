@@ -14,7 +14,7 @@ import yaml
 
 import drake_rho as rho
 from tests.guides import blocks
-from tools.site.gallery import scenes
+from tools.site.gallery import draw_gallery, scenes
 from tools.site.links import broken_links
 
 ROOT = Path(__file__).parent.parent
@@ -97,6 +97,17 @@ def test_links_to_the_repository_become_links_of_the_site() -> None:
     assert there("[d](https://drake.mit.edu) [e](#here)") == "[d](https://drake.mit.edu) [e](#here)"
     for path in ("docs/api/index.md", "CHANGELOG.md", "benchmarks/results/world_b6.md"):
         assert hooks.repository_path(str(hooks.site_path(path))) == path
+
+
+def test_a_picture_is_drawn_again_only_if_its_code_has_changed(tmp_path: Path) -> None:
+    page, count = tmp_path / "page.md", tmp_path / "count"
+    code = (
+        f"open({str(count)!r}, 'a').write('x')\nimport matplotlib.figure as m\nfigure = m.Figure()"
+    )
+    for source, runs in ((code, 1), (code, 1), (f"{code}  # changed", 2)):
+        page.write_text(f"## One\n\n![one](gallery/one.png)\n\n```python\n{source}\n```\n")
+        assert draw_gallery(page, tmp_path / "made") == [tmp_path / "made" / "gallery" / "one.png"]
+        assert len(count.read_text()) == runs
 
 
 @pytest.mark.slow

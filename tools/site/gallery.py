@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import hashlib
 import re
 from pathlib import Path
+
+from tools.site.kept import hash_of_package
 
 _SCENE = re.compile(
     r"!\[[^\]]*\]\(gallery/(?P<name>\w+)\.png\)(?:(?!\]\(gallery/).)*?^```python\n(?P<code>.*?)^```",
@@ -19,18 +22,24 @@ def scenes(page: Path) -> dict[str, str]:
 def draw_gallery(page: Path, folder: Path) -> list[Path]:
     """Run the code of every scene, which leaves its picture in `figure`, and write the pictures.
 
+    Pictures are kept until their code or the package changes.
+
     Returns:
         Their paths, `gallery/NAME.png` in the folder, in the page's order.
     """
-    drawn = []
+    drawn, package = list[Path](), hash_of_package()
     for name, code in scenes(page).items():
+        path = folder / "gallery" / f"{name}.png"
+        drawn.append(path)
+        key, kept = hashlib.sha256(package + code.encode()).hexdigest(), path.with_suffix(".key")
+        if path.exists() and kept.exists() and kept.read_text() == key:
+            continue
         left: dict[str, object] = {}
         # the code is that of the page
         exec(compile(code, f"{page.name}: {name}", "exec"), left)  # noqa: S102
-        path = folder / "gallery" / f"{name}.png"
         path.parent.mkdir(parents=True, exist_ok=True)
         left["figure"].savefig(path, dpi=220)  # type: ignore[attr-defined]  # matplotlib's
-        drawn.append(path)
+        kept.write_text(key)
     return drawn
 
 

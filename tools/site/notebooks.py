@@ -17,9 +17,8 @@ from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
 
+from tools.site.kept import hash_of_package
 from tools.site.mathml import with_mathml
-
-ROOT = Path(__file__).parents[2]
 
 _LINK = re.compile(r"\]\((?:(\.\./)docs/)?([\w/]+)\.(?:ipynb|md)\)")
 """Link to a notebook in the same folder, or to a page of docs/, which the site has one up."""
@@ -38,7 +37,7 @@ def write_notebooks(notebooks: Sequence[Path], folder: Path) -> list[Path]:
     Raises:
         CalledProcessError: a notebook fails; its error is printed.
     """
-    package = _hash_of_package()
+    package = hash_of_package()
     with ThreadPoolExecutor(os.cpu_count()) as threads:
         run = partial(_with_outputs, folder=folder / "outputs", package=package)
         done = list(threads.map(run, notebooks))
@@ -48,16 +47,6 @@ def write_notebooks(notebooks: Sequence[Path], folder: Path) -> list[Path]:
             path.unlink()
     names = [path.name for path in notebooks]
     return [write_with_mathml(path, folder, name) for path, name in zip(done, names, strict=True)]
-
-
-def _hash_of_package() -> bytes:
-    """Return a hash of the package's files and of the versions of the packages that it uses."""
-    found = hashlib.sha256((ROOT / "constraints.txt").read_bytes())
-    for path in sorted((ROOT / "drake_rho").rglob("*")):
-        if path.is_file() and "__pycache__" not in path.parts:
-            found.update(path.relative_to(ROOT).as_posix().encode())
-            found.update(path.read_bytes())
-    return found.digest()
 
 
 def _with_outputs(notebook: Path, *, folder: Path, package: bytes) -> Path:
