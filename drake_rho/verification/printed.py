@@ -42,8 +42,8 @@ class Printed:
         )
         longest = max(len(name) for name, _ in self.facts)
         facts = (f"{name:<{longest}}  {words}" for name, words in self.facts)
-        table = (form.format(*each).rstrip() for each in (self.heads, *self.rows))
-        return "\n".join([self.title, *facts, "", *table, *self.below])
+        table = [form.format(*each).rstrip() for each in (self.heads, *self.rows)]
+        return "\n".join([self.title, *facts, *(["", *table] if self.rows else []), *self.below])
 
 
 TEXTS = 2

@@ -113,8 +113,8 @@ class Report(metaclass=Described):
             rows, more = self._without_far_obstacles([row for row in rows if self._is_short(row)])
             below += [f"… and {more} more obstacles, further away"] if more > 0 else []
         heads, cells = short_table(rows)
-        explained = _LEFT_VIOLATED if violations else _LEFT
-        return Printed(title, lines, heads, cells, (*below, explained, *self._notes()))
+        below += [_LEFT_VIOLATED if violations else _LEFT] if rows else []
+        return Printed(title, lines, heads, cells, (*below, *self._notes()))
 
     def _is_short(self, row: Check) -> bool:
         """Return whether a row is in the short table: no equality, and not covered by another."""
