@@ -8,7 +8,9 @@ from pydrake.solvers import ClarabelSolver, SolverOptions
 import drake_rho as rho
 from tests.arrays import FloatArray
 
-TWIN = 1e-5
+TWIN = 5e-6
+"""Relative tolerance for the cost of the program: that of planners, which accept a violation of
+requirements and waypoints by a part of the verifier's tolerance."""
 
 PRECISE = SolverOptions()
 """Clarabel's tolerances where accelerations may be small: they are absolute, 1e-8 by default."""

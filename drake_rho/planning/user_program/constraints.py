@@ -132,7 +132,7 @@ def add_separation(draft: Draft, reference: Motion, coupling: Coupling) -> None:
     pairs = np.array([*itertools.combinations(range(len(scenario.vehicles)), 2)]).reshape(-1, 2)
     one, other = np.repeat(pairs, len(knots), axis=0).T
     every = np.tile(knots, len(pairs))
-    points = EvaluationPoints(one, other, scenario.grid.step * every, every)
+    points = EvaluationPoints(one, other, scenario.grid.elapsed[every], every)
     add_half_spaces(draft, draft.problem.pairs_around(reference, coupling).rows(points))
 
 

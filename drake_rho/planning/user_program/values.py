@@ -85,5 +85,10 @@ class Values:
         steps = np.flatnonzero(row)
         offset = self.coasting.each_at(quantity, np.array([vehicle]), np.array([time]))[0]
         variables = self.accelerations[vehicle, steps].reshape(-1)
-        own = Affine(np.kron(row[steps], np.eye(3)), offset, variables)
+        own = Affine(on_every_axis(row[steps]), offset, variables)
         return own if partner is None else own - self.at(quantity, partner, time)
+
+
+def on_every_axis(row: FloatArray) -> FloatArray:
+    """Return the matrix (3, 3 M) of a row (M,) that is equal on every axis."""
+    return np.asarray(np.kron(row, np.eye(3)), dtype=np.float64)
