@@ -11,6 +11,7 @@ from pydrake.solvers import Binding, MathematicalProgram
 
 from drake_rho.motion.dynamics import Motion
 from drake_rho.planning.constraints.base import HalfSpaces
+from drake_rho.planning.constraints.boxes import KeepInBox
 from drake_rho.planning.constraints.keep_in import KeepInSets
 from drake_rho.planning.constraints.keep_out import EvaluationPoints
 from drake_rho.planning.constraints.limits import norms_of, waypoints_of
@@ -83,20 +84,23 @@ def add_goals(draft: Draft) -> None:
 def add_boxes(draft: Draft) -> None:
     """Add the boxes (4)-(7) of positions, velocities, accelerations and jerks."""
     for box in draft.problem.boxes:
-        for vehicle, (lower, upper) in enumerate(
-            zip(box.bounds.lower, box.bounds.upper, strict=True)
-        ):
-            for time in box.times if np.isfinite(lower).any() else ():
-                x = draft.values.at(box.quantity, vehicle, time)
-                if np.isnan(x.offset).any():  # jerk at a start or goal in motion: it is free
-                    continue
-                if box.quantity == "acceleration":
-                    binding = draft.prog.AddBoundingBoxConstraint(lower, upper, x.variables)
-                else:
-                    binding = draft.prog.AddLinearConstraint(
-                        x.matrix, lower - x.offset, upper - x.offset, x.variables
-                    )
-                draft.note(box.name, vehicle, binding, time)
+        limited = np.flatnonzero(np.isfinite(box.bounds.lower).any(axis=1)).tolist()
+        for vehicle, time in itertools.product(limited, box.times):
+            add_box(draft, box, vehicle, time)
+
+
+def add_box(draft: Draft, box: KeepInBox, vehicle: int, time: float) -> None:
+    """Add the box of one vehicle at one time; a jerk at a start or a goal in motion is free."""
+    x = draft.values.at(box.quantity, vehicle, time)
+    if np.isnan(x.offset).any():
+        return
+    lower, upper = box.bounds.lower[vehicle], box.bounds.upper[vehicle]
+    if box.quantity == "acceleration":
+        binding = draft.prog.AddBoundingBoxConstraint(lower, upper, x.variables)
+    else:
+        least, most = lower - x.offset, upper - x.offset
+        binding = draft.prog.AddLinearConstraint(x.matrix, least, most, x.variables)
+    draft.note(box.name, vehicle, binding, time)
 
 
 def add_norms(draft: Draft) -> None:
@@ -129,10 +133,11 @@ def add_separation(draft: Draft, reference: Motion, coupling: Coupling) -> None:
     """Add the separation of all pairs at all knots, linearised around a motion as in (15)."""
     scenario = draft.problem.scenario
     knots = np.arange(1, scenario.grid.knots - 1)
-    pairs = np.array([*itertools.combinations(range(len(scenario.vehicles)), 2)]).reshape(-1, 2)
-    one, other = np.repeat(pairs, len(knots), axis=0).T
-    every = np.tile(knots, len(pairs))
-    points = EvaluationPoints(one, other, scenario.grid.elapsed[every], every)
+    one, other = np.triu_indices(len(scenario.vehicles), 1)
+    every, count = np.tile(knots, len(one)), len(knots)
+    points = EvaluationPoints(
+        np.repeat(one, count), np.repeat(other, count), scenario.grid.elapsed[every], every
+    )
     add_half_spaces(draft, draft.problem.pairs_around(reference, coupling).rows(points))
 
 
