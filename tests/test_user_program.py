@@ -180,6 +180,15 @@ def test_the_optimum_of_random_scenes_is_that_of_the_convex_method(seed: int) ->
     assert written.cost == _same(scenario, plan)
 
 
+@pytest.mark.parametrize("seed", [6, 32, 39])
+def test_all_pairs_are_written_also_where_planners_leave_out_distant_ones(seed: int) -> None:
+    scenario = _human(random_fleet(seed, between_knots=False))
+    written = _solved(rho.program(scenario))
+    assert rho.verify(written).ok
+    cost = rho.plan_convex(scenario).cost
+    assert cost * (1.0 - SAME) < written.cost < 1.01 * cost
+
+
 def test_knots_are_functions_of_the_accelerations() -> None:
     scenario = KINDS["boxes"]
     p, at = rho.program(scenario), {"position": 8, "velocity": -1, "acceleration": 3, "jerk": 16}
@@ -215,6 +224,8 @@ def test_bindings_say_what_they_are() -> None:
     assert set(p.bindings) == {"effort", "goal", "obstacle 1", "separation"}
     (first, *_) = p.bindings["obstacle 1"]
     assert first.evaluator().get_description() == "obstacle 1: v0 at knot 1"
+    (*_, last) = p.bindings["separation"]
+    assert last.evaluator().get_description() == "separation: v0, v1 at knot 19"
     p = rho.program(KINDS["waypoint within"])
     (passed,) = p.bindings["waypoint 1"]
     assert passed.evaluator().get_description() == "waypoint 1: solo at 3.3 s"
@@ -239,6 +250,8 @@ def test_a_result_without_a_solution_is_refused() -> None:
     p.prog.AddLinearConstraint(p.velocity("solo", 16)[0] >= 1.0)
     with pytest.raises(rho.SolverError, match="kInfeasibleConstraints from Clarabel"):
         _solved(p)
+    with pytest.raises(TypeError, match="result"):
+        p.plan(p.prog)
 
 
 WIDE = tuple(dataclasses.replace(each, radius=0.1) for each in single().vehicles)

@@ -41,11 +41,19 @@ class Draft:
     bindings: dict[str, list[Binding[Any]]] = dataclasses.field(default_factory=dict)
     """costs and constraints, by the names that reports use"""
 
-    def note(self, name: str, vehicle: int, binding: Binding[Any], time: float | None) -> None:
-        """Describe a binding, as in 'obstacle 1: UAV-1 at knot 12', and store it by name."""
-        scenario = self.problem.scenario
+    def note(
+        self,
+        name: str,
+        vehicle: int,
+        binding: Binding[Any],
+        time: float | None = None,
+        partner: int | None = None,
+    ) -> None:
+        """Describe a binding, as in 'separation: v0, v1 at knot 12', and store it by name."""
+        names = self.problem.scenario.names
+        who = names[vehicle] if partner is None else f"{names[vehicle]}, {names[partner]}"
         when = "" if time is None else f" {self._when(time)}"
-        binding.evaluator().set_description(f"{name}: {scenario.names[vehicle]}{when}")
+        binding.evaluator().set_description(f"{name}: {who}{when}")
         self.bindings.setdefault(name, []).append(binding)
 
     def _when(self, time: float) -> str:
@@ -63,7 +71,7 @@ def add_effort(draft: Draft) -> None:
         a = draft.values.accelerations[vehicle].reshape(-1)
         cost = 2.0 * weight * np.eye(len(a))  # Drake's quadratic costs have a factor of 1/2
         binding = draft.prog.AddQuadraticCost(cost, np.zeros(len(a)), a, is_convex=True)
-        draft.note(EFFORT, vehicle, binding, None)
+        draft.note(EFFORT, vehicle, binding)
 
 
 def add_goals(draft: Draft) -> None:
@@ -151,7 +159,7 @@ def add_half_spaces(draft: Draft, rows: HalfSpaces) -> None:
         x = draft.values.at(form.quantity, vehicle, time, other).mapped(normal[None])
         least, most = bound - x.offset, np.full(1, np.inf)
         binding = draft.prog.AddLinearConstraint(x.matrix, least, most, x.variables)
-        draft.note(form.name, vehicle, binding, time)
+        draft.note(form.name, vehicle, binding, time, other)
 
 
 def add_sets(draft: Draft, constraint: KeepInSets) -> None:
@@ -164,7 +172,7 @@ def add_sets(draft: Draft, constraint: KeepInSets) -> None:
         x = draft.values.at(constraint.quantity, vehicle, time, constraint.partner)
         x = dataclasses.replace(x, offset=offset)
         for binding in add_conic(draft.prog, x, conic_in(constraint, vehicle)):
-            draft.note(constraint.name, vehicle, binding, time)
+            draft.note(constraint.name, vehicle, binding, time, constraint.partner)
 
 
 def add_conic(prog: MathematicalProgram, x: Affine, inside: Conic) -> list[Binding[Any]]:

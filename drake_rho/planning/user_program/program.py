@@ -129,6 +129,7 @@ class Program(metaclass=Described):
         A = on_every_axis(values.coefficients(quantity, time))
         return A, values.at(quantity, index, time).offset
 
+    @checked
     def plan(self, result: MathematicalProgramResult) -> Plan:
         """Return the plan of a solver's result, which `rho.verify` judges.
 
