@@ -57,6 +57,8 @@ from .planning.planners.plan import plan as plan
 from .planning.planners.plan import plan_scp as plan_scp
 from .planning.programs.daqp import Daqp as Daqp
 from .planning.scp.sequential_convex import scp_step as scp_step
+from .planning.user_program.program import Program as Program
+from .planning.user_program.program import program as program
 from .scenario.errors import DrakeRhoError as DrakeRhoError
 from .scenario.errors import DrakeRhoWarning as DrakeRhoWarning
 from .scenario.errors import MapChangedWarning as MapChangedWarning

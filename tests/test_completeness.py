@@ -103,6 +103,17 @@ def test_every_kind_is_planned_for_and_verified(kind: str) -> None:
     assert rho.certify(plan).lower_bound <= plan.cost * (1.0 + 1e-6)
 
 
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_kind_is_written_in_the_program_or_refused(kind: str) -> None:
+    scenario = _scenario(kind)
+    if kind in ("smoothing", "disturbance"):
+        with pytest.raises(rho.ScenarioError, match=f"^{kind}: "):
+            rho.program(scenario)
+        return
+    constraints = Problem.of(scenario).linearized(rho.plan(scenario), rho.coupled)
+    assert set(rho.program(scenario).bindings) == {"effort", "goal"} | {c.name for c in constraints}
+
+
 @pytest.mark.parametrize(
     "kind",
     [

@@ -15,6 +15,13 @@ from drake_rho.verification.summary import least_effort
 from tests.scenarios import scenarios
 
 
+def test_a_report_without_limits_has_no_table() -> None:
+    drone = rho.Vehicle("drone", rho.State([0, 0, 0]), rho.State([1, 1, 1]))
+    report = rho.verify(rho.plan(rho.Scenario("free", rho.Grid(0.1, 31), [drone])))
+    assert str(report).splitlines()[-1].startswith("cost ")
+    assert "<table>" not in report._repr_html_()
+
+
 def _fact(report: rho.Report, name: str) -> str:
     return dict(report.printed().facts)[name]
 

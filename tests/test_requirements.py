@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from pydrake.solvers import ClarabelSolver, MathematicalProgram
 
 import drake_rho as rho
 from tests.arrays import FloatArray
-from tests.cones import integrals
+from tests.cones import TWIN, twin_cost
 from tests.requirements import Egg, outside, random_scene
 from tests.scenarios import examples, fleet, single, slow
 
@@ -101,39 +100,6 @@ def ball(asked: rho.KeepIn) -> rho.Sphere:
     return asked.set
 
 
-def _conic_cost(scenario: rho.Scenario) -> float:
-    """Return the least cost of linked vehicles at the knots, from a program with Drake's cones."""
-    program, n = MathematicalProgram(), scenario.grid.knots - 1
-    velocity, position = integrals(scenario)
-    T, times = scenario.grid.duration, scenario.grid.elapsed[1:, None]
-    names = [each.name for each in scenario.vehicles]
-    a = [program.NewContinuousVariables(n, 3) for _ in names]
-    places = []
-    for u, vehicle in zip(a, scenario.vehicles, strict=True):
-        start, goal = vehicle.start, vehicle.goal
-        coasting = start.position + times * start.velocity
-        places.append(coasting)
-        left = goal.position - start.position - T * start.velocity
-        for x in range(3):
-            program.AddLinearEqualityConstraint(position[-1:], left[[x]], u[:, x])
-            faster = goal.velocity - start.velocity
-            program.AddLinearEqualityConstraint(velocity[-1:], faster[[x]], u[:, x])
-        program.AddQuadraticCost(2.0 * np.eye(3 * n), np.zeros(3 * n), u.reshape(-1))
-    for asked in scenario.requirements:
-        assert asked.vehicles is not None
-        i, j = names.index(asked.vehicles[0]), names.index(str(asked.relative_to))
-        both = np.concatenate([a[i].reshape(-1), a[j].reshape(-1)])
-        for k in range(n - 1):
-            own = np.kron(position[k], np.eye(3))
-            matrix = np.vstack([np.zeros((1, 6 * n)), np.hstack([own, -own])])
-            offset = places[i][k] - places[j][k] - ball(asked).center
-            offsets = np.concatenate([[ball(asked).radius], offset])
-            program.AddLorentzConeConstraint(matrix, offsets, both)
-    result = ClarabelSolver().Solve(program)
-    assert result.is_success()
-    return float(result.get_optimal_cost())
-
-
 @pytest.mark.parametrize("seed", [1, 2, *slow(0, 3, 4, 5)])
 def test_linked_vehicles_cost_what_a_program_with_cones_says(seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -153,7 +119,7 @@ def test_linked_vehicles_cost_what_a_program_with_cones_says(seed: int) -> None:
     grid = rho.Grid.lasting(10.0, step=0.5)
     scenario = rho.Scenario("l", grid, vehicles, requirements=links, between_knots=False)
     plan = rho.plan(scenario)
-    assert plan.cost == pytest.approx(_conic_cost(scenario), rel=1e-5)
+    assert plan.cost == pytest.approx(twin_cost(scenario), rel=TWIN)
     certificate = rho.certify(plan)
     assert certificate.lower_bound == pytest.approx(plan.cost, rel=1e-6)
 

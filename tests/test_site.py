@@ -23,7 +23,7 @@ BUILDS = "what builds the site is installed by make docs and make lint"
 GUIDES = sorted([DOCS / "quick_start.md", *(DOCS / "guides").glob("*.md")])
 WIDTH = 87
 """Characters of code that fit into the column of a page."""
-TASKS = 26
+TASKS = 27
 """Tasks of a newcomer, each with code to copy."""
 
 
@@ -101,9 +101,8 @@ def test_links_to_the_repository_become_links_of_the_site() -> None:
 
 def test_a_picture_is_drawn_again_only_if_its_code_has_changed(tmp_path: Path) -> None:
     page, count = tmp_path / "page.md", tmp_path / "count"
-    code = (
-        f"open({str(count)!r}, 'a').write('x')\nimport matplotlib.figure as m\nfigure = m.Figure()"
-    )
+    written = f"with open({str(count)!r}, 'a') as file: file.write('x')"
+    code = f"from matplotlib.figure import Figure\n{written}\nfigure = Figure()"
     for source, runs in ((code, 1), (code, 1), (f"{code}  # changed", 2)):
         page.write_text(f"## One\n\n![one](gallery/one.png)\n\n```python\n{source}\n```\n")
         assert draw_gallery(page, tmp_path / "made") == [tmp_path / "made" / "gallery" / "one.png"]

@@ -9,7 +9,7 @@ INTERNAL = {
     "programs, their duals and proofs that none is feasible, beside symbolic twins": """
         test_best test_blocks test_cones test_daqp test_farkas test_fleets test_forms
         test_half_spaces test_in_groups test_minimum_effort test_optimality test_related test_scp
-        test_solve test_sparse test_subproblem test_weight test_weight_forms test_working_set
+        test_solve test_sparse test_subproblem test_weight_forms test_working_set
     """,
     "least violations and the search for what makes a scenario feasible": """
         test_feasibility test_feasibility_disturbed test_max_speed test_norms test_progress

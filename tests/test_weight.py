@@ -8,11 +8,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from pydrake.solvers import ClarabelSolver, MathematicalProgram
 
 import drake_rho as rho
-from drake_rho.planning.problem import Problem
-from tests.cones import integrals
+from tests.cones import TWIN, twin_cost
 from tests.scenarios import single
 
 ENDS: dict[str, Any] = {"a": ([0, 0, 0], [10, 0.2, 0]), "b": ([10, 0, 0.1], [0, 0.1, 0])}
@@ -72,53 +70,10 @@ def test_a_vehicle_alone_flies_the_same_with_any_weight() -> None:
     assert rho.certify(other).lower_bound == pytest.approx(other.cost, rel=1e-6)
 
 
-def _cost_of_a_program(scenario: rho.Scenario, plan: rho.Plan) -> float:
-    """Return the least weighted cost with pairs linearised around a plan, at its rows."""
-    n = scenario.grid.knots - 1
-    velocity, position = integrals(scenario)
-    program, a = MathematicalProgram(), []
-    times = scenario.grid.elapsed[1:, None]
-    for vehicle in scenario.vehicles:
-        u = program.NewContinuousVariables(n, 3)
-        left = vehicle.goal.position - vehicle.start.position
-        for x in range(3):
-            program.AddLinearEqualityConstraint(position[-1:], left[[x]], u[:, x])
-            program.AddLinearEqualityConstraint(velocity[-1:], np.zeros(1), u[:, x])
-        hessian = 2.0 * vehicle.weight * np.eye(3 * n)
-        program.AddQuadraticCost(hessian, np.zeros(3 * n), u.reshape(-1))
-        a.append(u)
-    starts = [each.start.position + 0.0 * times for each in scenario.vehicles]
-    (pairs,) = (
-        each
-        for each in Problem.of(scenario).linearized(plan, rho.coupled)
-        if each.kind == "separation"
-    )
-    motion = plan.motion()
-    rows = [
-        pairs.violated_rows(motion.with_accelerations(0.0 * motion.accelerations), np.arange(2))
-    ]
-    rows += [pairs.violated_rows(rho.plan(scenario.without_separation()).motion(), np.arange(2))]
-    for part in rows:
-        for one, other, time, normal, bound in zip(
-            part.vehicles, part.partners, part.times, part.normals, part.bounds, strict=True
-        ):
-            k = round(time / scenario.grid.step) - 1
-            if abs(time - scenario.grid.step * (k + 1)) > 1e-9:
-                continue
-            row = np.kron(position[k], normal)
-            both = np.concatenate([a[one].reshape(-1), a[other].reshape(-1)])
-            least = bound - normal @ (starts[one][k] - starts[other][k])
-            matrix = np.concatenate([row, -row])[None]
-            program.AddLinearConstraint(matrix, [least], [np.inf], both)
-    result = ClarabelSolver().Solve(program)
-    assert result.is_success()
-    return float(result.get_optimal_cost())
-
-
 def test_the_cost_is_that_of_a_program_written_out() -> None:
     scenario = dataclasses.replace(swap(2.0, 5.0), between_knots=False)
     best = rho.plan(scenario)
-    assert best.cost == pytest.approx(_cost_of_a_program(scenario, best), rel=1e-4)
+    assert best.cost == pytest.approx(twin_cost(scenario, best), rel=TWIN)
     assert rho.certify(best).lower_bound == pytest.approx(best.cost, rel=1e-6)
 
 

@@ -134,6 +134,8 @@ class InfeasibleError(PlanningError):
 class SolverError(PlanningError):
     """Numerical failure: the solvers found neither a solution nor a proof of infeasibility.
 
+    Of a program that its user has changed (`drake_rho.program`): the solver found no solution.
+
     Attributes:
         message: description of the failure.
         statistics: statistics of the attempts, as far as they were counted.

@@ -39,6 +39,6 @@ def html_table(
     first, rest = (
         "".join(f"<div>{escape(words)}</div>" for words in lines) for lines in (above, below)
     )
-    head = f"<thead><tr>{line('th', heads)}</tr></thead>"
-    table = f"<table>{head}<tbody>{body}</tbody></table>"
+    head = f"<thead><tr>{line('th', heads)}</tr></thead>" if body else ""
+    table = f"<table>{head}<tbody>{body}</tbody></table>" if body else ""
     return f"<div><b>{escape(title)}</b></div>{first}{table}{rest}"
