@@ -254,6 +254,12 @@ def test_a_result_without_a_solution_is_refused() -> None:
         p.plan(p.prog)
 
 
+def test_a_result_of_another_program_is_refused() -> None:
+    one, other = rho.program(single()), rho.program(single())
+    with pytest.raises(ValueError, match="result: got that of another program"):
+        one.plan(ClarabelSolver().Solve(other.prog))
+
+
 WIDE = tuple(dataclasses.replace(each, radius=0.1) for each in single().vehicles)
 
 
@@ -284,7 +290,11 @@ def test_unknown_vehicles_knots_and_free_jerks_are_refused() -> None:
     p = rho.program(single(start=TURNING))
     with pytest.raises(ValueError, match=r"vehicle: got 'sole'.*did you mean solo"):
         p.position("sole", 3)
-    with pytest.raises(ValueError, match="knot: got 17, expected one from 0 to 16"):
-        p.velocity("solo", 17)
+    knots: list[Any] = [17, -18, 2.5]
+    for knot in knots:
+        with pytest.raises(
+            ValueError, match=f"knot: got {knot}, expected an integer from -17 to 16"
+        ):
+            p.velocity("solo", knot)
     with pytest.raises(ValueError, match="knot: got 0, expected another"):
         p.jerk("solo", 0)

@@ -157,7 +157,7 @@ class Diagnosis(metaclass=Described):
         shortest = self.shortest_duration
         if shortest is None or shortest >= self.scenario.grid.duration:
             return ""
-        return f", down to {self._duration(shortest)}"
+        return f"; also with {self._duration(shortest)}"
 
     def _repairs(self) -> list[str]:
         changes = []

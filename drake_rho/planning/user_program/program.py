@@ -135,11 +135,16 @@ class Program(metaclass=Described):
 
         Raises:
             SolverError: the solver has found no solution.
+            ValueError: it is the result of another program.
         """
         solver, status = result.get_solver_id().name(), result.get_solution_result().name
         if not result.is_success():
             raise SolverError(f"result: got {status} from {solver}, expected a solution")
-        found = np.stack([result.GetSolution(own) for own in self.accelerations])
+        try:
+            found = np.stack([result.GetSolution(own) for own in self.accelerations])
+        except (RuntimeError, ValueError):
+            expected = "that of `prog`: solve it again"
+            raise ValueError(f"result: got that of another program, expected {expected}") from None
         statistics = Statistics(
             programs=1, linearisations=int(self.reference is not None), solver=solver
         )
@@ -158,8 +163,9 @@ class Program(metaclass=Described):
         """Return the index of a vehicle and the time of a knot since the first [s]."""
         index, grid = self.scenario.index_of(vehicle), self.scenario.grid
         count = grid.knots - (quantity == "acceleration")
-        if not -count <= knot < count:
-            raise ValueError(f"knot: got {knot}, expected one from 0 to {count - 1}")
+        if knot not in range(-count, count):
+            raise ValueError(f"knot: got {knot}, expected an integer from {-count} to {count - 1}")
+        knot = int(knot)
         return index, float(grid.elapsed[knot % count])
 
 
