@@ -9,6 +9,7 @@ import json
 import re
 import subprocess
 import sys
+import tarfile
 import tomllib
 import zipfile
 from pathlib import Path
@@ -26,13 +27,20 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory: pytest.TempPathFactory) -> zipfile.ZipFile:
-    """Return the wheel made by the build backend."""
+    """Return the wheel made of the source distribution, as `python -m build` makes it."""
     folder = tmp_path_factory.mktemp("wheel")
-    build = f"import hatchling.build as b; print(b.build_wheel({str(folder)!r}))"
-    done = subprocess.run(
-        [sys.executable, "-c", build], cwd=ROOT, capture_output=True, text=True, check=True
-    )
-    return zipfile.ZipFile(folder / done.stdout.split()[-1])
+    with tarfile.open(_built("sdist", ROOT, folder)) as source:
+        source.extractall(folder, filter="data")
+    (unpacked,) = (each for each in folder.iterdir() if each.is_dir())
+    return zipfile.ZipFile(_built("wheel", unpacked, folder))
+
+
+def _built(kind: str, source: Path, folder: Path) -> Path:
+    """Build a distribution of a source tree with the project's backend, and return its path."""
+    build = f"import hatchling.build as b; print(b.build_{kind}({str(folder)!r}))"
+    command = [sys.executable, "-c", build]
+    done = subprocess.run(command, cwd=source, capture_output=True, text=True, check=True)
+    return folder / done.stdout.split()[-1]
 
 
 def test_a_wheel_has_every_file_of_the_package_and_nothing_else(wheel: zipfile.ZipFile) -> None:
