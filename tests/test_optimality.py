@@ -158,3 +158,17 @@ def test_a_plan_that_violates_its_constraints_is_not_certified() -> None:
         assert "violates its constraints" in str(proof)
     with pytest.raises(ValueError, match="accelerations: got nan"):
         rho.certify(rho.Plan.from_accelerations(scenario, np.full_like(through, np.nan)))
+
+
+def test_the_separation_of_a_large_fleet_is_named_as_left_out() -> None:
+    def fleet(size: int) -> rho.Scenario:
+        vehicles = [
+            rho.Vehicle(f"v{y}", rho.State([0, y, 0]), rho.State([9, y, 0])) for y in range(size)
+        ]
+        grid = rho.Grid.lasting(6.0, step=0.5)
+        return rho.Scenario("rows", grid, vehicles, separation=rho.Separation(0.5))
+
+    for size, left_out in ((25, ()), (26, ("the separation",))):
+        certificate = rho.certify(rho.plan(fleet(size)))
+        assert certificate.left_out == left_out
+        assert certificate.is_globally_optimal

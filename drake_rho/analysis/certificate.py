@@ -75,7 +75,8 @@ class Certificate(metaclass=Described):
     """whether the plan satisfies its constraints; one that does not may cost less than the bound"""
     left_out: tuple[str, ...] = ()
     """obstacles that are active for the plan but left out of the bound, because they are neither
-    balls nor ellipsoids; they may account for part of the gap"""
+    balls nor ellipsoids, and the separation of a fleet too large to be bounded together; they may
+    account for part of the gap"""
     cut: bool = False
     """whether time was up before the bound had converged"""
     jumps: bool = False

@@ -97,8 +97,10 @@ def certify(
     backend = Backend.of(solver)
     plan = flown.plan
     scenario, vehicles = _before_averages(plan.scenario), len(plan.scenario.vehicles)
-    if vehicles > MOST_CERTIFIED_TOGETHER:  # without separation the bound is lower, but still valid
-        scenario = scenario.without_separation()
+    dropped = list[str]()
+    if vehicles > MOST_CERTIFIED_TOGETHER and scenario.separation is not None:
+        scenario = scenario.without_separation()  # the bound is lower, but still valid
+        dropped.append("the separation")
     start = Plan.from_accelerations(scenario, plan.accelerations)
     cut, proposals = False, list[CuttingPlanes]()
     try:
@@ -131,7 +133,7 @@ def certify(
             _by_multipliers(name, cost, lagrangians[0], bound, planned if disturbed else None)
         )
     names = [scenario.obstacle_name(number) for number, _ in scenario.known]
-    not_counted = tuple(name for name in names if name in left_out)
+    not_counted = (*dropped, *(name for name in names if name in left_out))
     cut = cut or seconds_left() <= 0.0
     holds, jumps = verify(flown).ok, largest_jump(plan) is not None
     return Certificate(plan.scenario, tuple(certificates), holds, not_counted, cut, jumps)
