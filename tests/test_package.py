@@ -9,7 +9,6 @@ import json
 import re
 import subprocess
 import sys
-import tarfile
 import tomllib
 import zipfile
 from pathlib import Path
@@ -29,8 +28,15 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 def wheel(tmp_path_factory: pytest.TempPathFactory) -> zipfile.ZipFile:
     """Return the wheel made of the source distribution, as `python -m build` makes it."""
     folder = tmp_path_factory.mktemp("wheel")
-    with tarfile.open(_built("sdist", ROOT, folder)) as source:
-        source.extractall(folder, filter="data")
+    unpack = [
+        sys.executable,
+        "-m",
+        "tarfile",
+        "-e",
+        str(_built("sdist", ROOT, folder)),
+        str(folder),
+    ]
+    subprocess.run(unpack, check=True)
     (unpacked,) = (each for each in folder.iterdir() if each.is_dir())
     return zipfile.ZipFile(_built("wheel", unpacked, folder))
 

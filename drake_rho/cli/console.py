@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import io
+import queue
 import re
 import signal
 import textwrap
@@ -266,12 +267,8 @@ def on_interrupt() -> Callable[[], None]:
 
     This holds also in background jobs, for which shells have these signals ignored.
     """
-    ended = threading.Event()
+    # an event's lock may be held when the signal comes; this queue's `put` is reentrant
+    ended = queue.SimpleQueue[None]()
     for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: ended.set())
-
-    def wait() -> None:
-        while not ended.wait(3600.0):
-            pass
-
-    return wait
+        signal.signal(number, lambda *_: ended.put(None))
+    return ended.get
