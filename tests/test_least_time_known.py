@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 import sys
 from pathlib import Path
 
@@ -132,6 +133,24 @@ def test_fastest_tells_the_gap_of_the_time(
     told = capsys.readouterr().out
     assert "gap to the optimum" not in told
     assert "gap to the least time at most 0.0001 %" in told
+
+
+def test_a_report_has_the_gap_of_what_was_minimised() -> None:
+    plan = rho.plan_minimum_time(flown())
+    smoothed = dataclasses.replace(flown(), smoothing=rho.Smoothing(0.05))
+    for shown in (plan, rho.plan_minimum_time(smoothed)):
+        bound = shown.statistics.time_bound
+        assert bound is not None
+        told = str(rho.verify(shown))
+        (least,) = re.findall(r"gap to the least time at most ([\d.]+) %", told)
+        gap = 100.0 * max(0.0, 1.0 - bound / shown.scenario.grid.duration)
+        assert gap <= float(least) <= 1.06 * gap + 1e-4  # rounded up to two digits
+        assert "gap to the optimum" not in told
+    held = rho.verify(plan.holding(5.0))
+    assert held.summary.minimised is None
+    assert "gap to" not in str(held)
+    broken = rho.Plan.from_accelerations(plan.scenario, 0.9 * plan.accelerations, plan.statistics)
+    assert "gap to" not in str(rho.verify(broken))
 
 
 @pytest.mark.slow

@@ -318,7 +318,7 @@ class Plan(ShownInNotebooks, metaclass=Described):
             np.concatenate([self.positions, still + self.positions[:, -1:]], axis=1),
             np.concatenate([self.velocities, still], axis=1),
             np.concatenate([self.accelerations, still], axis=1),
-            self.statistics,
+            self.statistics.held(),
             jumps=self.jumps,
         )
 

@@ -59,8 +59,9 @@ class Statistics(metaclass=Described):
     tolerance: float | None = None
     """relative decrease of the cost in one linearisation below which an iteration has converged;
     None without iterations"""
-    minimised: Literal["cost", "time"] = "cost"
-    """what the planner minimised: the cost, or the final time"""
+    minimised: Literal["cost", "time"] | None = "cost"
+    """what the planner minimised, the cost or the final time; None if a plan of least time is held
+    at its goals, and so ends later"""
     time_bound: float | None = None
     """time that every plan on as many knots takes at least [s]: the least time of the slowest
     vehicle without obstacles and other vehicles; None if it is not known"""
@@ -78,6 +79,12 @@ class Statistics(metaclass=Described):
     """last search for collision-free paths; None if a plan was found, or planning ended, without"""
     detours: int = 0
     """number of other sides of obstacles that were tried to save cost once a plan had converged"""
+
+    def held(self) -> Statistics:
+        """Return the statistics of a plan that is held at its goals, and so ends later."""
+        if self.minimised != "time":
+            return self
+        return dataclasses.replace(self, minimised=None, time_bound=None)
 
     def __add__(self, other: Statistics) -> Statistics:
         """Return the sums of counts and times, and the other values of the later `other` if set."""

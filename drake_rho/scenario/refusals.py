@@ -42,7 +42,7 @@ def scenario_error(error: ValidationError, root: type, parent: str = "") -> Scen
 
 
 def _records(kinds: list[type], *, in_python: bool) -> str:
-    """Return what is expected where there is no record: a call in Python, keys in a file."""
+    """Return the expected record, as a call in Python or as the keys of a mapping in a file."""
     if in_python:
         others = " or another of these kinds" if len(kinds) > _KINDS_LISTED else ""
         return " or ".join(map(_call_of, kinds[:_KINDS_LISTED])) + others

@@ -50,13 +50,16 @@ TEXTS = 2
 """Number of text columns, from the left."""
 
 
-def facts(summary: Summary, checks: Sequence[Check], *, gap: bool) -> Iterator[tuple[str, str]]:
+def facts(
+    summary: Summary, checks: Sequence[Check], duration: float, *, gap: bool
+) -> Iterator[tuple[str, str]]:
     """Yield clearance, separation, speed, time and cost, each with its name.
 
     Args:
         summary: summary of the motion.
         checks: all checks.
-        gap: whether to include the largest possible optimality gap of the cost.
+        duration: final time of the plan [s], before averaging if it is smoothed.
+        gap: whether to include the largest possible optimality gap, of the cost or of the time.
     """
     for name, kind in (("least clearance", "obstacles"), ("least separation", "separation")):
         if (nearest := closest(checks, kind)) is None:
@@ -70,7 +73,10 @@ def facts(summary: Summary, checks: Sequence[Check], *, gap: bool) -> Iterator[t
     at = clock_time(summary.fastest_at)
     yield "top speed", f"{summary.top_speed:.4g} m/s, {summary.fastest} at {at}"
     times = f"{clock_number(summary.start)} to {clock_time(summary.end)}"
-    yield "time", times + (_gap_of_time(summary) if summary.minimised == "time" else "")
+    yield (
+        "time",
+        times + (_gap_of_time(summary, duration) if gap and summary.minimised == "time" else ""),
+    )
     most = summary.cost_bound
     bounds = "" if most is None else f"; at most {most:.6g} m²/s⁴ by the first window's bound"
     bounds += _gap_of_cost(summary) if gap and summary.minimised == "cost" else ""
@@ -103,11 +109,11 @@ def _place(check: Check) -> str:
     return f"{check.vehicle} {how} {other} at {clock_time(check.time)}"
 
 
-def _gap_of_time(summary: Summary) -> str:
+def _gap_of_time(summary: Summary, duration: float) -> str:
     """Return the largest possible gap to the least time on as many knots."""
     if summary.time_bound is None:
         return ", minimised; the gap to the least time is not known"
-    gap = max(0.0, 1.0 - summary.time_bound / (summary.end - summary.start))
+    gap = max(0.0, 1.0 - summary.time_bound / duration)
     return f", minimised; gap to the least time at most {percent(gap)}"
 
 

@@ -96,7 +96,7 @@ class Report(metaclass=Described):
                 furthest obstacles, and the knots where every instant is verified.
         """
         violations = self.violations
-        lines = tuple(facts(self.summary, self.checks, gap=self.ok))
+        lines = tuple(facts(self.summary, self.checks, self.scenario.grid.duration, gap=self.ok))
         name, below = self.scenario.name, list[str]()
         title = f"{name}: all constraints hold"
         rows = list(self.tightest)

@@ -38,8 +38,8 @@ class Summary(metaclass=Described):
     """least cost of all motions from the starts to the goals, without limits, obstacles and
     separation [m²/s⁴]: a lower bound on the cost of every plan"""
     minimised: Literal["cost", "time"] | None = "cost"
-    """what the planner minimised, the cost or the final time; None for the motion of a simulation,
-    which the wind changes"""
+    """what the planner minimised, the cost or the final time; None for a simulation, whose motion
+    the wind changes, and for a plan of least time that is held at its goals"""
     time_bound: float | None = None
     """time that every plan on as many knots takes at least [s]; None if it is not known"""
     cost_bound: float | None = None

@@ -140,7 +140,7 @@ def verify(flown: Flown) -> Report:
 
 
 def _beginnings(flown: Flown) -> dict[int, FloatArray]:
-    """Return the states (N, 6) after jumps of a motion, by knot: those of its windows, if any.
+    """Return the states with which the pieces of a motion begin, (N, 6) each, by knot.
 
     A plan without windows, such as that of a flight, has them itself.
     """

@@ -226,7 +226,7 @@ def _draft(problem: Problem, reference: Plan | None) -> Draft:
 
 
 def check_writable(scenario: Scenario) -> None:
-    """Check that a scenario has nothing but what one program at the knots describes.
+    """Check that one program at the knots can describe a scenario.
 
     Raises:
         ScenarioError: it has something else; the error names the field.
