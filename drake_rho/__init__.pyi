@@ -86,6 +86,7 @@ from .scenario.records import HalfSpace as HalfSpace
 from .scenario.records import KeepIn as KeepIn
 from .scenario.records import Limits as Limits
 from .scenario.records import Mesh as Mesh
+from .scenario.records import Objective as Objective
 from .scenario.records import Obstacle as Obstacle
 from .scenario.records import Polytope as Polytope
 from .scenario.records import Posed as Posed

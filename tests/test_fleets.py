@@ -329,8 +329,8 @@ def test_the_converged_plan_equals_that_of_a_nonlinear_solver(
     scenario, at = two
     effort = MinimumEffort.of(scenario)
     steps = scenario.grid.knots - 1
-    _, _, rows = np.linalg.svd(effort.goals.rows)
-    inside = rows[len(effort.goals.rows) :]  # accelerations that change no goal
+    _, _, rows = np.linalg.svd(effort.goals.rows[0])
+    inside = rows[len(effort.goals.rows[0]) :]  # accelerations that change no goal
     free = effort.motion.accelerations
 
     def flown(x: np.ndarray) -> np.ndarray:
@@ -394,7 +394,7 @@ def test_the_reduced_form_of_coupled_rows_has_the_same_solution(between_knots: b
         assert (batch.basis is None) == sparse
         u = batch.accelerations(solve.solve(batch.programs), steps)[0]
         group = batch.groups[0]
-        found = effort.motion.accelerations[group] + effort.units[group].max() * u
+        found = effort.motion.accelerations[group] + effort.changes.units[group].max() * u
         np.testing.assert_allclose(found, known[group], atol=MOTION * np.abs(known).max())
 
 

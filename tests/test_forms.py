@@ -88,7 +88,10 @@ def test_the_reduced_form_has_the_same_solution(scenario: rho.Scenario) -> None:
         for batch in batches:
             vehicles = batch.groups[:, 0]
             u = batch.accelerations(solve(batch.programs), steps)[:, 0]
-            found = effort.motion.accelerations[vehicles] + effort.units[vehicles, None, None] * u
+            found = (
+                effort.motion.accelerations[vehicles]
+                + effort.changes.units[vehicles, None, None] * u
+            )
             known = solved.motion.accelerations[vehicles]
             np.testing.assert_allclose(found, known, atol=MOTION * np.abs(known).max())
 
@@ -111,7 +114,7 @@ def test_multipliers_do_not_depend_on_the_form() -> None:
                 effort.changes, np.zeros(1, dtype=int), about(effort.motion, [rows])
             )
             u = solved.motion.accelerations[0] - effort.motion.accelerations[0]
-            slack = matrix @ (u / effort.units[0]).reshape(-1) - needed
+            slack = matrix @ (u / effort.changes.units[0]).reshape(-1) - needed
             assert np.abs(slack * y).max() < 1e-6
         found.append({rows.constraint.name: float(y.sum()) for rows, y in multipliers})
     assert found[0].keys() == found[1].keys()

@@ -124,12 +124,12 @@ def _by_drake(effort: MinimumEffort, everyone: IntArray, rows: list[HalfSpaces])
     x = program.NewContinuousVariables(matrix.shape[1])
     program.AddQuadraticCost(2.0 * np.eye(len(x)), np.zeros(len(x)), x, is_convex=True)
     add_rows(program, matrix, needed, penalties, np.arange(len(needed)), x)
-    goals = np.kron(np.eye(len(everyone)), np.kron(effort.goals.rows, np.eye(3)))
+    goals = np.kron(np.eye(len(everyone)), np.kron(effort.goals.rows[0], np.eye(3)))
     program.AddLinearEqualityConstraint(goals, np.zeros(len(goals)), x)
     result = ClarabelSolver().Solve(program)
     assert result.is_success()
     least = float(np.sum(effort.motion.accelerations**2))
-    more: float = effort.units.max() ** 2 * result.get_optimal_cost()
+    more: float = effort.changes.units.max() ** 2 * result.get_optimal_cost()
     return least + more
 
 

@@ -360,6 +360,7 @@ CHANGES: dict[str, Any] = {
     "requirements": (rho.KeepIn(rho.HalfSpace([0, 0, 1], 90.0)),),
     "smoothing": None,  # none is allowed beside a disturbance, and nothing cached depends on it
     "hold_at_goal": False,
+    "objective": rho.Objective(terminal_velocity=1.0),
 }
 """Other values of every field."""
 

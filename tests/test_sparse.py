@@ -73,7 +73,7 @@ def test_sparse_rows_are_the_margins_of_the_only_motion_of_the_dynamics(
     rows, effort = _rows(scenario, kinds), MinimumEffort.of(scenario)
     sparse = SparseRows(effort.changes, GROUP, about(effort.motion, rows))
     motion = _flown(scenario, 3, 1.0)
-    unit, h = effort.units[GROUP].max(), scenario.grid.step
+    unit, h = effort.changes.units[GROUP].max(), scenario.grid.step
     free = effort.motion
     states = [(motion.accelerations - free.accelerations)[GROUP] / unit]
     if kinds & {"position", "velocity"}:
@@ -113,7 +113,7 @@ def test_dense_rows_have_length_one_and_are_the_margins(scenario: rho.Scenario) 
     assert {part.constraint.coupled for part in rows} == {False, True}
     matrix, needed, penalties = rows_of(effort.changes, GROUP, about(effort.motion, rows))
     np.testing.assert_allclose(np.sqrt(matrix.power(2).sum(axis=1)), 1.0, rtol=ROUNDING)
-    motion, unit = _flown(scenario, 4, 1.0), effort.units[GROUP].max()
+    motion, unit = _flown(scenario, 4, 1.0), effort.changes.units[GROUP].max()
     u = (motion.accelerations - effort.motion.accelerations)[GROUP].reshape(-1) / unit
     margins = np.concatenate([part.margins(motion) for part in rows])
     worth = np.repeat([part.constraint.penalty for part in rows], [len(part) for part in rows])
@@ -141,7 +141,7 @@ def test_sparse_rows_hold_at_any_time_from_the_first_step_to_the_last(
     rows = constraint.rows(np.concatenate(every), sides, np.tile(times, 6 * len(GROUP)))
     effort, motion = MinimumEffort.of(scenario), _flown(scenario, 5, 1.0)
     sparse = SparseRows(effort.changes, GROUP, about(effort.motion, [rows]))
-    unit = effort.units[GROUP].max()
+    unit = effort.changes.units[GROUP].max()
     moved = [
         (getattr(motion, kind) - getattr(effort.motion, kind))[GROUP] / unit
         for kind in ("accelerations", "velocities", "positions")

@@ -170,7 +170,7 @@ def written_out(
         speeds: a limit of speeds at the knots and its penalty, if there is one.
     """
     effort, twin = problem.effort, MathematicalProgram()
-    a0, rows = effort.motion.accelerations, effort.goals.rows
+    a0, rows = effort.motion.accelerations, effort.goals.rows[0]
     u = [twin.NewContinuousVariables(*each.shape) for each in a0]
     for vehicle, own, least in zip(problem.scenario.vehicles, u, a0, strict=True):
         twin.AddQuadraticErrorCost(vehicle.weight * np.eye(own.size), -least.ravel(), own.ravel())
@@ -291,10 +291,10 @@ def test_every_form_finds_the_least_weighted_cost_with_its_penalties(
         parts += [dataclasses.replace(rows, form=soft)] if len(rows) > 0 else []
     assert {part.constraint.coupled for part in parts} == {False, together}
     known, violated = written_out(problem, parts)
-    least = cost_of(problem.scenario.fleet, problem.effort.motion.accelerations)
+    least = cost_of(problem.scenario, problem.effort.motion)
     assert (violated > 0.1 * (known - least)) == np.isfinite(penalty)
     motion = find(problem, parts, solver)
-    found = cost_of(problem.scenario.fleet, motion.accelerations)
+    found = cost_of(problem.scenario, motion)
     if np.isfinite(penalty):
         found -= price * sum(np.minimum(part.margins(motion), 0.0).sum() for part in parts)
     assert found - least == pytest.approx(known - least, rel=1e-5, abs=1e-10 * known)
@@ -316,11 +316,11 @@ def test_a_program_with_cones_finds_the_least_weighted_cost_with_its_penalties(
     changes = units_of(effort.changes, both[None])[0][:, None, None] * found.accelerations
     motion = effort.motion.with_accelerations(effort.motion.accelerations + changes)
     assert rows.margins(motion).min() > -1e-6
-    cost = cost_of(scenario.fleet, motion.accelerations)
+    cost = cost_of(scenario, motion)
     speeds = np.linalg.norm(motion.velocities, axis=2)
     over = np.maximum(speeds - 1.45, 0.0).sum()
     assert (over > 0.1) == np.isfinite(penalty)
-    least = cost_of(scenario.fleet, effort.motion.accelerations)
+    least = cost_of(scenario, effort.motion)
     more = penalty * over if np.isfinite(penalty) else 0.0
     assert cost + more - least == pytest.approx(known - least, rel=1e-5)
 

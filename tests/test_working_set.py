@@ -219,9 +219,10 @@ def _dual_gradient(planes: CuttingPlanes, vehicle: int) -> tuple[np.ndarray, np.
     matrix, _, _ = rows_of(effort.changes, group, about(effort.motion, [part for part, _ in parts]))
     gradient = matrix.T @ np.concatenate([y for _, y in parts])
     inside = gradient.reshape(len(group), -1, 3)
-    inside = np.stack([effort.changes.inside(each.T).T for each in inside])
+    every = zip(group, inside, strict=True)
+    inside = np.stack([effort.changes.space(i).projected(each.T).T for i, each in every])
     moved = planes.motion.accelerations[group] - effort.motion.accelerations[group]
-    return 2.0 * moved / effort.units[group].max(), inside
+    return 2.0 * moved / effort.changes.units[group].max(), inside
 
 
 def test_multipliers_balance_the_cost() -> None:

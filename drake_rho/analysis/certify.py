@@ -108,8 +108,8 @@ def certify(
             proposals.append(_solved_around(each, backend, progress))
     except OutOfTimeError:
         cut = True
-    efforts = costs_of(scenario.fleet, Problem.of(scenario).effort.motion.accelerations)
-    costs = costs_of(scenario.fleet, plan.accelerations)
+    efforts = costs_of(scenario, Problem.of(scenario).effort.motion)
+    costs = costs_of(scenario, plan.motion())
     certificates, left_out = list[VehicleCertificate](), set[str]()
     groups = _groups(vehicles, proposals)
     for number, group in enumerate(groups, start=1):

@@ -1,12 +1,13 @@
 """Lagrangian of the non-convex problem, obstacles and pairs not linearised, and its minimum.
 
-Accelerations are scaled to u = a / unit, of order one, and the cost is norm(u)²:
+With changes u of the motion of least cost, in coordinates of order one (`Changes`), the cost is
+norm(u)² more than its cost f:
 
-    L(u) = norm(u)² + Σ λ_s (R_s² - norm(p_s(u) - c_s)²) / (2 R_s) + y · (b - A u)
+    L(u) = f + norm(u)² + Σ λ_s (R_s² - norm(p_s(u) - c_s)²) / (2 R_s) + y · (b - A u)
 
 The separation of a pair of vehicles is a term like an obstacle's, with the other vehicle's position
 as the centre, the separation as the radius, and z divided by the downwash factor. For every
-λ, y >= 0 the minimum of L over the motions that reach the goals is a lower bound on the cost of
+λ, y >= 0 the minimum of L over the changes that keep the goals is a lower bound on the cost of
 every plan. L is a quadratic that does not couple the axes. So its minimum has a closed form
 wherever its Hessians are positive definite on the directions that leave the final states unchanged.
 
@@ -22,9 +23,10 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve, eigvalsh, null_space
+from scipy.linalg import block_diag, cho_factor, cho_solve, eigvalsh, null_space
 from scipy.sparse import csc_array, vstack
 
+from drake_rho.motion.costs import costs_of
 from drake_rho.planning.constraints.base import HalfSpaces, Quadratic, about
 from drake_rho.planning.constraints.margins import Margins
 from drake_rho.planning.minimum_effort import MinimumEffort
@@ -60,7 +62,7 @@ class Lagrangian:
     The program is that of a group of G vehicles: one vehicle or, with a separation, several.
 
     Attributes:
-        unit: unit of acceleration for u [m/s²].
+        unit: unit of u [m/s²].
         solution: u of the converged program, shape (G (K-1), 3).
         weights: λ >= 0 from the converged program, shape (S,).
         multipliers: y >= 0 from the converged program, shape (R,).
@@ -76,13 +78,16 @@ class Lagrangian:
 
     def __init__(self, solved: CuttingPlanes, group: IntArray, *, as_planned: bool = True) -> None:
         effort = solved.problem.effort
-        count, steps = len(group), effort.grid.knots - 1
-        self.unit = float(effort.units[group].max())
-        factors = effort.changes.factors_of(group)
-        scale = self.unit * np.repeat(factors, steps)[:, None]  # accelerations for u = 1
-        self.solution = solved.motion.accelerations[group].reshape(-1, 3) / scale
-        self._free = np.kron(np.eye(count), null_space(effort.goals.rows))
-        self._fixed = effort.motion.accelerations[group].reshape(-1, 3) / scale
+        count, steps, changes = len(group), effort.grid.knots - 1, effort.changes
+        self.unit = float(effort.changes.units[group].max())
+        scale = self.unit * changes.factors_of(group)[:, None, None]
+        added = solved.motion.accelerations[group] - effort.motion.accelerations[group]
+        self.solution = changes.coordinates(added, group) / scale
+        self.solution = self.solution.reshape(-1, 3)
+        costs = costs_of(solved.problem.scenario, effort.motion)[group]
+        self._least = float(costs.sum()) / self.unit**2
+        spaces = [changes.space(vehicle) for vehicle in group.tolist()]
+        self._free = block_diag(*(null_space(each.goals) for each in spaces))
         self.left_out = set[str]()
         curved = [_no_terms(count * steps)]
         affine = [(csc_array((0, 3 * count * steps)), np.zeros(0), np.zeros(0))]
@@ -93,9 +98,9 @@ class Lagrangian:
                 if np.all(np.isin(rows.partners, group)):  # leaving out others lowers the bound
                     curved.append(_curved_terms(effort, group, rows, quadratic, y))
             elif not rows.constraint.linearised:  # linear in u without a linearisation
-                matrix, needed, _ = rows_of(effort.changes, group, about(effort.motion, [rows]))
-                affine.append((matrix, needed + matrix @ self._fixed.reshape(-1), y))
-            elif np.any(y > _NEGLIGIBLE * np.linalg.norm(self.solution)):  # not quadratic
+                matrix, needed, _ = rows_of(changes, group, about(effort.motion, [rows]))
+                affine.append((matrix, needed, y))
+            elif np.any(y > _NEGLIGIBLE * np.sqrt(self._cost(self.solution))):  # not quadratic
                 self.left_out.add(rows.constraint.name)
         self._responses = np.concatenate([each.responses for each in curved])
         self._offsets = np.concatenate([each.offsets for each in curved])
@@ -140,28 +145,30 @@ class Lagrangian:
 
     def minimum(self, weights: FloatArray, multipliers: FloatArray) -> Minimum:
         """Return the minimum of L for λ = `weights` and y = `multipliers`, both >= 0."""
-        half, shape = weights / self._radii / 2, self._fixed.shape
+        half, at = weights / self._radii / 2, np.zeros_like(self.solution)
         curvature = self.curvature(weights)
         if curvature < _LEAST_CURVATURE:
-            return Minimum(-np.inf, self._fixed, curvature)
-        linear = (self._matrix.T @ multipliers).reshape(shape)
-        gradient = 2 * self._fixed - linear
-        gradient -= self._curved_gradient(self._fixed, half)
-        at = np.array(self._fixed)
+            return Minimum(-np.inf, at, curvature)
+        gradient = -(self._matrix.T @ multipliers).reshape(at.shape)
+        gradient -= self._curved_gradient(at, half)
         for axis in range(3 if self._free.shape[1] > 0 else 0):
             hessian = cho_factor(self._hessian(weights, axis))
             at[:, axis] -= self._free @ cho_solve(hessian, self._free.T @ gradient[:, axis]) / 2
         value = self._value(at, half, multipliers)
-        sizes = np.sum(at**2) + np.sum(weights * self._radii) + np.abs(multipliers @ self._lower)
+        sizes = self._cost(at) + np.sum(weights * self._radii) + np.abs(multipliers @ self._lower)
         lost = _ROUNDING * len(at) * float(sizes) / curvature
         return Minimum(value - lost, at, curvature)
 
     def _value(self, u: FloatArray, half: FloatArray, multipliers: FloatArray) -> float:
         return float(
-            np.sum(u**2)
+            self._cost(u)
             + half @ self._violations(u)
             + multipliers @ (self._lower - self._matrix @ u.reshape(-1))
         )
+
+    def _cost(self, u: FloatArray) -> float:
+        """Return the cost of a change u, with that of the motion of least cost."""
+        return self._least + float(np.sum(u**2))
 
     def _violations(self, u: FloatArray) -> FloatArray:
         """Return R_s² - norm(p_s - c_s)² of the motion u, shape (S,)."""
@@ -182,7 +189,7 @@ class Lagrangian:
 
         The former is relative to the norm of the cost's gradient, the latter to the cost.
         """
-        index = float(np.sum(self.solution**2)) or 1.0
+        index = self._cost(self.solution) or 1.0
         curved, affine = self.slopes(self.solution)
         products = np.concatenate([self.weights * curved, self.multipliers * affine, [0.0]])
         return self._stationarity(), float(np.max(np.abs(products))) / index
@@ -192,7 +199,7 @@ class Lagrangian:
         u, half = self.solution, self.weights / self._radii / 2
         gradient = 2 * u - (self._matrix.T @ self.multipliers).reshape(u.shape)
         gradient -= self._curved_gradient(u, half)
-        size = float(np.linalg.norm(2 * u)) or 1.0
+        size = 2.0 * float(np.sqrt(self._cost(u))) or 1.0
         return float(np.linalg.norm(self._free.T @ gradient)) / size
 
 
@@ -235,7 +242,7 @@ def _multipliers(
         vehicle = min(remaining)
         own = solved.working.group(vehicle)
         remaining -= set(own.tolist())
-        scale = solved.problem.effort.units[own].max() / unit
+        scale = solved.problem.effort.changes.units[own].max() / unit
         for rows, y in solved.working.multipliers(vehicle):
             yield rows, scale * y
 
@@ -249,18 +256,18 @@ def _curved_terms(
     effort: MinimumEffort, group: IntArray, rows: HalfSpaces, quadratic: Quadratic, y: FloatArray
 ) -> _CurvedTerms:
     """Return the Lagrangian's terms for the rows of an obstacle or of a separation."""
-    place = np.zeros(len(effort.units), dtype=int)
+    place = np.zeros(len(effort.changes.units), dtype=int)
     place[group] = np.arange(len(group))
-    coasting = effort.motion.with_accelerations(np.zeros_like(effort.motion.accelerations))
-    responses = effort.units[group].max() * rows.responses(effort.grid)
-    offsets = coasting.each_at("position", rows.vehicles, rows.times) - quadratic.centers
+    changes, motion = effort.changes, effort.motion
+    responses = effort.changes.units[group].max() * rows.responses(effort.grid)
+    offsets = motion.each_at("position", rows.vehicles, rows.times) - quadratic.centers
     blocks = np.zeros((len(rows), len(group), responses.shape[1]))
-    factors = effort.changes.factors_of
-    own = factors(rows.vehicles)[:, None] * responses
+    factors = changes.factors_of
+    own = factors(rows.vehicles)[:, None] * changes.whitened(responses, rows.vehicles)
     blocks[np.arange(len(rows)), place[rows.vehicles]] = own
     if np.any(rows.partners != rows.vehicles):
-        offsets -= coasting.each_at("position", rows.partners, rows.times)
-        other = factors(rows.partners)[:, None] * responses
+        offsets -= motion.each_at("position", rows.partners, rows.times)
+        other = factors(rows.partners)[:, None] * changes.whitened(responses, rows.partners)
         blocks[np.arange(len(rows)), place[rows.partners]] = -other
     matrix = blocks.reshape(len(rows), -1)
     weights = y / (np.linalg.norm(matrix, axis=1) * quadratic.lengths)

@@ -84,7 +84,7 @@ def assign(
 
 def _effort(scenario: Scenario) -> float:
     """Return the least cost of all motions from the starts to the goals [m²/s⁴]."""
-    return cost_of(scenario.fleet, MinimumEffort.of(scenario).motion.accelerations)
+    return cost_of(scenario, MinimumEffort.of(scenario).motion)
 
 
 def _summary(found: Assigned) -> list[str | Table]:

@@ -198,8 +198,8 @@ class Plan(ShownInNotebooks, metaclass=Described):
 
     @property
     def cost(self) -> float:
-        """Performance index f (13), the sum of squared accelerations by weight [m²/s⁴]."""
-        return cost_of(self.scenario.fleet, self.accelerations)
+        """Cost [m²/s⁴]: the sum of squared accelerations (13), or the scenario's `Objective`."""
+        return cost_of(self.scenario, self)
 
     @checked
     def at(self, times: npt.ArrayLike, vehicle: str | None = None) -> Samples:

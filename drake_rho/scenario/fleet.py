@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from drake_rho.scenario.bounds import Bounds
-from drake_rho.scenario.fields import BoolArray, FloatArray, read_only
+from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray, read_only
 from drake_rho.scenario.limits import Limits
 from drake_rho.scenario.norms import NORMS, Norm, NormLimit
 from drake_rho.scenario.parts import Grid, Quantity, Vehicle
@@ -35,9 +35,10 @@ class Fleet:
         limits: Limits,
         separation: float = 0.0,
         bodies: Sequence[Obstacle] = (),
+        missed: tuple[bool, bool] = (False, False),
     ) -> None:
         self._grid, self._vehicles, self._limits = grid, vehicles, limits
-        self._separation, self._bodies = separation, bodies
+        self._separation, self._bodies, self._missed = separation, bodies, missed
         self._whole_flight: Fleet | None = None
         self._sides: dict[Quantity, tuple[FloatArray, FloatArray] | None] = {}
         self._bounds: dict[Quantity, Bounds | None] = {}
@@ -76,7 +77,9 @@ class Fleet:
     @cached_property
     def accelerations_after(self) -> FloatArray:
         """Accelerations just after the last knot [m/s²], shape (N, 3); NaN where unknown."""
-        return np.array([vehicle.goal.acceleration_outside for vehicle in self._vehicles])
+        after = np.array([vehicle.goal.acceleration_outside for vehicle in self._vehicles])
+        after[~self.fixed_velocities] = np.nan  # vehicles may arrive in motion
+        return after
 
     @cached_property
     def flown(self) -> FloatArray | None:
@@ -97,11 +100,53 @@ class Fleet:
         """Goal velocities v[K] [m/s], shape (N, 3)."""
         return np.array([vehicle.goal.velocity for vehicle in self._vehicles])
 
+    @cached_property
+    def fixed_positions(self) -> BoolArray:
+        """Mask of the vehicles that have to reach a position at the last knot, shape (N,)."""
+        return np.full(len(self._vehicles), not self._missed[0])
+
+    @cached_property
+    def fixed_velocities(self) -> BoolArray:
+        """Mask of the vehicles that have to reach a velocity at the last knot, shape (N,)."""
+        return np.full(len(self._vehicles), not self._missed[1])
+
+    @cached_property
+    def open_end(self) -> bool:
+        """Whether a position or a velocity at the last knot is free."""
+        return not (self.fixed_positions.all() and self.fixed_velocities.all())
+
+    def missed(self, quantity: Quantity, last: FloatArray) -> FloatArray:
+        """Return differences from goals, shape (N, 3); zero where the goal need not be reached.
+
+        Args:
+            quantity: position or velocity.
+            last: its values at the last knot, shape (N, 3).
+        """
+        if quantity == "position":
+            goals, fixed = self.goal_positions, self.fixed_positions
+        else:
+            goals, fixed = self.goal_velocities, self.fixed_velocities
+        return np.where(fixed[:, None], last - goals, 0.0)
+
     @property
     def rest_at_goals(self) -> BoolArray:
         """Mask of the vehicles that are at rest from the last knot on, shape (N,)."""
         moving = (self.goal_velocities != 0.0) | (self.accelerations_after != 0.0)
         return np.asarray(~np.any(moving, axis=1))
+
+    @property
+    def counted_ends(self) -> tuple[IntArray, IntArray]:
+        """How often the jerks at the first and at the last knot count in a cost, shape (N,) each.
+
+        Twice where the vehicle is at rest outside, once where its acceleration there is known, as
+        in the remainder of a flight, and not at all where it is unknown.
+        """
+        before, after = (
+            np.isfinite(each).all(axis=1).astype(int)
+            for each in (self.accelerations_before, self.accelerations_after)
+        )
+        still = ~np.any((self.start_velocities != 0.0) | (self.accelerations_before != 0.0), axis=1)
+        return before + (still & (self._whole_flight is None)), after + self.rest_at_goals
 
     @property
     def are_at_rest(self) -> bool:
@@ -318,7 +363,8 @@ class Fleet:
         The obstacles' clocks are 0 at that grid's first knot. Stopping positions [m], if given,
         replace the goals.
         """
-        fleet = Fleet(grid, vehicles, self._limits, self._separation, bodies)
+        missed = self._missed if rests is None else (False, False)
+        fleet = Fleet(grid, vehicles, self._limits, self._separation, bodies, missed)
         fleet.start_positions, fleet.start_velocities = positions, velocities
         fleet.accelerations_before = before
         fleet._whole_flight = self._whole_flight or self

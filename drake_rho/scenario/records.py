@@ -29,6 +29,7 @@ from drake_rho.scenario.known_obstacles import active_during, known_at_start
 from drake_rho.scenario.limits import Limits
 from drake_rho.scenario.maps.mesh import Mesh
 from drake_rho.scenario.maps.voxels import Voxels
+from drake_rho.scenario.objective import Objective, check_objective
 from drake_rho.scenario.obstacles import Obstacle
 from drake_rho.scenario.parts import Grid, Quantity, Separation, State, Vehicle, Waypoint
 from drake_rho.scenario.printed import (
@@ -74,6 +75,7 @@ __all__ = [
     "KeepIn",
     "Limits",
     "Mesh",
+    "Objective",
     "Obstacle",
     "Polytope",
     "Posed",
@@ -89,6 +91,10 @@ __all__ = [
     "Waypoint",
 ]
 Ball = Sphere  # the name of the solid, for sets to keep in
+
+
+def _is_effort(objective: Objective) -> bool:
+    return objective.is_effort and objective.reference is None
 
 
 @record
@@ -134,6 +140,10 @@ class Scenario(ShownInNotebooks):
     """whether vehicles have to be able to hold at their goals indefinitely after the end, in any
     allowed wind: true makes it a requirement, false disables the check; if not given, reports note
     which vehicles with goals at rest cannot"""
+    objective: Annotated[Objective, Field(exclude_if=_is_effort)] = dataclasses.field(
+        default_factory=Objective
+    )
+    """cost that plans minimise; the sum of squared accelerations (13) if not given"""
 
     if TYPE_CHECKING:
 
@@ -150,6 +160,7 @@ class Scenario(ShownInNotebooks):
             requirements: Sequence[KeepIn] = (),
             smoothing: Smoothing | None = None,
             hold_at_goal: bool | None = None,
+            objective: Objective = ...,
         ) -> None: ...
 
     def __str__(self) -> str:
@@ -176,11 +187,14 @@ class Scenario(ShownInNotebooks):
         """Vehicles as arrays."""
         distance = 0.0 if self.separation is None else self.separation.distance
         bodies = [body for _, body in self.avoided]
-        return Fleet(self.grid, self.vehicles, self.limits, distance, bodies)
+        missed = self.objective.misses_goals
+        return Fleet(self.grid, self.vehicles, self.limits, distance, bodies, missed)
 
     @model_validator(mode="after")
     def _consistent(self, info: ValidationInfo[Context | None]) -> Self:
         under_way = context_of(info).under_way
+        if (objective := self.objective.on_clock(self.grid)) is not self.objective:
+            object.__setattr__(self, "objective", objective)
         check_names(self.vehicles)
         check_obstacles(self.obstacles, self.grid)
         check_maps(self.bodies, self.fleet)
@@ -191,6 +205,8 @@ class Scenario(ShownInNotebooks):
         earlier = self.lead if under_way else 0.0
         check_waypoints(self.fleet, self.grid, self.bodies, earlier)
         check_requirements(self.requirements, self.fleet, self.names, self.grid, under_way)
+        if not under_way:
+            check_objective(self.objective, self.vehicles, self.fleet, self.grid)
         if self.hold_at_goal:
             check_goals_at_rest(self.vehicles)
         if self.smoothing and not under_way:
@@ -351,7 +367,8 @@ class Scenario(ShownInNotebooks):
         """Return the scenario of some of its vehicles only, not validated again."""
         vehicles = tuple(self.vehicles[index] for index in indices)
         requirements = parts_for(self.requirements, [vehicle.name for vehicle in vehicles])
-        return self.derived(vehicles=vehicles, requirements=requirements)
+        objective = self.objective.of_vehicles(indices, len(self.vehicles))
+        return self.derived(vehicles=vehicles, requirements=requirements, objective=objective)
 
     @cached_property
     def held(self) -> tuple[int, ...]:
@@ -379,7 +396,7 @@ class Scenario(ShownInNotebooks):
 _COMPUTED_FROM: dict[str, set[str]] = {
     "bodies": {"obstacles"},
     "bodies_in_flight": {"obstacles", "grid"},
-    "fleet": {"grid", "vehicles", "limits", "obstacles", "separation"},
+    "fleet": {"grid", "vehicles", "limits", "objective", "obstacles", "separation"},
     "under_way": set(),
 }
 """Cached properties that `Scenario.derived` passes on, with the fields on which each depends."""

@@ -102,14 +102,16 @@ def check_goal(trajectory: PiecewiseTrajectory, within: tuple[float, float]) -> 
         trajectory.scenario.fleet,
         dict(zip(("position", "velocity"), within, strict=True)),
     )
-    pairs: tuple[tuple[Quantity, FloatArray, FloatArray], ...] = (
-        ("position", trajectory.positions[:, -1], fleet.goal_positions),
-        ("velocity", trajectory.velocities[:, -1], fleet.goal_velocities),
+    pairs: tuple[tuple[Quantity, FloatArray, BoolArray], ...] = (
+        ("position", trajectory.positions[:, -1], fleet.fixed_positions),
+        ("velocity", trajectory.velocities[:, -1], fleet.fixed_velocities),
     )
-    for quantity, reached, wanted in pairs:
-        missed = np.linalg.norm(reached - wanted, axis=1)
+    for quantity, reached, fixed in pairs:
+        missed = np.linalg.norm(fleet.missed(quantity, reached), axis=1)
         times = np.full(len(missed), trajectory.times[-1])
-        yield _difference(trajectory.scenario, "goal", quantity, times, missed, errors[quantity])
+        yield _difference(
+            trajectory.scenario, "goal", quantity, times, missed, errors[quantity], fixed
+        )
 
 
 def _difference(
@@ -119,8 +121,9 @@ def _difference(
     times: FloatArray,
     values: FloatArray,
     most: float,
+    concerned: BoolArray | None = None,
 ) -> Column:
-    """Return the checks of differences, which may not exceed `most`."""
+    """Return the checks of differences, which may not exceed `most`, of some or all vehicles."""
     limits = np.full(len(values), most)
     return Column(
         kind="goals" if constraint == "goal" else "dynamics",
@@ -133,5 +136,5 @@ def _difference(
         tolerances=TOLERANCE * scenario.fleet.scale(quantity),
         errors=limits,
         unit=UNITS[quantity],
-        concerned=np.ones(len(values), dtype=bool),
+        concerned=np.ones(len(values), dtype=bool) if concerned is None else concerned,
     )

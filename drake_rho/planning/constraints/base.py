@@ -30,13 +30,14 @@ _SOFT_SEARCHES = 5
 """Limit on the searches for worst instants between knots, for constraints with a penalty."""
 
 
-def constrained_knots(quantity: Quantity) -> slice:
+def constrained_knots(quantity: Quantity, *, open_end: bool = False) -> slice:
     """Return the knots at which limits of a quantity apply.
 
-    The first and the last position and velocity are given, and no step begins at the last knot.
+    The first and, unless the end is open, the last position and velocity are given, and no step
+    begins at the last knot.
     """
     if quantity in ("position", "velocity"):
-        return slice(1, -1)
+        return slice(1, None if open_end else -1)
     return slice(None) if quantity == "jerk" else slice(-1)
 
 
@@ -68,6 +69,8 @@ class Constraint(Form, abc.ABC):
     """number of rounds that add violated rows at the knots; small while plans are intermediate"""
     searches: int = 0
     """number of searches for worst instants between knots; 0 if only knots can violate it"""
+    open_end: bool = False
+    """whether it applies at the last knot, where goals do not fix all positions and velocities"""
 
     @abc.abstractmethod
     def violated_rows(

@@ -138,7 +138,7 @@ def boxes_of(scenario: Scenario, margins: PlanMargins) -> list[KeepInBox]:
         bounds = scenario.fleet.bounds(quantity)
         if bounds is None:
             continue
-        inner = quantity in ("position", "velocity")
+        inner, open_end = quantity in ("position", "velocity"), scenario.fleet.open_end
         own = margins.of(quantity)
         if quantity == "jerk":
             bounds = bounds.scaled(jerk_factor(scenario))
@@ -149,7 +149,8 @@ def boxes_of(scenario: Scenario, margins: PlanMargins) -> list[KeepInBox]:
                 name=f"{quantity} box",
                 quantity=quantity,
                 bounds=bounds,
-                times=own.grid.elapsed[constrained_knots(quantity)],
+                times=own.grid.elapsed[constrained_knots(quantity, open_end=open_end)],
+                open_end=open_end,
                 first=int(inner),
                 margins=own,
                 searches=sys.maxsize * (scenario.between_knots and quantity == "position"),

@@ -27,6 +27,7 @@ def pairs_within(
     *,
     between: bool,
     of: IntArray | None = None,
+    open_end: bool = False,
 ) -> CloseApproaches:
     """Return pairs closer than `within` [m] after the start and before the end.
 
@@ -36,9 +37,10 @@ def pairs_within(
         within: the distance [m].
         between: whether to check every instant instead of the knots.
         of: increasing indices of vehicles; each pair includes at least one of them. All if None.
+        open_end: whether the end counts too, as goals do not fix all positions there.
     """
     find = close_pairs if between else close_pairs_at_knots
-    return _under_way(find(motion, separation, within, of=of), motion)
+    return _under_way(find(motion, separation, within, of=of), motion, open_end)
 
 
 def violating_pairs(
@@ -48,6 +50,7 @@ def violating_pairs(
     *,
     between: bool,
     of: IntArray | None = None,
+    open_end: bool = False,
 ) -> CloseApproaches:
     """Return pairs that violate their separation, with distances reduced by both margins.
 
@@ -57,14 +60,15 @@ def violating_pairs(
         margins: the margins that each vehicle of a pair adds to the separation.
         between: whether to check every instant instead of the knots.
         of: increasing indices of vehicles; each pair includes at least one of them. All if None.
+        open_end: as for `pairs_within`.
     """
     least = separation.distance - VIOLATED * separation.tolerance
     if margins.largest == 0.0:
-        return pairs_within(separation, motion, least, between=between, of=of)
+        return pairs_within(separation, motion, least, between=between, of=of, open_end=open_end)
     within = least + max_pair_margin(separation, margins)
-    found = pairs_within(separation, motion, within, between=between, of=of)
+    found = pairs_within(separation, motion, within, between=between, of=of, open_end=open_end)
     if not separation.is_round:
-        found = _measured(separation, motion, margins, found, between=between)
+        found = _measured(separation, motion, margins, found, between, open_end)
     both = 2.0 * margins.at("position", found.times)
     found = dataclasses.replace(found, distances=found.distances - both)
     return found.select(found.distances < least)
@@ -80,8 +84,8 @@ def _measured(
     motion: Motion,
     margins: Margins,
     found: CloseApproaches,
-    *,
     between: bool,
+    open_end: bool,
 ) -> CloseApproaches:
     """Return pairs with Euclidean distances from the ellipsoid, at the worst instants of steps.
 
@@ -114,7 +118,7 @@ def _measured(
     which, times = deepest(shape, pieces, below, tolerances)
     distances = shape.local_distance(pieces.select(which).at(times - pieces.times[which]))
     worst = CloseApproaches(one[which], other[which], times, separation.distance + distances)
-    return _under_way(worst, motion)
+    return _under_way(worst, motion, open_end)
 
 
 def separation_of(scenario: Scenario) -> Separation:
@@ -128,8 +132,8 @@ def separation_of(scenario: Scenario) -> Separation:
     return scenario.separation
 
 
-def _under_way(found: CloseApproaches, motion: Motion) -> CloseApproaches:
-    """Return approaches after the start and before the end, where states are fixed."""
+def _under_way(found: CloseApproaches, motion: Motion, open_end: bool) -> CloseApproaches:
+    """Return approaches after the start and, unless it is open, before the end."""
     first = END_MARGIN * motion.step
     last = motion.accelerations.shape[1] * motion.step - first
-    return found.select((found.times > first) & (found.times < last))
+    return found.select((found.times > first) & (open_end | (found.times < last)))

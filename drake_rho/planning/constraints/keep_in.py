@@ -189,7 +189,7 @@ class KeepInSets(Constraint):
             members,
         )
         near = END_MARGIN * motion.step  # start and goal are given
-        inner = (times > near) & (times < self._duration - near)
+        inner = (times > near) & (self.open_end | (times < self._duration - near))
         who, times = who[inner], times[inner]
         return self._placed(who, times, self._at(motion, who, times))
 

@@ -53,10 +53,16 @@ class EvaluationPoints(Table):
     """numbers of the parts of a map to avoid, shape (R,); None for any other set"""
 
     @classmethod
-    def at_inner_knots(cls, motion: Motion) -> EvaluationPoints:
-        """Return the points of all vehicles at all inner knots, sorted by vehicle."""
+    def at_inner_knots(cls, motion: Motion, *, open_end: bool = False) -> EvaluationPoints:
+        """Return the points of all vehicles at all inner knots, sorted by vehicle.
+
+        Args:
+            motion: the motion of all vehicles.
+            open_end: whether the last knot counts as an inner one.
+        """
         count, steps, _ = motion.accelerations.shape
-        whose, knots = np.divmod(np.arange(count * (steps - 1)), steps - 1)
+        inner = steps - 1 + open_end
+        whose, knots = np.divmod(np.arange(count * inner), inner)
         knots += 1
         return cls(whose, whose, motion.step * knots, knots)
 
@@ -103,7 +109,8 @@ class KeepOut(Constraint):
         points = self.penetrations(motion, vehicles)
         first, last = END_MARGIN, motion.accelerations.shape[1] - END_MARGIN
         k = points.times / motion.step
-        points = points.select((k > first) & (k < last))  # start and goal are fixed
+        # start and goal are given
+        points = points.select((k > first) & (self.open_end | (k < last)))
         if len(points) == 0:
             return self.none
         rows = self.rows(points)  # one vehicle of a violating pair may satisfy its own row
@@ -237,7 +244,7 @@ class KeepOutOfObstacle(KeepOut):
         times, each = rows.times, np.arange(len(rows))
         for zoom in range(_ZOOMS):
             around = times[:, None] + h * _AROUND[None] * (_AROUND[1] - _AROUND[0]) ** zoom
-            around = np.clip(around, END_MARGIN * h, (steps - END_MARGIN) * h)
+            around = np.clip(around, END_MARGIN * h, (steps - END_MARGIN * (not self.open_end)) * h)
             points = EvaluationPoints(whose, others, around.reshape(-1), parts=parts)
             margins = self.rows(points).margins(motion)
             margins[~self.holds_at(around.reshape(-1))] = np.inf

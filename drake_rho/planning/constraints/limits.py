@@ -44,7 +44,7 @@ def norms_of(scenario: Scenario, margins: PlanMargins) -> list[KeepInSets]:
         quantity = limit.kind.quantity
         jerks = quantity == "jerk"
         own = margins.of(quantity)
-        times = own.grid.elapsed[constrained_knots(quantity)]
+        times = own.grid.elapsed[constrained_knots(quantity, open_end=scenario.fleet.open_end)]
         first = int(quantity == "velocity")
         norms.append(
             KeepInSets(
@@ -102,7 +102,14 @@ def requirements_of(scenario: Scenario, margins: PlanMargins) -> list[KeepInSets
             continue
         own, quantity = margins.of(each.quantity), each.quantity
         sets, every_instant = each.sets(scenario.fleet, names), scenario.between_knots
-        times = _instants(each, interval, local, own, every_instant=every_instant)
+        times = _instants(
+            each,
+            interval,
+            local,
+            own,
+            every_instant=every_instant,
+            open_end=scenario.fleet.open_end,
+        )
         if quantity == "jerk":
             sets = sets.scaled(jerk_factor(scenario))
             if scenario.smoothing is not None:  # jerks of averages are those at knots
@@ -125,6 +132,7 @@ def requirements_of(scenario: Scenario, margins: PlanMargins) -> list[KeepInSets
                 as_cone=False,
                 threshold=_ACCEPTED,
                 searches=sys.maxsize * (quantity == "position" and every_instant),
+                open_end=scenario.fleet.open_end,
             )
         )
     return found
@@ -137,13 +145,14 @@ def _instants(
     margins: Margins,
     *,
     every_instant: bool,
+    open_end: bool,
 ) -> FloatArray:
     """Return the times at which a requirement is checked without a search, (T,).
 
     Accelerations have one time for each step that meets the interval. So have jerks, which are
     changes at the beginnings of steps, and one at the last knot. Velocities are linear in a step,
     so that the ends of the interval and corners of the track suffice beside the knots. The states
-    at the first and the last knot are given.
+    at the first and, unless the end is open, the last knot are given.
 
     Args:
         each: requirement on a clock that is 0 at the first knot.
@@ -151,6 +160,7 @@ def _instants(
         grid: grid of the plan on that clock.
         margins: margins of its values.
         every_instant: whether it applies at every instant, not at the knots only.
+        open_end: whether the last state is not given.
     """
     (first, last), h, clock = interval, grid.step, grid.clock
     if each.quantity in ("acceleration", "jerk"):
@@ -163,4 +173,4 @@ def _instants(
         corners = corners[(corners >= first) & (corners <= last)]
         times = np.union1d(times, clock.apart(corners, knots))
     near = END_MARGIN * h
-    return np.asarray(times[(times > near) & (times < grid.duration - near)])
+    return np.asarray(times[(times > near) & (open_end | (times < grid.duration - near))])

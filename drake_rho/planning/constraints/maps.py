@@ -116,7 +116,7 @@ class KeepOutOfMap(KeepOutOfObstacle):
         rows = rows.select(_least_of_each(rows.vehicles, rows.times, margins[violated]))
         if neighbours == 0 or len(rows) == 0:
             return rows
-        inner = motion.accelerations.shape[1] - 1
+        inner = motion.accelerations.shape[1] - 1 + self.open_end
         marked = np.zeros(len(self._nearest_rows), dtype=bool)
         marked[rows.vehicles * inner + np.rint(rows.times / motion.step).astype(int) - 1] = True
         marked = with_neighbours(marked, self._nearest_rows.vehicles, neighbours)

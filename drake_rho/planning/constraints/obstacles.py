@@ -84,7 +84,8 @@ class KeepOutOfShape(KeepOutOfObstacle):
         violate the row only if its distance from the reference is larger.
         """
         checked = vehicles if len(vehicles) < len(self.required) else slice(None)
-        moved = motion.positions[checked, 1:-1] - self.reference.positions[checked, 1:-1]
+        inner = slice(1, 1 + self._clearances.shape[1])
+        moved = motion.positions[checked, inner] - self.reference.positions[checked, inner]
         far = np.sqrt(np.vecdot(moved, moved)) >= self._clearances[checked]
         if not far.any():
             return self.none
@@ -110,7 +111,8 @@ class KeepOutOfShape(KeepOutOfObstacle):
         offsets = self.offsets(self.reference, self.inner_knots)
         distances = self.shape.local_distance(offsets).reshape(len(self.required), -1)
         times = self.inner_knots.times[: distances.shape[1]]
-        inside = self.margins.knots["position"][1:-1] + self.obstacle.uncertainty(times)
+        inside = self.margins.knots["position"][1 : 1 + len(times)]
+        inside = inside + self.obstacle.uncertainty(times)
         clearances: FloatArray = distances - self.required[:, None] - inside
         clearances[:, ~self.holds_at(times)] = np.inf
         return clearances
@@ -142,7 +144,7 @@ def obstacles_of(
     if not known:
         return []
     reference = reference.subdivided(margins.inner.pieces)
-    inner_knots = EvaluationPoints.at_inner_knots(reference)
+    inner_knots = EvaluationPoints.at_inner_knots(reference, open_end=scenario.fleet.open_end)
     constraints: list[KeepOutOfObstacle] = []
     for number, obstacle in known:
         shape: Solid = obstacle.shape
@@ -161,6 +163,7 @@ def obstacles_of(
                 every_instant=scenario.between_knots,
                 obstacle=obstacle,
                 inner_knots=inner_knots,
+                open_end=scenario.fleet.open_end,
                 required=scenario.fleet.radii + obstacle.deviation,
                 margins=margins.inner,
                 tolerances=scenario.fleet.obstacle_tolerances(obstacle.shape),

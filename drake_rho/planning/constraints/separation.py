@@ -130,7 +130,14 @@ class KeepApart(KeepOut):
     def penetrations(self, motion: Motion, vehicles: IntArray) -> EvaluationPoints:
         """Return points of violating pairs that include at least one of the vehicles."""
         between = self.every_instant
-        pairs = violating_pairs(self.required, motion, self.margins, between=between, of=vehicles)
+        pairs = violating_pairs(
+            self.required,
+            motion,
+            self.margins,
+            between=between,
+            of=vehicles,
+            open_end=self.open_end,
+        )
         return points_of(pairs)
 
     def violated_at_knots(self, motion: Motion, vehicles: IntArray, neighbours: int) -> HalfSpaces:
@@ -289,10 +296,15 @@ def pairs_of(
     separation, soft = separation_of(scenario), np.isfinite(penalty)
     reference = reference.subdivided(margins.inner.pieces)
     required = separation.distance + max_pair_margin(separation, margins.inner)
-    near = pairs_within(separation, reference, NEAR * required, between=False, of=of)
+    open_end = scenario.fleet.open_end
+    near = pairs_within(
+        separation, reference, NEAR * required, between=False, of=of, open_end=open_end
+    )
     if close is None:
         within, between = required * (1.0 if soft else GRAZING), scenario.between_knots
-        close = pairs_within(separation, reference, within, between=between, of=of)
+        close = pairs_within(
+            separation, reference, within, between=between, of=of, open_end=open_end
+        )
     shape = separation.shape
     if soft:
         shape = Ellipsoid(shape.center, SOFT_ENLARGEMENT * shape.semi_axes)
@@ -313,6 +325,7 @@ def pairs_of(
         points=points_of(near.merged(close)),
         searches=1 if soft else sys.maxsize,
         every_instant=scenario.between_knots,
+        open_end=open_end,
     )
 
 

@@ -13,6 +13,7 @@ from functools import partial
 
 import numpy as np
 
+from drake_rho.motion.costs import costs_of
 from drake_rho.motion.dynamics import Motion, response
 from drake_rho.motion.plan import Plan
 from drake_rho.motion.statistics import Statistics
@@ -200,7 +201,7 @@ class _OtherSides:
 def _detours(problem: Problem, plan: Plan) -> list[Detour]:
     """Return the detours of all vehicles that may lead to cheaper plans, the cheapest first."""
     motion, free = plan.motion(), problem.effort.motion
-    least, costs = (np.sum(each.accelerations**2, axis=(1, 2)) for each in (free, motion))
+    least, costs = (_efforts(problem, each) for each in (free, motion))
     worth = (1.0 - _WORTH) * costs
     bent = np.flatnonzero(worth > least)
     if len(bent) == 0:
@@ -212,6 +213,12 @@ def _detours(problem: Problem, plan: Plan) -> list[Detour]:
         for detour in _beside(each, problem, motion, _touching(each, motion, bent), worth)
     ]
     return sorted(found, key=lambda each: each.cost)
+
+
+def _efforts(problem: Problem, motion: Motion) -> FloatArray:
+    """Return the cost of each vehicle without its weight [m²/s⁴], shape (N,)."""
+    scenario = problem.scenario
+    return np.asarray(costs_of(scenario, motion) / scenario.fleet.weights)
 
 
 def _touching(obstacle: KeepOutOfShape, motion: Motion, vehicles: IntArray) -> EvaluationPoints:
@@ -248,15 +255,18 @@ def _beside(
         return
     effort, grid, whose = problem.effort, problem.scenario.grid, points.vehicles
     sides = _sides(obstacle, motion, points)
-    rows = effort.changes.inside(response("position", grid.step, grid.knots, points.times))
+    changes, responses = effort.changes, response("position", grid.step, grid.knots, points.times)
+    rows = changes.projected(changes.whitened(responses, whose), whose)
+    units = np.array([each.unit for each in changes.spaces])[changes.classes[whose], None]
     squares = np.vecdot(rows, rows)[:, None]
     far = obstacle.shape.local_support(sides.reshape(-1, 3)).reshape(sides.shape[:2])
     away = np.vecdot(sides, obstacle.offsets(effort.motion, points)[:, None])
     gaps = np.maximum(far + obstacle.radius(points)[:, None] - away, 0.0)
-    least = np.sum(effort.motion.accelerations[whose] ** 2, axis=(1, 2))
-    costs = least[:, None] + gaps**2 / squares  # infinite along an endless cylinder
+    least = _efforts(problem, effort.motion)[whose]
+    costs = least[:, None] + units * gaps**2 / squares  # infinite along an endless cylinder
     for r, s in np.argwhere((gaps > 0.0) & (costs < worth[whose, None])).tolist():
-        change = gaps[r, s] / squares[r] * rows[r, :, None] * sides[r, s]
+        z = gaps[r, s] / squares[r] * rows[r, :, None] * sides[r, s]
+        change = changes.accelerations(z[None], whose[r : r + 1])[0]
         free = effort.motion.accelerations[whose[r] : whose[r] + 1]
         yield Detour(int(whose[r]), float(costs[r, s]), free + change)
 

@@ -128,8 +128,8 @@ def _part(timed: Timed, group: IntArray) -> Timed:
 def _priced(timed: Timed, price: float) -> Timed:
     """Return a motion with soft free waypoints, at a penalty in units of costs and lengths."""
     fleet, steps = timed.scenario.fleet, timed.accelerations.shape[1]
-    cost = float(np.sum(timed.problem.effort.units**2)) * steps
-    price *= (cost + cost_of(fleet, timed.accelerations)) / float(fleet.lengths.max())
+    cost = float(np.sum(timed.problem.effort.changes.units**2)) * steps
+    price *= (cost + cost_of(timed.scenario, timed.motion)) / float(fleet.lengths.max())
     return dataclasses.replace(timed, passing=dataclasses.replace(timed.passing, price=price))
 
 

@@ -96,7 +96,7 @@ class ConicPrograms:
     """
 
     def __init__(self, effort: MinimumEffort) -> None:
-        self.needed: BoolArray = np.zeros(len(effort.units), dtype=bool)
+        self.needed: BoolArray = np.zeros(len(effort.changes.units), dtype=bool)
         self._effort = effort
         self._without_rows: dict[tuple[object, ...], _ProgramWithoutRows] = {}
 

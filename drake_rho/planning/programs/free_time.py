@@ -57,7 +57,7 @@ class FreeTimePrograms:
         self._cones = [each for each in cones.values() if len(each) > 0]
         self._boxes = [each.every_row(motion) for each in boxes]
         self._boxes += [each for each in faces if len(each) > 0]
-        self._unit = self._limit() or float(problem.effort.units.max())
+        self._unit = self._limit() or float(problem.effort.changes.units.max())
 
     @property
     def bound_time(self) -> bool:
@@ -103,8 +103,9 @@ class FreeTimePrograms:
         limits = [each for each in (*self._boxes, *rows) if len(each) > 0]
         parts = limits, self._cones, passing, velocities
         farthest = passing.farthest_from(self._effort.motion.positions[:, 0])
-        units = np.maximum(self._effort.units, farthest / self._effort.grid.duration**2)
-        effort = dataclasses.replace(self._effort, units=units)
+        units = np.maximum(self._effort.changes.units, farthest / self._effort.grid.duration**2)
+        changes = dataclasses.replace(self._effort.changes, units=units)
+        effort = dataclasses.replace(self._effort, changes=changes)
         written = FreeTimeProgram(effort, self._unit, self._scaling, *parts)
         written.add_costs(self._weight)
         written.add_times(change)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from itertools import pairwise
 
@@ -20,7 +21,7 @@ from scipy.sparse import (
 
 from drake_rho.planning.constraints.base import HalfSpaces, about
 from drake_rho.planning.constraints.rows import Rows
-from drake_rho.planning.minimum_effort import Changes, MinimumEffort
+from drake_rho.planning.minimum_effort import MinimumEffort
 from drake_rho.planning.programs.conic import Cones
 from drake_rho.planning.programs.free_times import Change, FreeTime, Passing, TimeScaling
 from drake_rho.planning.programs.program import Solution
@@ -62,9 +63,9 @@ class FreeTimeProgram:
         self._cones, self._passing, self._velocities = cones, passing, velocities
         halves = [*limits, *(each.axes for each in cones)]
         parts = [*about(effort.motion, halves), passing.axes(effort)]
-        group = np.arange(len(effort.units))
-        changes = Changes(
-            effort.grid, effort.goals.rows, np.full(len(group), unit), np.ones(len(group))
+        group = np.arange(len(effort.changes.units))
+        changes = dataclasses.replace(
+            effort.changes, units=np.full(len(group), unit), factors=np.ones(len(group))
         )
         sparse = SparseRows(changes, group, parts)
         self._sparse, self._steps, self._unit = sparse, sparse.steps, unit
@@ -76,9 +77,9 @@ class FreeTimeProgram:
         self._soft = np.flatnonzero(soft)
         self._misses = self.program.NewContinuousVariables(len(self._soft))
         count = 3 * self._steps * len(group)
-        self._weights = effort.factors**-2
+        self._weights = effort.changes.factors**-2
         self._about = effort.motion.accelerations.reshape(-1) / unit
-        add_goal(self.program, changes, self._x[:count])
+        add_goal(self.program, changes, group, self._x[:count])
         powers = np.repeat(float(self._steps) ** np.arange(3), count)
         self._scales = diags_array(powers[: len(self._x)])
         for order, equations in enumerate(sparse.dynamics()):
@@ -94,7 +95,7 @@ class FreeTimeProgram:
         """Add the cost: y, and the mean squared acceleration with a weight."""
         program, (y, s) = self.program, self._time
         program.AddLinearCost(np.ones(1), 0.0, np.array([y]))
-        u = self._x[: 3 * self._steps * len(self._effort.units)]
+        u = self._x[: 3 * self._steps * len(self._effort.changes.units)]
         weights = 2.0 * effort / len(u) * np.repeat(self._weights, 3 * self._steps)
         for first in range(0, len(u) if effort > 0.0 else 0, _BLOCK):
             own = slice(first, first + _BLOCK)
@@ -159,7 +160,7 @@ class FreeTimeProgram:
         """
         grid = self._effort.grid
         if quantity in ("position", "velocity"):
-            return float(self._effort.units.max()) * scale_of(quantity, grid.duration)
+            return float(self._effort.changes.units.max()) * scale_of(quantity, grid.duration)
         return self._unit * scale_of(quantity, grid.step)
 
     def _finer(self, quantity: Quantity) -> float:
@@ -265,7 +266,7 @@ class FreeTimeProgram:
     def found(self, solution: Solution) -> FreeTime:
         """Return a solution of the program."""
         effort, x = self._effort, solution.x
-        columns, count = len(self._x), len(effort.units)
+        columns, count = len(self._x), len(effort.changes.units)
         y, s = x[columns : columns + 2].tolist()
         u = x[: 3 * self._steps * count].reshape(count, self._steps, 3)
         accelerations = effort.motion.accelerations + self._unit * u

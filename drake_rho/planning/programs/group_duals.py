@@ -82,7 +82,7 @@ class Duals(Table):
         Raises:
             SolverError: no multipliers are found for a group.
         """
-        inside, which, lengths = self._responses()
+        every, which, lengths = self._responses()
         scales = np.divide(1.0, lengths, out=np.zeros_like(lengths), where=lengths > 0.0)
         normals, needed = scales[:, None] * self.normals, scales * self.needed  # of unit length
         begins = np.flatnonzero(np.diff(self.groups, prepend=-1))
@@ -93,28 +93,27 @@ class Duals(Table):
         y, vehicles, added = np.zeros(len(self)), [], []
         for first, last in pairwise([*begins.tolist(), len(self)]):
             own = slice(first, last)
-            responses = inside[which[own]]
             several, signs = self._signs(own)
-            gram = (responses @ responses.T) * (normals[own] @ normals[own].T)
-            if signs is not None:
-                gram *= signs.T @ signs
+            parts = self._by_class(several, signs, every, which[own])
+            gram = _gram(parts) * (normals[own] @ normals[own].T)
             gram.flat[:: len(gram) + 1] += _RIDGE
             y[own] = multipliers_of(gram, needed[own], most[own], begin[own], by_daqp=self.by_daqp)
             weighted = (unit[first] * y[own])[:, None] * normals[own]
-            vehicles.append(several)
-            if signs is None:
-                added.append((responses.T @ weighted)[None])
-            else:
-                parts = [(signs * weighted[:, axis]) @ responses for axis in range(3)]
-                added.append(np.stack(parts, axis=2))
-            added[-1] *= self.changes.factors[several, None, None]
+            for part in parts:
+                vehicles.append(part.vehicles)
+                z = part.sum(weighted) * self.changes.factors[part.vehicles, None, None]
+                added.append(self.changes.accelerations(z, part.vehicles))
         return unit * scales * y, np.concatenate(vehicles), np.concatenate(added)
 
-    def _responses(self) -> tuple[FloatArray, IntArray, FloatArray]:
-        """Return distinct projected responses (U, K-1), the index of each row's, and its length.
+    def _responses(self) -> tuple[list[FloatArray], IntArray, FloatArray]:
+        """Return distinct projected responses, the index of each row's, and its length.
 
         Responses are projected onto the null space of the goals. A row whose value the goals alone
         determine has length zero.
+
+        Returns:
+            The responses about z for every class of vehicles, shape (U, K-1) each; indices and
+            lengths, shape (R,).
         """
         grid = self.changes.grid
         keys = self.quantities + 1j * self.times  # sorts several times as fast as pairs
@@ -126,12 +125,42 @@ class Duals(Table):
             averaged = self.averages if number == _AVERAGED else None
             quantity: Quantity = "position" if averaged else _QUANTITIES[number]
             every[own] = response_of(quantity, averaged, grid, times[own])
-        inside = self.changes.inside(every)
-        before, lengths = (np.sqrt(np.vecdot(each, each)) for each in (every, inside))
-        lengths[lengths <= _FIXED * before] = 0.0
-        both = self.changes.factors_of(self.one, self.other)  # the last one's, if none
-        several = np.where(self.other >= 0, both, self.changes.factors[self.one])
-        return inside, which, lengths[which] * several
+        changes, spaces = self.changes, self.changes.spaces
+        white = [space.whitened(every) for space in spaces]
+        inside = [space.projected(own) for space, own in zip(spaces, white, strict=True)]
+        lengths = [_lengths(*each) for each in zip(white, inside, strict=True)]
+        if len(spaces) == 1:
+            both = changes.factors_of(self.one, self.other)  # the last one's, if none
+            several = np.where(self.other >= 0, both, changes.factors[self.one])
+            return inside, which, lengths[0][which] * several
+        classes, sizes = changes.classes, np.array(lengths)
+        one = changes.factors[self.one] * sizes[classes[self.one], which]
+        other = changes.factors[self.other] * sizes[classes[self.other], which]
+        return inside, which, np.hypot(one, np.where(self.other >= 0, other, 0.0))
+
+    def _by_class(
+        self,
+        several: IntArray,
+        signs: FloatArray | None,
+        every: list[FloatArray],
+        which: IntArray,
+    ) -> list[_Part]:
+        """Return the rows of a group as seen by its vehicles of each class.
+
+        Args:
+            several: the group's vehicles, shape (G,).
+            signs: their signs in its rows, (G, R); None for one vehicle.
+            every: responses for every class.
+            which: indices of the rows' responses, shape (R,).
+        """
+        classes = self.changes.classes[several]
+        if (classes == classes[0]).all():
+            return [_Part(several, signs, every[classes[0]][which])]
+        return [
+            _Part(several[own], None if signs is None else signs[own], every[number][which])
+            for number in np.unique(classes).tolist()
+            for own in (classes == number,)
+        ]
 
     def _signs(self, own: slice) -> tuple[IntArray, FloatArray | None]:
         """Return a group's vehicles, and their signs in its rows, (G, R); None for one vehicle."""
@@ -143,6 +172,43 @@ class Duals(Table):
         signs -= several[:, None] == other
         signs *= self.changes.factors[several, None]
         return several, signs
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Part:
+    """Rows of a group as seen by those of its vehicles that are of one class."""
+
+    vehicles: IntArray
+    """the vehicles, shape (G,)"""
+    signs: FloatArray | None
+    """their signs in the rows, times their factors, shape (G, R); None for a single vehicle"""
+    responses: FloatArray
+    """projected responses of the rows, shape (R, K-1)"""
+
+    def gram(self) -> FloatArray:
+        """Return the products of every two rows, shape (R, R), without their normals."""
+        gram: FloatArray = self.responses @ self.responses.T
+        return gram if self.signs is None else gram * (self.signs.T @ self.signs)
+
+    def sum(self, weighted: FloatArray) -> FloatArray:
+        """Return the sums of the rows for each vehicle, (G, K-1, 3), with weights (R, 3)."""
+        if self.signs is None:
+            return np.asarray((self.responses.T @ weighted)[None])
+        axes = [(self.signs * weighted[:, axis]) @ self.responses for axis in range(3)]
+        return np.stack(axes, axis=2)
+
+
+def _gram(parts: list[_Part]) -> FloatArray:
+    """Return the products of every two rows of a group, shape (R, R), without their normals."""
+    first, *others = (part.gram() for part in parts)
+    return sum(others, start=first)
+
+
+def _lengths(rows: FloatArray, inside: FloatArray) -> FloatArray:
+    """Return the lengths of projected rows; zero for those that the goals alone determine."""
+    before, lengths = (np.sqrt(np.vecdot(each, each)) for each in (rows, inside))
+    lengths[lengths <= _FIXED * before] = 0.0
+    return np.asarray(lengths)
 
 
 class GroupDuals:

@@ -1,9 +1,9 @@
 """The quadratic program (16) in the span of its rows, or in a sparse form if that is cheaper.
 
-Let u be the accelerations of a vehicle, or of several that rows couple, minus those of minimum
-effort:
+Let u be the accelerations of a vehicle, or of several that rows couple, minus those of least cost,
+and z = R u, which is u unless the scenario has an `Objective` (`planning/minimum_effort.py`):
 
-    minimise    norm(u)² + sum of penalties · slacks        (13), (14)
+    minimise    norm(z)² + sum of penalties · slacks        (13), (14)
     subject to  G u = 0                                      (12), with (1)-(3): same final state
                 M u + slack >= b, slack >= 0                 (4)-(7), (15) and pairs, as rows
 
@@ -12,7 +12,7 @@ scaled to length one (in the sparse form, to entries of about one), so that prog
 on the scale nor on the origin of coordinates. Only soft rows have slacks. There are two exact
 forms; the cheaper one is used:
 
-- reduced space: u lies in the span of the rows of M, projected onto the null space of G, because a
+- reduced space: z lies in the span of the rows of M, projected onto the null space of G, because a
   component orthogonal to all rows only adds cost. There is one variable for each row instead of
   3 (K - 1), and there are no equalities.
 - sparse (`drake_rho.planning.programs.sparse`): velocities and positions are variables too, with
@@ -34,7 +34,6 @@ from drake_rho.planning.minimum_effort import Changes
 from drake_rho.planning.programs.program import DenseProgram, Program, Solution, add_rows
 from drake_rho.planning.programs.sparse import SparseRows, without_rows
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
-from drake_rho.scenario.parts import Grid
 
 _FEW = 32
 """Number of rows up to which programs are always written in the reduced space."""
@@ -46,8 +45,9 @@ of two. A program of R rows in the reduced space needs about R² (3 K + 5 R) ope
 _DENSE = 8.0
 """Speed of a solver of dense programs, as a multiple of Clarabel's in these operations."""
 
-Templates = dict[tuple[int, int], tuple[MathematicalProgram, np.ndarray]]
-"""Sparse programs without rows, and their variables, by the numbers of vehicles and variables."""
+Templates = dict[tuple[int, ...], tuple[MathematicalProgram, np.ndarray]]
+"""Sparse programs without rows, and their variables, by the vehicles' classes and the number of
+variables."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -62,10 +62,12 @@ class Batch:
     programs: Sequence[Program]
     """program of each group; its linear constraints are M and b, in the order of the half-spaces"""
     basis: FloatArray | None
-    """matrix with u = basis @ variables, shape (B, 3 G (K-1), V); None if u are the first
+    """matrix with z = basis @ variables, shape (B, 3 G (K-1), V); None if z are the first
     variables"""
     lengths: FloatArray
     """factors by which multipliers become those of rows of length one, shape (B, R)"""
+    changes: Changes | None = None
+    """the changes, of which the program has coordinates z; None if it has accelerations u"""
 
     def accelerations(self, solutions: Sequence[Solution], steps: int) -> FloatArray:
         """Return the accelerations u, in units, shape (B, G, K-1, 3).
@@ -77,8 +79,10 @@ class Batch:
         (count, vehicles), basis = self.groups.shape, self.basis
         size = 3 * steps * vehicles if basis is None else basis.shape[2]
         x = np.array([solution.x[:size] for solution in solutions])
-        u = x if basis is None else np.matvec(basis, x)
-        return u.reshape(count, vehicles, steps, 3)
+        z = (x if basis is None else np.matvec(basis, x)).reshape(-1, steps, 3)
+        if self.changes is not None:
+            z = self.changes.accelerations(z, self.groups.reshape(-1))
+        return z.reshape(count, vehicles, steps, 3)
 
 
 def programs_of(
@@ -139,9 +143,9 @@ def _reduced(changes: Changes, rows: Sequence[Rows], dense: bool) -> Iterator[Ba
     vehicles = np.concatenate([part.vehicles for part in rows])
     sizes = np.bincount(vehicles)[vehicles]
     order = np.lexsort((vehicles, sizes))  # by size, then by vehicle, and stable
-    responses, which = _responses(changes.grid, rows)
+    responses, whose, which = _responses(changes, rows)
     which, lengths = which[order], np.sqrt(np.vecdot(responses, responses))
-    responses, lengths = changes.inside(responses / lengths[:, None]), lengths[which]
+    responses, lengths = changes.projected(responses / lengths[:, None], whose), lengths[which]
     normals = np.concatenate([part.normals for part in rows])[order]
     needed = np.concatenate([part.bounds for part in rows])[order]
     penalties = np.concatenate([np.zeros(len(part)) + part.form.penalty for part in rows])[order]
@@ -159,40 +163,54 @@ def _reduced(changes: Changes, rows: Sequence[Rows], dense: bool) -> Iterator[Ba
             needed[own].reshape(-1, size),
             penalties[own].reshape(-1, size),
             slacks[own].reshape(-1, size),
-            changes.free,
+            changes,
             dense,
         )
 
 
-def _responses(grid: Grid, rows: Sequence[Rows]) -> tuple[FloatArray, IntArray]:
-    """Return the different responses, shape (U, K-1), and the index of each row's, shape (R,).
+def _responses(changes: Changes, rows: Sequence[Rows]) -> tuple[FloatArray, IntArray, IntArray]:
+    """Return the different responses about z, shape (U, K-1), and the index of each row's, (R,).
 
     Many rows of different vehicles refer to the same knots and so share a response.
+
+    Returns:
+        The responses, a vehicle with each of them, shape (U,), and the indices.
     """
-    responses, which, first = list[FloatArray](), list[IntArray](), 0
+    responses, whose = list[FloatArray](), list[IntArray]()
+    which, first = list[IntArray](), 0
     for part in rows:
         own = np.arange(len(part))
-        if len(part) > grid.knots:
-            _, representative, own = np.unique(part.times, return_index=True, return_inverse=True)
+        if len(part) > changes.grid.knots:
+            keys = part.times if changes.alike else part.times + 1j * changes.classes[part.vehicles]
+            _, representative, own = np.unique(keys, return_index=True, return_inverse=True)
             part = part.select(representative)
-        responses.append(part.responses(grid))
+        own_responses = part.responses(changes.grid)
+        if not changes.plain:
+            own_responses = changes.whitened(own_responses, part.vehicles)
+        responses.append(own_responses)
+        whose.append(part.vehicles)
         which.append(first + own)
         first += len(part)
-    return np.concatenate(responses), np.concatenate(which)
+    owners = which[0] if changes.alike else np.concatenate(whose)  # not asked for if alike
+    return np.concatenate(responses), owners, np.concatenate(which)
 
 
 def _reduced_group(changes: Changes, group: IntArray, rows: Sequence[Rows], dense: bool) -> Batch:
     """Return the program of one group in the reduced space."""
     matrix, needed, penalties = rows_of(changes, group, rows)
     entries = matrix.toarray().reshape(len(needed) * len(group), -1, 3)
-    inside = np.stack([changes.inside(entries[:, :, axis]) for axis in range(3)], axis=2)
-    stack = inside.reshape(1, len(needed), -1)
+    whose = np.tile(group, len(needed))
+    axes = [changes.projected(entries[:, :, axis], whose) for axis in range(3)]
+    stack = np.stack(axes, axis=2).reshape(1, len(needed), -1)
     slacks = slacks_of(rows)[None]
-    return _in_span(group[None], stack, needed[None], penalties[None], slacks, changes.free, dense)
+    return _in_span(group[None], stack, needed[None], penalties[None], slacks, changes, dense)
 
 
-def _sparse_responses(grid: Grid, rows: Rows) -> csr_array:
-    """Return the responses of rows as a sparse array, shape (R, K-1)."""
+def _sparse_responses(changes: Changes, rows: Rows, vehicles: IntArray) -> csr_array:
+    """Return the responses of rows about z of vehicles (R,) as a sparse array, shape (R, K-1)."""
+    grid = changes.grid
+    if not changes.plain:
+        return csr_array(changes.whitened(rows.responses(grid), vehicles))
     if rows.form.averaged is not None:
         return csr_array(rows.responses(grid))
     return sparse_response(rows.form.quantity, grid.step, grid.knots, rows.times)
@@ -201,7 +219,7 @@ def _sparse_responses(grid: Grid, rows: Rows) -> csr_array:
 def rows_of(
     changes: Changes, group: IntArray, rows: Sequence[Rows]
 ) -> tuple[csc_array, FloatArray, FloatArray]:
-    """Return rows as M @ u >= b of length one, for the accelerations u of a group in its unit.
+    """Return rows as M @ z >= b of length one, for the coordinates z of a group in its unit.
 
     Returns:
         M, shape (R, 3 G (K-1)), b, shape (R,), and penalties of a violation by one, shape (R,).
@@ -212,14 +230,14 @@ def rows_of(
     entries, where, needed, penalties = [np.zeros(0)], [np.zeros((2, 0), dtype=int)], [], []
     first = 0
     for part in rows:
-        responses = _sparse_responses(changes.grid, part).tocoo()
         terms = [(part.vehicles, 1.0)]
         if part.form.coupled:
             terms.append((part.partners, -1.0))
-        both = changes.factors_of(part.vehicles, part.partners if part.form.coupled else None)
-        lengths = both * np.sqrt(responses.power(2).sum(axis=1))
-        r, j = responses.coords
-        for vehicles, sign in terms:
+        sides = [_sparse_responses(changes, part, vehicles) for vehicles, _ in terms]
+        lengths = _lengths(changes, part, sides)
+        for (vehicles, sign), side in zip(terms, sides, strict=True):
+            responses = side.tocoo()
+            r, j = responses.coords
             vectors = place[vehicles[r]] * (knots - 1) + j
             factors = sign * changes.factors[vehicles[r]]
             values = (factors * responses.data / lengths[r])[:, None] * part.normals[r]
@@ -234,13 +252,24 @@ def rows_of(
     return matrix.tocsc(), np.concatenate(needed), np.concatenate(penalties)
 
 
+def _lengths(changes: Changes, rows: Rows, sides: Sequence[csr_array]) -> FloatArray:
+    """Return the lengths of rows, shape (R,), with the responses of their one or two sides."""
+    sizes = [np.sqrt(each.power(2).sum(axis=1)) for each in sides]
+    if len(sides) == 1:
+        return np.asarray(changes.factors_of(rows.vehicles) * sizes[0])
+    if changes.alike is not None:
+        return np.asarray(changes.factors_of(rows.vehicles, rows.partners) * sizes[0])
+    one, other = changes.factors[rows.vehicles], changes.factors[rows.partners]
+    return np.asarray(np.hypot(one * sizes[0], other * sizes[1]))
+
+
 def _in_span(
     groups: IntArray,
     matrices: FloatArray,
     needed: FloatArray,
     penalties: FloatArray,
     slacks: IntArray,
-    free: bool,
+    changes: Changes,
     dense: bool,
 ) -> Batch:
     """Return programs in coordinates of an orthonormal basis of the span of their rows.
@@ -253,7 +282,7 @@ def _in_span(
         needed: b, shape (B, R).
         penalties: penalties of a violation by one, shape (B, R).
         slacks: the index of each row's slack, shape (B, R).
-        free: whether only violations have a cost.
+        changes: the changes of which the programs have coordinates.
         dense: as in `programs_of`.
     """
     basis: FloatArray | None = None
@@ -261,8 +290,8 @@ def _in_span(
         basis, triangles = np.linalg.qr(matrices.swapaxes(1, 2))
         matrices = triangles.swapaxes(1, 2)
     rows = zip(matrices, needed, penalties, slacks, strict=True)
-    programs = [DenseProgram(*each, free) for each in rows]
-    return Batch(groups, programs, basis, np.ones(needed.shape))
+    programs = [DenseProgram(*each, changes.free) for each in rows]
+    return Batch(groups, programs, basis, np.ones(needed.shape), None if changes.plain else changes)
 
 
 def _sparse(changes: Changes, group: IntArray, rows: Sequence[Rows], templates: Templates) -> Batch:
@@ -272,7 +301,7 @@ def _sparse(changes: Changes, group: IntArray, rows: Sequence[Rows], templates: 
     they are copied from `templates`, to which new ones are added.
     """
     sparse = SparseRows(changes, group, rows)
-    form = len(group), sparse.columns
+    form = *changes.classes[group].tolist(), sparse.columns
     if form not in templates:
         templates[form] = without_rows(sparse)
     common, x = templates[form]

@@ -20,10 +20,14 @@ from scipy.sparse import coo_array, csc_array, csc_matrix, diags_array, eye_arra
 from drake_rho.motion.dynamics import step_at
 from drake_rho.motion.smooth import steps_around
 from drake_rho.planning.constraints.rows import Rows
+from drake_rho.planning.cost_terms import CostTerms
 from drake_rho.planning.minimum_effort import Changes
 from drake_rho.planning.programs.program import add_cost
 from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.parts import Quantity
+
+_BLOCK = 50
+"""Number of steps in one quadratic cost, whose matrix is dense in Drake."""
 
 _Term = tuple[IntArray, FloatArray]
 """Indices of the vectors of variables with entries in rows (-1 for none), and factors."""
@@ -55,6 +59,7 @@ class SparseRows:
         self.changes, self.group, self.steps = changes, group, changes.grid.knots - 1
         self._rows = [part for part in rows if len(part) > 0]
         quantities = {part.form.quantity for part in (*self._rows, *beside)}
+        quantities |= set[Quantity]().union(*(each.counted for each in changes.spaces))
         self._positions = "position" in quantities
         self._velocities = self._positions or "velocity" in quantities
 
@@ -90,9 +95,8 @@ class SparseRows:
             needed.append(part.bounds / (unit * scale))
             penalties.append(np.full(len(part), part.form.penalty * scale / unit))
             partners = part.partners if part.form.coupled else None
-            several = self.changes.factors_of(part.vehicles, partners)
-            norms = np.linalg.norm(part.responses(grid), axis=1)
-            lengths.append(several * norms / scale)
+            responses = part.responses(grid)
+            lengths.append(self.changes.lengths_of(responses, part.vehicles, partners) / scale)
             first += len(part)
         if first == 0:
             none = np.zeros(0)
@@ -148,20 +152,77 @@ def without_rows(sparse: SparseRows) -> tuple[MathematicalProgram, np.ndarray]:
     x = program.NewContinuousVariables(sparse.columns)
     u = x[: 3 * sparse.steps * len(sparse.group)]
     if not sparse.changes.free:
-        add_cost(program, u)
-    add_goal(program, sparse.changes, u)
+        _add_cost(program, sparse, x)
+    add_goal(program, sparse.changes, sparse.group, u)
     for equations in sparse.dynamics():
         zero = np.zeros(equations.shape[0])
         program.AddLinearEqualityConstraint(equations, zero, x)
     return program, x
 
 
-def add_goal(to: MathematicalProgram, changes: Changes, u: np.ndarray) -> None:
-    """Add (12): position and velocity at the last knot remain those of minimum effort."""
-    rows, steps = changes.goals, changes.grid.knots - 1
-    for first in range(0, len(u) if len(rows) > 0 else 0, 3 * steps):
-        for axis in range(3):
-            own = u[first + axis : first + 3 * steps : 3]
+def _add_cost(program: MathematicalProgram, sparse: SparseRows, x: np.ndarray) -> None:
+    """Add the cost of a group's changes, in squared units."""
+    size = 3 * sparse.steps
+    if all(space.terms is None for space in sparse.changes.spaces):
+        add_cost(program, x[: size * len(sparse.group)])
+        return
+    blocks = x.reshape(-1, len(sparse.group), sparse.steps, 3)
+    for number, vehicle in enumerate(sparse.group.tolist()):
+        space = sparse.changes.space(vehicle)
+        if space.terms is None:
+            add_cost(program, blocks[0, number].reshape(-1))
+        else:
+            _add_terms(program, space.terms, space.unit, blocks[:, number])
+
+
+def _add_terms(
+    program: MathematicalProgram, terms: CostTerms, unit: float, blocks: np.ndarray
+) -> None:
+    """Add the terms of one vehicle's cost.
+
+    Args:
+        program: the program.
+        terms: the terms.
+        unit: the cost that counts as one.
+        blocks: variables of the vehicle, shape (1 to 3, K-1, 3): accelerations, velocities in
+            units of u h, and positions in units of u h².
+    """
+    steps, h, weights = terms.knots - 1, terms.step, terms.weights
+    local = terms.of_accelerations / np.sqrt(unit)
+    for first in range(0, steps, _BLOCK):
+        # a row belongs to the block in which its first step is; it reaches two steps further
+        begins = np.argmax(local != 0.0, axis=1)
+        own = local[(begins >= first) & (begins < first + _BLOCK)][:, first : first + _BLOCK + 2]
+        if len(own) > 0:
+            for axis in range(3):
+                u = blocks[0, first : first + _BLOCK + 2, axis]
+                program.AddQuadraticCost(2.0 * own.T @ own, np.zeros(len(u)), u, is_convex=True)
+    states = (
+        (1, weights.velocity, weights.terminal_velocity),
+        (
+            2,
+            weights.position,
+            weights.terminal_position,
+        ),
+    )
+    for order, tracked, terminal in states:
+        if tracked > 0.0 or terminal > 0.0:
+            scale = h ** (2 * order) / unit
+            squares = np.full(steps, tracked * scale)
+            squares[-1] += terminal * scale
+            for first in range(0, steps, _BLOCK):
+                own = blocks[order, first : first + _BLOCK].reshape(-1)
+                hessian = np.diag(2.0 * np.repeat(squares[first : first + _BLOCK], 3))
+                program.AddQuadraticCost(hessian, np.zeros(len(own)), own, is_convex=True)
+
+
+def add_goal(to: MathematicalProgram, changes: Changes, group: IntArray, u: np.ndarray) -> None:
+    """Add (12) of a group: changes leave what goals fix at the last knot as it is."""
+    steps = changes.grid.knots - 1
+    for number, vehicle in enumerate(group.tolist()):
+        rows = changes.space(vehicle).rows
+        for axis in range(3 if len(rows) > 0 else 0):
+            own = u[3 * steps * number + axis : 3 * steps * (number + 1) : 3]
             to.AddLinearEqualityConstraint(rows, np.zeros(len(rows)), own)
 
 

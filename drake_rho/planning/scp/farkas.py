@@ -48,7 +48,7 @@ def conflict_of(
     gradient = np.zeros((effort.grid.knots - 1, 3))
     for rows, y in weighted:
         gradient += _gradient(effort, vehicle, rows, y)
-    return (*_axes(effort, gradient), *described)
+    return (*_axes(effort.goals.of(vehicle)[0], gradient), *described)
 
 
 def _gradient(effort: MinimumEffort, vehicle: int, rows: HalfSpaces, y: FloatArray) -> FloatArray:
@@ -59,17 +59,17 @@ def _gradient(effort: MinimumEffort, vehicle: int, rows: HalfSpaces, y: FloatArr
     weights = signs * y
     own = rows.select(weights != 0.0)
     responses = own.responses(effort.grid)
-    weights = weights[weights != 0.0] / np.linalg.norm(responses, axis=1)
-    if rows.constraint.coupled:
-        both = effort.changes.factors_of(own.vehicles, own.partners)
-        weights *= effort.changes.factors_of(np.full(len(own), vehicle)) / both
+    weights = weights[weights != 0.0] / effort.changes.lengths_of(
+        responses, own.vehicles, own.partners if rows.constraint.coupled else None
+    )
+    weights *= effort.changes.factors[vehicle]
     gradient: FloatArray = responses.T @ (weights[:, None] * own.normals)
     return gradient
 
 
-def _axes(effort: MinimumEffort, gradient: FloatArray) -> list[str]:
-    """Return the axes along which M' y vanishes only if the goal is held fixed."""
-    sizes = np.linalg.norm(effort.goals.rows @ gradient, axis=0)
+def _axes(goals: FloatArray, gradient: FloatArray) -> list[str]:
+    """Return the axes along which M' y vanishes only if the goal, as rows, is held fixed."""
+    sizes = np.linalg.norm(goals @ gradient, axis=0)
     least = _NEGLIGIBLE * np.abs(gradient).max()
     return [f"goal {axis}" for axis, size in zip("xyz", sizes, strict=True) if size > least]
 

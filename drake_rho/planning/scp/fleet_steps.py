@@ -121,4 +121,5 @@ class FleetSteps:
             _NEIGHBOURHOOD * self._required,
             between=scenario.between_knots,
             of=infeasible,
+            open_end=scenario.fleet.open_end,
         )

@@ -90,7 +90,7 @@ class GroupPrograms:
     def _labels(self) -> IntArray:
         """Return the number of each vehicle's group, shape (N,)."""
         coupled = [part for part in self.working.rows.values() if part.constraint.coupled]
-        return groups_of(len(self._problem.effort.units), coupled)
+        return groups_of(len(self._problem.effort.changes.units), coupled)
 
     def solve(self, vehicles: IntArray) -> list[int]:
         """Solve the programs of vehicles and their groups; return the infeasible vehicles."""
@@ -176,9 +176,9 @@ class GroupPrograms:
         for group, exact in zip(answers.groups, answers.exact.tolist(), strict=True):
             self._inexact[group] = 0 if exact else self._inexact[group] + 1
         u, groups = answers.accelerations[answers.feasible], answers.groups[answers.feasible]
-        units = self._problem.effort.units[groups].max(axis=1)
+        units = self._problem.effort.changes.units[groups].max(axis=1)
         vehicles = groups.reshape(-1)
-        scales = units.repeat(groups.shape[1]) * self._problem.effort.factors[vehicles]
+        scales = units.repeat(groups.shape[1]) * self._problem.effort.changes.factors[vehicles]
         a = scales[:, None, None] * u.reshape(-1, *u.shape[2:])
         return vehicles, a + self._problem.effort.motion.accelerations[vehicles]
 

@@ -116,7 +116,7 @@ class InGroups:
                 point = best  # the extrapolation went too far
                 continue
             spent += statistics
-            fallen = cost - cost_of(self._problem.scenario.fleet, after.accelerations)
+            fallen = cost - cost_of(self._problem.scenario, after)
             if number == 0 and fallen < -tolerance * cost:
                 raise SolverError("groups: a reference costs more than its feasible plan", spent)
             if fallen <= 0.0 and extrapolated:

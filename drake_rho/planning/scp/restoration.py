@@ -227,7 +227,7 @@ def _progress_line(subproblem: Subproblem, plan: Plan, linearisations: int) -> s
 def _first_penalty(subproblem: Subproblem, plan: Plan) -> float:
     """Return the first penalty: the cost per metre of the plan and of an evasive motion."""
     scenario, motion = subproblem.problem.scenario, subproblem.problem.effort.motion
-    effort = cost_of(scenario.fleet, motion.accelerations)
+    effort = cost_of(scenario, motion)
     extent, T = least_extent(scenario), scenario.grid.duration
     evasion = scenario.grid.knots * (4.0 * extent / T**2) ** 2
     evasion *= float(np.mean(scenario.fleet.weights))

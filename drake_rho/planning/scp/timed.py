@@ -98,7 +98,7 @@ class Timed:
     @property
     def cost(self) -> float:
         """Cost of the motion [m²/s⁴], (13), with the penalty for missing free waypoints."""
-        cost = cost_of(self.scenario.fleet, self.accelerations)
+        cost = cost_of(self.scenario, self.motion)
         return cost + self.passing.price * self.short if self.short > 0.0 else cost
 
     @cached_property
@@ -108,7 +108,7 @@ class Timed:
 
     def to_rounding(self) -> Timed:
         """Return the motion with the least correction that passes the waypoints to rounding."""
-        passing, goals = self.passing_tightened, self.problem.effort.goals
+        passing, effort = self.passing_tightened, self.problem.effort
         accelerations = self.accelerations.copy()
         at, _ = passing.states(self.motion)
         away = at - passing.positions
@@ -119,10 +119,11 @@ class Timed:
             own = passing.vehicles == i
             rows = response_of("position", passing.averaged, self.grid, passing.times[own])
             lengths = np.linalg.norm(rows, axis=1, keepdims=True)
-            both = np.concatenate([goals.rows, rows / lengths])
+            ends, values = effort.goals.of(i)
+            both = np.concatenate([ends, rows / lengths])
             if self.resting is not None:
                 both[:, self.resting[i] :] = 0.0
-            off = goals.rows @ accelerations[i] - goals.values[i]
+            off = ends @ accelerations[i] - values
             residual = np.concatenate([off, missed[own] / lengths])
             accelerations[i] -= np.linalg.lstsq(both, residual)[0]
         return dataclasses.replace(self, accelerations=accelerations)

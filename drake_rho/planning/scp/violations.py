@@ -140,7 +140,14 @@ def violations_of(
     pairs = NO_APPROACHES
     if required is not None:
         finer = motion.subdivided(margins.inner.pieces)
-        pairs = violating_pairs(required, finer, margins.inner, between=between, of=changed)
+        pairs = violating_pairs(
+            required,
+            finer,
+            margins.inner,
+            between=between,
+            of=changed,
+            open_end=scenario.fleet.open_end,
+        )
         least = required.distance - _TOLERATED * required.tolerance
         pairs = pairs.select(pairs.distances < least)
     checked = np.arange(len(scenario.vehicles)) if changed is None else changed
@@ -182,8 +189,8 @@ def _inconsistent(scenario: Scenario, motion: Motion, vehicles: IntArray) -> Int
 def _beyond(problem: Problem, motion: Motion, vehicles: IntArray) -> IntArray:
     """Return the vehicles that violate limits, miss waypoints, or miss their goals."""
     fleet = problem.scenario.fleet
-    missed = np.abs(motion.positions[:, -1] - fleet.goal_positions).max(axis=1)
-    speed = np.abs(motion.velocities[:, -1] - fleet.goal_velocities).max(axis=1)
+    missed = np.abs(fleet.missed("position", motion.positions[:, -1])).max(axis=1)
+    speed = np.abs(fleet.missed("velocity", motion.velocities[:, -1])).max(axis=1)
     off = (missed > TOLERANCE * fleet.lengths) | (speed > TOLERANCE * fleet.scale("velocity"))
     found = [vehicles[off[vehicles]]]
     for constraint in problem.convex:
