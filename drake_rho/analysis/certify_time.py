@@ -14,6 +14,7 @@ from drake_rho.planning.call.progress import Progress, tell
 from drake_rho.planning.call.time_limit import with_time_limit
 from drake_rho.planning.errors import OutOfTimeError
 from drake_rho.scenario.arguments import checked
+from drake_rho.scenario.objective import check_only_effort
 from drake_rho.scenario.records import Scenario
 from drake_rho.system.numbers import percent
 from drake_rho.system.threads import single_threaded_blas
@@ -48,6 +49,7 @@ def certify_time(
 
     Raises:
         OutOfTimeError: time was up before there was a bound.
+        ScenarioError: the objective has other terms than effort.
         ValueError: the gap is negative.
 
     Examples:
@@ -63,6 +65,7 @@ def certify_time(
     if not gap >= 0.0:
         raise ValueError(f"gap: got {gap!r}, expected a number of at least 0")
     scenario = plan.scenario
+    check_only_effort(scenario.objective, "where the time is minimised")
     duration = scenario.grid.duration
     bounds = list[TimeBound]()
     for number, vehicle in enumerate(scenario.vehicles):

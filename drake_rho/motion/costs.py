@@ -79,7 +79,8 @@ class _Sums:
 
     def snap(self) -> FloatArray:
         """Return sums of squared changes of known jerks over steps [m²/s⁸]."""
-        changes = np.diff(self._jerks(), axis=1) / self._scenario.grid.step
+        earlier = self._scenario.fleet.jerks_before[:, None]
+        changes = np.diff(self._jerks(), axis=1, prepend=earlier) / self._scenario.grid.step
         return np.asarray(np.nan_to_num(_squares(changes)).sum(axis=1))
 
     def _jerks(self) -> FloatArray:

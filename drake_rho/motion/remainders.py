@@ -40,6 +40,7 @@ def remainder(scenario: Scenario, motion: Motion, knot: int) -> Scenario:
         _without_rounding(scenario.fleet, "acceleration", motion.accelerations[:, knot - 1]),
         tracking_of(scenario),
         motion.flown_until(knot) if scenario.smoothing else None,
+        motion.jerks()[:, knot - 1] if scenario.objective.snap > 0.0 else None,
     )
 
 

@@ -30,6 +30,8 @@ class CostTerms:
     """K"""
     ends: tuple[int, int]
     """how often the jerks at the first and the last knot count (`Fleet.counted_ends`)"""
+    under_way: bool = False
+    """whether the jerk before the first knot is known, from which the snap counts"""
 
     @property
     def matrix(self) -> FloatArray:
@@ -49,7 +51,10 @@ class CostTerms:
         if self.weights.jerk > 0.0:
             parts.append(np.sqrt(self.weights.jerk) * self._counts[:, None] * jerks)
         if self.weights.snap > 0.0:
-            changes = np.diff(jerks[:, self._known], axis=1)
+            jerks = jerks[:, self._known]
+            if self.under_way:
+                jerks = np.concatenate([-fleet.jerks_before[own, None], jerks], axis=1)
+            changes = np.diff(jerks, axis=1)
             parts.append(np.sqrt(self.weights.snap) / h * changes)
         if self.weights.position > 0.0 or self.weights.velocity > 0.0:
             references = scenario.objective.reference_at(scenario.grid)
@@ -108,7 +113,10 @@ def _matrix(terms: CostTerms) -> FloatArray:
     if weights.jerk > 0.0:
         parts.append(np.sqrt(weights.jerk) * terms._counts[:, None] * jerks)
     if weights.snap > 0.0:
-        parts.append(np.sqrt(weights.snap) / h * np.diff(jerks[terms._known], axis=0))
+        known = jerks[terms._known]
+        if terms.under_way:
+            known = np.concatenate([np.zeros((1, knots - 1)), known])
+        parts.append(np.sqrt(weights.snap) / h * np.diff(known, axis=0))
     states: tuple[tuple[Quantity, float, slice], ...] = (
         ("position", weights.position, slice(1, None)),
         ("velocity", weights.velocity, slice(1, None)),
@@ -130,9 +138,11 @@ def terms_by_class(scenario: Scenario) -> tuple[list[CostTerms], IntArray]:
         return [CostTerms(weights, grid.step, grid.knots, (0, 0))], np.zeros(
             len(scenario.vehicles), dtype=int
         )
-    ends = np.stack(scenario.fleet.counted_ends, axis=1)
+    earlier = np.isfinite(scenario.fleet.jerks_before).all(axis=1)
+    ends = np.stack([*scenario.fleet.counted_ends, earlier], axis=1)
     kinds, which = np.unique(ends, axis=0, return_inverse=True)
     terms = [
-        CostTerms(weights, grid.step, grid.knots, (one, other)) for one, other in kinds.tolist()
+        CostTerms(weights, grid.step, grid.knots, (one, other), bool(third))
+        for one, other, third in kinds.tolist()
     ]
     return terms, which.reshape(-1)

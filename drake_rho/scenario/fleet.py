@@ -91,6 +91,12 @@ class Fleet:
         return np.array(flown) if len(flown) == len(self._vehicles) else None
 
     @cached_property
+    def jerks_before(self) -> FloatArray:
+        """Jerks at the knot before the first [m/s³], shape (N, 3); NaN where there is none."""
+        every = (vehicle.start.jerk_before for vehicle in self._vehicles)
+        return np.array([np.full(3, np.nan) if each is None else each for each in every])
+
+    @cached_property
     def goal_positions(self) -> FloatArray:
         """Goal positions p[K] [m], shape (N, 3)."""
         return np.array([vehicle.goal.position for vehicle in self._vehicles])

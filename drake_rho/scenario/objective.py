@@ -225,6 +225,32 @@ class Objective:
         return positions, np.gradient(positions, grid.step, axis=1)
 
 
+TERMINAL = ("terminal_position", "terminal_velocity")
+"""Terms that let goals be missed."""
+
+
+def check_without(objective: Objective, terms: Sequence[str], expected: str) -> None:
+    """Check that terms have no weight.
+
+    Raises:
+        ScenarioError: one of them has.
+    """
+    for term in terms:
+        if (weight := getattr(objective, term)) > 0.0:
+            raise ScenarioError(f"objective.{term}", weight, expected)
+
+
+def check_only_effort(objective: Objective, why: str) -> None:
+    """Check that the cost is the sum of squared accelerations (13).
+
+    Raises:
+        ScenarioError: it has other terms, or another weight.
+    """
+    check_without(objective, Weights._fields[1:], f"0 {why}")
+    if objective.effort != 1.0:
+        raise ScenarioError("objective.effort", objective.effort, f"1 {why}")
+
+
 def check_objective(
     objective: Objective, vehicles: Sequence[Vehicle], fleet: Fleet, grid: Grid
 ) -> None:

@@ -217,6 +217,14 @@ class State:
         """
         return None
 
+    @cached_property
+    def jerk_before(self) -> FloatArray | None:
+        """Jerk at the knot before the first one [m/s³], (3,), from which a snap begins.
+
+        It is given in the remainder of a flight; None elsewhere.
+        """
+        return None
+
 
 @record
 class Waypoint:

@@ -29,7 +29,7 @@ from drake_rho.scenario.known_obstacles import active_during, known_at_start
 from drake_rho.scenario.limits import Limits
 from drake_rho.scenario.maps.mesh import Mesh
 from drake_rho.scenario.maps.voxels import Voxels
-from drake_rho.scenario.objective import Objective, check_objective
+from drake_rho.scenario.objective import TERMINAL, Objective, check_objective, check_without
 from drake_rho.scenario.obstacles import Obstacle
 from drake_rho.scenario.parts import Grid, Quantity, Separation, State, Vehicle, Waypoint
 from drake_rho.scenario.printed import (
@@ -209,7 +209,10 @@ class Scenario(ShownInNotebooks):
             check_objective(self.objective, self.vehicles, self.fleet, self.grid)
         if self.hold_at_goal:
             check_goals_at_rest(self.vehicles)
+            check_without(self.objective, TERMINAL, "0 with hold_at_goal: vehicles hold at goals")
         if self.smoothing and not under_way:
+            expected = "0 beside smoothing: plans are extended by rest at their goals"
+            check_without(self.objective, TERMINAL, expected)
             tracking = self.disturbance_or_calm.tracking
             check_smoothing(self.smoothing, self.grid, self.vehicles, self.between_knots, tracking)
             check_limits_of_averages(self.fleet, self.vehicles, self.smoothing_margin)

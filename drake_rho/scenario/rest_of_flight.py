@@ -26,6 +26,7 @@ def from_states(
     before: FloatArray,
     tracking: Tracking | None = None,
     flown: FloatArray | None = None,
+    jerks: FloatArray | None = None,
 ) -> Scenario:
     """Return a scenario from other states on another grid, without waypoints before it.
 
@@ -40,22 +41,32 @@ def from_states(
         tracking: feedback that has tracked a plan since an earlier time, if any.
         flown: accelerations of the steps before the first knot that enter the averages [m/s²],
             shape (N, REACHED, 3); none if averages begin at rest, or without a smoothing.
+        jerks: at the knot before the first [m/s³], shape (N, 3); those of the scenario if not
+            given.
     """
     disturbance = scenario.disturbance and unchecked(scenario.disturbance, tracking=tracking)
     at_rest = ~np.any(velocities, axis=1, keepdims=True)
     before = np.where(np.isnan(before) & at_rest, 0.0, before)
     states = zip(read_only(positions), read_only(velocities), read_only(before), strict=True)
     earlier = [None] * len(scenario.vehicles) if flown is None else read_only(flown)
+    before_that = [None] * len(scenario.vehicles) if jerks is None else read_only(jerks)
     lead = scenario.lead
     vehicles = tuple(
         unchecked(
             vehicle,
             start=unchecked(
-                vehicle.start, position=p, velocity=v, acceleration=_known(a), flown=reached
+                vehicle.start,
+                position=p,
+                velocity=v,
+                acceleration=_known(a),
+                flown=reached,
+                jerk_before=vehicle.start.jerk_before if jerk is None else jerk,
             ),
             waypoints=tuple(each for each in vehicle.waypoints if is_ahead(each, grid, lead)),
         )
-        for vehicle, (p, v, a), reached in zip(scenario.vehicles, states, earlier, strict=True)
+        for vehicle, (p, v, a), reached, jerk in zip(
+            scenario.vehicles, states, earlier, before_that, strict=True
+        )
     )
     passed = grid.step * round((grid.start - scenario.grid.start) / grid.step)
     since = grid.beginning_at(passed)

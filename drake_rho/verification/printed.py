@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 from drake_rho.scenario.clock import clock_number, clock_time
 from drake_rho.system.numbers import percent
@@ -80,7 +80,7 @@ def facts(
     most = summary.cost_bound
     bounds = "" if most is None else f"; at most {most:.6g} m²/s⁴ by the first window's bound"
     bounds += _gap_of_cost(summary) if gap and summary.minimised == "cost" else ""
-    yield "cost", f"{summary.cost:.6g} m²/s⁴{bounds}"
+    yield "cost", f"{summary.cost:.6g} m²/s⁴{_by_term(summary.costs)}{bounds}"
 
 
 def closest(checks: Iterable[Check], kind: str) -> Check | None:
@@ -117,12 +117,21 @@ def _gap_of_time(summary: Summary, duration: float) -> str:
     return f", minimised; gap to the least time at most {percent(gap)}"
 
 
+def _by_term(costs: Mapping[str, float]) -> str:
+    """Return the cost of each term, the largest first; nothing if effort is the only one."""
+    if list(costs) == ["effort"]:
+        return ""
+    largest = sorted(costs.items(), key=lambda each: -each[1])
+    words = (f"{term.replace('_', ' ')} {cost:.4g}" for term, cost in largest)
+    return f" ({', '.join(words)})"
+
+
 def _gap_of_cost(summary: Summary) -> str:
     """Return the largest possible optimality gap of the cost; the least effort is the lower bound.
 
     A motion that jumps is no plan from the starts, so the bound does not apply to its cost.
     """
-    least = summary.least_effort
+    least = summary.least_effort or 0.0
     if summary.largest_jump is not None or not summary.cost >= (1.0 - _ROUNDING) * least > 0.0:
         return ""
     gap = max(0.0, 1.0 - least / summary.cost)

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 from typing import Literal
 
 import numpy as np
 
+from drake_rho.motion.costs import costs_by_term
 from drake_rho.motion.flown import Flown
 from drake_rho.motion.jumps import Jump, largest_jump
+from drake_rho.motion.plan import Plan
 from drake_rho.scenario.described import Described
 from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.records import TOLERANCE, Scenario
@@ -33,10 +36,12 @@ class Summary(metaclass=Described):
     end: float
     """time at which the motion ends: the last knot unless smoothed [s]"""
     cost: float
-    """cost of the plan [m²/s⁴], the performance index f (13)"""
-    least_effort: float
+    """cost of the plan [m²/s⁴], the performance index f (13) or that of the scenario's objective"""
+    costs: Mapping[str, float]
+    """cost by term of the objective [m²/s⁴], of those with a weight"""
+    least_effort: float | None
     """least cost of all motions from the starts to the goals, without limits, obstacles and
-    separation [m²/s⁴]: a lower bound on the cost of every plan"""
+    separation [m²/s⁴]: a lower bound on the cost of every plan; None with another objective"""
     minimised: Literal["cost", "time"] | None = "cost"
     """what the planner minimised, the cost or the final time; None for a simulation, whose motion
     the wind changes, and for a plan of least time that is held at its goals"""
@@ -65,7 +70,8 @@ class Summary(metaclass=Described):
             start=scenario.grid.start - scenario.lead,
             end=scenario.grid.end + scenario.lead,
             cost=flown.cost,
-            least_effort=least_effort(scenario),
+            costs=_by_term(scenario, flown.plan),
+            least_effort=least_effort(scenario) if scenario.objective.is_effort else None,
             minimised=None if flown.simulation else flown.statistics.minimised,
             time_bound=flown.statistics.time_bound,
             cost_bound=flown.windows[0].cost_bound if flown.windows else None,
@@ -75,6 +81,11 @@ class Summary(metaclass=Described):
 
 def _length(who: IntArray, x: FloatArray, times: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.norm(x, axis=-1))
+
+
+def _by_term(scenario: Scenario, plan: Plan) -> dict[str, float]:
+    every = costs_by_term(scenario, plan).items()
+    return {term: float(costs.sum()) for term, costs in every}
 
 
 def least_effort(scenario: Scenario) -> float:

@@ -25,6 +25,7 @@ from drake_rho.planning.programs.backend import Solver
 from drake_rho.scenario.consistency import check_goals_at_rest
 from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.fields import FloatArray
+from drake_rho.scenario.objective import TERMINAL, check_without
 from drake_rho.scenario.records import Grid, Scenario
 from drake_rho.system.bisection import least_count
 from drake_rho.verification.holds import first_violation
@@ -41,6 +42,7 @@ def check_rest_at_goals(scenario: Scenario) -> None:
     """
     expected = "0 with a free final time: vehicles rest at their goals after the arrival"
     check_goals_at_rest(scenario.vehicles, expected)
+    check_without(scenario.objective, TERMINAL, expected)
 
 
 def arrival_steps(plan: Plan) -> int:

@@ -38,6 +38,7 @@ from drake_rho.planning.scp.violations import violations_of
 from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.maps.map import Map
+from drake_rho.scenario.objective import check_only_effort
 from drake_rho.scenario.records import Scenario
 from drake_rho.system.threads import single_threaded_blas
 
@@ -120,6 +121,8 @@ class RecedingHorizon:
         whole = isinstance(replan_every, Integral)
         if not whole or replan_every < 1:
             raise ValueError(f"replan_every: got {replan_every!r}, expected a whole number >= 1")
+        if bounded_cost:
+            check_only_effort(scenario.objective, "with bounded costs, which are those of effort")
         if free_final_time:
             check_rest_at_goals(scenario)
             if bounded_cost:

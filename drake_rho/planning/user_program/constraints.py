@@ -18,14 +18,14 @@ from drake_rho.planning.constraints.limits import norms_of, waypoints_of
 from drake_rho.planning.constraints.separation import Coupling
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.user_program.conic import Conic, conic_of
-from drake_rho.planning.user_program.values import Affine, Values
+from drake_rho.planning.user_program.values import Affine, Values, on_every_axis
 from drake_rho.scenario.clock import clock_time
 from drake_rho.scenario.convex_sets import Each
 from drake_rho.scenario.parts import Quantity
 from drake_rho.scenario.times import Clock
 
-EFFORT, GOAL = "effort", "goal"
-"""Names of the cost and of the terminal equalities."""
+GOAL = "goal"
+"""Name of the terminal equalities."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -65,13 +65,19 @@ class Draft:
         return f"at {clock_time(grid.start + time)}"
 
 
-def add_effort(draft: Draft) -> None:
-    """Add the cost (13): squared accelerations by weight, of each vehicle."""
-    for vehicle, weight in enumerate(draft.problem.scenario.fleet.weights):
-        a = draft.values.accelerations[vehicle].reshape(-1)
-        cost = 2.0 * weight * np.eye(len(a))  # Drake's quadratic costs have a factor of 1/2
-        binding = draft.prog.AddQuadraticCost(cost, np.zeros(len(a)), a, is_convex=True)
-        draft.note(EFFORT, vehicle, binding)
+def add_cost(draft: Draft) -> None:
+    """Add the cost of each vehicle, by default (13), one binding for each term with a weight."""
+    scenario = draft.problem.scenario
+    for term, weight in scenario.objective.weights._asdict().items():
+        for vehicle, own in enumerate(scenario.fleet.weights if weight > 0.0 else ()):
+            rows, offsets = draft.values.term(term, vehicle)
+            A, b = on_every_axis(rows), offsets.reshape(-1)
+            a = draft.values.accelerations[vehicle].reshape(-1)
+            scale = weight * own  # Drake's quadratic costs have a factor of 1/2
+            binding = draft.prog.AddQuadraticCost(
+                2.0 * scale * A.T @ A, 2.0 * scale * A.T @ b, scale * b @ b, a, is_convex=True
+            )
+            draft.note(term, vehicle, binding)
 
 
 def add_goals(draft: Draft) -> None:
@@ -79,12 +85,12 @@ def add_goals(draft: Draft) -> None:
     scenario = draft.problem.scenario
     fleet, T = scenario.fleet, scenario.grid.duration
     goals: dict[Quantity, Any] = {
-        "position": fleet.goal_positions,
-        "velocity": fleet.goal_velocities,
+        "position": (fleet.goal_positions, fleet.fixed_positions),
+        "velocity": (fleet.goal_velocities, fleet.fixed_velocities),
     }
-    for quantity, values in goals.items():
-        for vehicle, goal in enumerate(values):
-            x = draft.values.at(quantity, vehicle, T)
+    for quantity, (values, fixed) in goals.items():
+        for vehicle in np.flatnonzero(fixed).tolist():
+            x, goal = draft.values.at(quantity, vehicle, T), values[vehicle]
             binding = draft.prog.AddLinearEqualityConstraint(x.matrix, goal - x.offset, x.variables)
             draft.note(GOAL, vehicle, binding, T)
 
@@ -140,7 +146,7 @@ def add_obstacles(draft: Draft, reference: Motion) -> None:
 def add_separation(draft: Draft, reference: Motion, coupling: Coupling) -> None:
     """Add the separation of all pairs at all knots, linearised around a motion as in (15)."""
     scenario = draft.problem.scenario
-    knots = np.arange(1, scenario.grid.knots - 1)
+    knots = np.arange(1, scenario.grid.knots - (not scenario.fleet.open_end))
     one, other = np.triu_indices(len(scenario.vehicles), 1)
     every, count = np.tile(knots, len(one)), len(knots)
     points = EvaluationPoints(

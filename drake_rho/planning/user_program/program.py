@@ -19,7 +19,7 @@ from drake_rho.planning.user_program.conic import conic_of
 from drake_rho.planning.user_program.constraints import (
     Draft,
     add_boxes,
-    add_effort,
+    add_cost,
     add_goals,
     add_norms,
     add_obstacles,
@@ -58,7 +58,7 @@ class Program(metaclass=Described):
     scenario: Scenario
     """scenario of the vehicles"""
     prog: MathematicalProgram
-    """program with the cost (13) and all constraints of the scenario"""
+    """program with the cost, by default (13), and all constraints of the scenario"""
     accelerations: np.ndarray[Any, Any]
     """decision variables a[k] [m/s²], shape (N, K-1, 3)"""
     bindings: Mapping[str, tuple[Binding[Any], ...]]
@@ -211,7 +211,7 @@ def _draft(problem: Problem, reference: Plan | None) -> Draft:
     names = problem.scenario.names
     a = np.stack([prog.NewContinuousVariables(steps, 3, f"a_{name}") for name in names])
     draft = Draft(problem, prog, Values(problem.scenario, a))
-    add_effort(draft)
+    add_cost(draft)
     add_goals(draft)
     add_boxes(draft)
     add_norms(draft)

@@ -88,7 +88,52 @@ class Values:
         own = Affine(on_every_axis(row[steps]), offset, variables)
         return own if partner is None else own - self.at(quantity, partner, time)
 
+    def term(self, term: str, vehicle: int) -> tuple[FloatArray, FloatArray]:
+        """Return a term of a vehicle's cost, before its weight, as norm(A a + b)².
+
+        Args:
+            term: field of `Objective` that has the term's weight.
+            vehicle: index of the vehicle.
+
+        Returns:
+            Rows A, equal on every axis, shape (M, K-1), and b, shape (M, 3).
+        """
+        fleet, grid = self.scenario.fleet, self.scenario.grid
+        free, last = self.coasting.of(vehicle), slice(-1, None)
+        jerks = self._rows("jerk", slice(None))
+        r: tuple[FloatArray, ...] = ()
+        if self.scenario.objective.reference is not None:
+            every = self.scenario.objective.reference_at(grid)
+            r = tuple(each[vehicle if len(each) > 1 else 0, 1:] for each in every)
+        match term:
+            case "effort":
+                return np.eye(grid.knots - 1), np.zeros((grid.knots - 1, 3))
+            case "jerk":
+                ends = [each[vehicle] for each in fleet.counted_ends]
+                counts = np.sqrt([ends[0], *np.ones(grid.knots - 2), ends[1]])[:, None]
+                return counts * jerks, counts * np.nan_to_num(free.jerks())
+            case "snap":
+                offsets = np.concatenate([fleet.jerks_before[[vehicle]], free.jerks()])
+                known, h = np.isfinite(offsets).all(axis=1), grid.step
+                jerks = np.concatenate([np.zeros((1, grid.knots - 1)), jerks])[known]
+                return np.diff(jerks, axis=0) / h, np.diff(offsets[known], axis=0) / h
+            case "position":
+                return self._rows("position", slice(1, None)), free.positions[1:] - r[0]
+            case "velocity":
+                return self._rows("velocity", slice(1, None)), free.velocities[1:] - r[1]
+            case "terminal_position":
+                goal = fleet.goal_positions[vehicle]
+                return self._rows("position", last), free.positions[last] - goal
+            case _:
+                goal = fleet.goal_velocities[vehicle]
+                return self._rows("velocity", last), free.velocities[last] - goal
+
+    def _rows(self, quantity: Quantity, knots: slice) -> FloatArray:
+        """Return the responses of a quantity at some knots, shape (M, K-1)."""
+        grid = self.scenario.grid
+        return response(quantity, grid.step, grid.knots, grid.elapsed[knots])
+
 
 def on_every_axis(row: FloatArray) -> FloatArray:
-    """Return the matrix (3, 3 M) of a row (M,) that is equal on every axis."""
+    """Return the matrix (3 R, 3 M) of rows (R, M), or of one (M,), equal on every axis."""
     return np.asarray(np.kron(row, np.eye(3)), dtype=np.float64)
