@@ -126,6 +126,8 @@ def scenario_to_content(scenario: Scenario) -> dict[str, Any]:
     """
     _check_storable(scenario)
     content: dict[str, Any] = _adapter().dump_python(scenario, mode="json")
+    weights = scenario.objective.weights._asdict()  # files omit those without an effect
+    content["objective"] = {**weights, "reference": None, **content.get("objective", {})}
     return content
 
 

@@ -126,7 +126,7 @@ class Objective:
         ...     objective=rho.Objective(effort=0, jerk=1),
         ... )
         >>> print(f"{rho.plan(smooth).accelerations.max():.2f} m/s²")
-        1.45 m/s²
+        1.44 m/s²
     """
 
     effort: Annotated[float, Field(ge=0.0, le=LARGEST, allow_inf_nan=False), NOT_BOOLEAN] = 1.0
