@@ -7,7 +7,7 @@ PYTEST := $(BIN)/python -m pytest -n auto -q
 SEED := $(shell od -An -N4 -tu4 /dev/urandom | tr -d ' ')
 PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check
 
-.PHONY: help reproduce animate notebooks pictures docs bench bench-fleet bench-world bench-flight bench-scale bench-open bench-map bench-time bench-mixed test test-all lint format clean
+.PHONY: help reproduce animate notebooks pictures docs bench bench-fleet bench-world bench-flight bench-scale bench-open bench-map bench-time bench-mixed bench-objective test test-all lint format clean
 .DEFAULT_GOAL := help
 
 help: ## This list
@@ -56,6 +56,9 @@ bench-time: $(VENV)/.bench .venv-casadi/.ready ## The same for least times; MISS
 
 bench-mixed: $(VENV)/.bench $(VENV)/.test ## The same for random scenes, windows and files that mix everything
 	$(BIN)/python -m benchmarks --mixed
+
+bench-objective: $(VENV)/.bench ## The same for costs: CVXPY, closed forms, IPOPT (twenty minutes)
+	$(BIN)/python -m benchmarks --objective
 
 test: $(VENV)/.test ## Run the tests, but for slow ones (some five minutes on two cores)
 	@sh tools/setup-browser $(VENV)

@@ -39,6 +39,8 @@ DRAWN = {
     "time_known": 300,
     "flight_late": 2300,
     "flight_windy_rooms": 200,
+    "objective_convex": 60,
+    "objective_obstacles": 60,
     "mixed_scenes": 5000,
     "mixed_windows": 1200,
     "damaged_files": 4000,
@@ -106,6 +108,10 @@ TIMES = (
 """Benchmarks of least times; those that are in no `DRAWN` or `MISSIONS` are `run() -> Table`."""
 
 
+OBJECTIVE = ("objective_convex", "objective_known", "objective_obstacles")
+"""Benchmarks of costs; those that are in no `DRAWN` are `run() -> Table`."""
+
+
 MIXED = ("mixed_scenes", "mixed_windows", "damaged_files")
 """Benchmarks of random scenes, flights and files that mix everything."""
 
@@ -123,7 +129,7 @@ def main() -> None:
             *(each for each in FLIGHT if each not in DRAWN),
             *FLOWN_MISSIONS,
             *SCALE,
-            *(each for each in MAPS + TIMES if each not in (*MISSIONS, *DRAWN)),
+            *(each for each in MAPS + TIMES + OBJECTIVE if each not in (*MISSIONS, *DRAWN)),
         )
         if find_spec(f"benchmarks.{name}")
     ]
@@ -137,6 +143,7 @@ def main() -> None:
     )
     parser.add_argument("--maps", action="store_true", help="all benchmarks of maps")
     parser.add_argument("--times", action="store_true", help="all benchmarks of least times")
+    parser.add_argument("--objective", action="store_true", help="all benchmarks of costs")
     parser.add_argument("--mixed", action="store_true", help="benchmarks that mix everything")
     parser.add_argument("--open", action="store_true", help="all benchmarks of requirements")
     parser.add_argument("--repetitions", type=int, default=9, help="rounds of a race (9)")
@@ -159,7 +166,7 @@ def main() -> None:
         parser.error("--seeds: expected at least 1")
     console = Console()
     alone, worlds, flight = RACES + STUDIES, WORLDS, FLIGHT + FLOWN_MISSIONS
-    others = alone + worlds + flight + SCALE + OPEN + MAPS + TIMES + MIXED
+    others = alone + worlds + flight + SCALE + OPEN + MAPS + TIMES + OBJECTIVE + MIXED
     fleets = tuple(name for name in known if name not in others)
     chosen = (fleets if arguments.fleets else ()) + (worlds if arguments.worlds else ())
     chosen += flight if arguments.flight else ()
@@ -167,6 +174,7 @@ def main() -> None:
     chosen += OPEN if arguments.open else ()
     chosen += MAPS if arguments.maps else ()
     chosen += TIMES if arguments.times else ()
+    chosen += OBJECTIVE if arguments.objective else ()
     chosen += MIXED if arguments.mixed else ()
     by_default = chosen or alone
     for name in arguments.names or by_default:
