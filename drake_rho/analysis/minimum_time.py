@@ -12,7 +12,7 @@ from drake_rho.planning.call.time_limit import with_time_limit
 from drake_rho.planning.call.wall_time import with_wall_time
 from drake_rho.planning.programs.backend import Backend, Solver, SolverName
 from drake_rho.scenario.arguments import checked
-from drake_rho.scenario.records import Grid, Scenario
+from drake_rho.scenario.records import NO_COST, Grid, Scenario
 from drake_rho.system.threads import single_threaded_blas
 
 Arrival = Literal["together", "each"]
@@ -76,8 +76,8 @@ def plan_minimum_time(
         InfeasibleError: no plan was found for any final time tried, or vehicles cannot hold at
             their goals from the least time on (`Scenario.hold_at_goal`).
         OutOfTimeError: time was up before a plan was found.
-        ScenarioError: no limit and no requirement bounds the time, or the scenario does not fit the
-            number of knots.
+        ScenarioError: no limit and no requirement bounds the time, a limit gives way at a price, or
+            the scenario does not fit the number of knots.
         SolverError: the solvers fail numerically.
 
     Examples:
@@ -98,6 +98,7 @@ def plan_minimum_time(
         >>> print(f"{plan.scenario.grid.duration:.2f} s")
         3.48 s
     """
+    scenario.check_no_penalties(NO_COST)
     grid = scenario.grid
     if knots is not None:
         grid = Grid(grid.duration / max(knots - 1, 1), knots, grid.start)

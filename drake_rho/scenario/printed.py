@@ -86,6 +86,8 @@ def _obstacle(obstacle: Obstacle) -> str:
         words.append(f"known from {obstacle.known_from:g} s")
     if obstacle.active is not None:
         words.append("active from {:g} to {:g} s".format(*obstacle.active))
+    if obstacle.penalty is not None:
+        words.append(f"gives way at {obstacle.penalty:g} per m")
     return ", ".join(words)
 
 
@@ -105,7 +107,9 @@ def _kept(requirement: KeepIn) -> str:
             who = f" of {len(vehicles)} vehicles"
     to = requirement.leader or ("a moving point" if requirement.track else None)
     relative = f" relative to {to}" if to else ""
-    return f"{requirement.of}{who}{relative} in {set_text(requirement.set)}"
+    price = f", gives way at {requirement.penalty:g} per {requirement.unit}"
+    given = "" if requirement.penalty is None else price
+    return f"{requirement.of}{who}{relative} in {set_text(requirement.set)}{given}"
 
 
 def option_lines(

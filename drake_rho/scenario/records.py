@@ -91,6 +91,10 @@ __all__ = [
 Ball = Sphere  # the name of the solid, for sets to keep in
 
 
+NO_COST = "none where the final time is found: nothing but a cost can be weighed against it"
+"""Expectation of a penalty where the least time is sought."""
+
+
 @record
 class Scenario(ShownInNotebooks):
     """Planning problem: vehicles, limits, obstacles and separation on a grid.
@@ -278,6 +282,48 @@ class Scenario(ShownInNotebooks):
     def avoided(self) -> tuple[tuple[int, Obstacle], ...]:
         """Known obstacles active in the flight; those always active have no interval."""
         return active_during(self.known, self.grid)
+
+    @cached_property
+    def penalties(self) -> dict[str, float]:
+        """Penalties of the limits that give way at a price, by field; empty if all must hold."""
+        waypoints = (
+            (f"vehicles[{i}].waypoints[{k}]", each)
+            for i, vehicle in enumerate(self.vehicles)
+            for k, each in enumerate(vehicle.waypoints)
+        )
+        obstacles = ((f"obstacles[{i}]", each) for i, each in enumerate(self.obstacles))
+        required = ((f"requirements[{i}]", each) for i, each in enumerate(self.requirements))
+        found = (
+            (f"{field}.penalty", getattr(each, "penalty", None))
+            for field, each in (*waypoints, *obstacles, *required)
+        )
+        return {field: penalty for field, penalty in found if penalty is not None}
+
+    def check_no_penalties(self, expected: str) -> None:
+        """Check that no limit gives way at a price.
+
+        Args:
+            expected: text of what was expected, for the error.
+
+        Raises:
+            ScenarioError: a limit has a penalty; the error names its field.
+        """
+        for field, penalty in self.penalties.items():
+            raise ScenarioError(field, penalty, expected)
+
+    def without_penalties(self) -> Scenario:
+        """Return the scenario with the limits that must hold only, obstacles numbered anew."""
+        if not self.penalties:
+            return self
+        vehicles = (
+            unchecked(each, waypoints=tuple(one for one in each.waypoints if one.penalty is None))
+            for each in self.vehicles
+        )
+        return self.derived(
+            vehicles=tuple(vehicles),
+            obstacles=tuple(each for each in self.bodies if each.penalty is None),
+            requirements=tuple(each for each in self.requirements if each.penalty is None),
+        )
 
     def obstacle_name(self, number: int) -> str:
         """Return how reports refer to an obstacle: by its number from 1, and its name if any."""

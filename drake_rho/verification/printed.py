@@ -81,6 +81,15 @@ def facts(
     bounds = "" if most is None else f"; at most {most:.6g} m²/s⁴ by the first window's bound"
     bounds += _gap_of_cost(summary) if gap and summary.minimised == "cost" else ""
     yield "cost", f"{summary.cost:.6g} m²/s⁴{bounds}"
+    prices = [each.price for each in checks if each.price is not None]
+    if prices:
+        yield "penalties", f"{sum(prices):.6g} m²/s⁴ for limits that give way"
+
+
+def in_words(check: Check) -> str:
+    """Return a sentence on a limit that gives way: for whom, by how much, when and at what price."""
+    much = f"by {check.excess:.4g} {check.unit} at {clock_time(check.time)}"
+    return f"{check.what} gives way for {check.vehicle} {much}: {check.price:.6g} m²/s⁴"
 
 
 def closest(checks: Iterable[Check], kind: str) -> Check | None:
@@ -180,6 +189,8 @@ def full_table(checks: Sequence[Check]) -> Table:
 
 def _verdict(check: Check) -> str:
     """Return a short verdict on a check, if it is not as expected."""
+    if check.price is not None:
+        return f"gives way: {check.price:.6g} m²/s⁴" if check.price else "may give way"
     if not check.asked:
         return "not required"
     return "" if check.holds else "VIOLATED"

@@ -68,6 +68,8 @@ class Constraint(Form, abc.ABC):
     """number of rounds that add violated rows at the knots; small while plans are intermediate"""
     searches: int = 0
     """number of searches for worst instants between knots; 0 if only knots can violate it"""
+    threshold: float = VIOLATED
+    """violation, in tolerances, up to which no row is added"""
 
     @abc.abstractmethod
     def violated_rows(

@@ -78,6 +78,7 @@ def plan(
     Raises:
         InfeasibleError: a vehicle has no plan even without obstacles, or no path around was found.
         OutOfTimeError: `options.time_limit` was over before there was a plan.
+        ScenarioError: a limit gives way at a price, and a waypoint has no time.
         SolverError: the solvers fail numerically.
         TypeError: an argument has the wrong type.
         ValueError: the solver is not available, or the reference has other vehicles or another
@@ -95,6 +96,7 @@ def plan(
     search = FirstPlan(Backend.of(solver, executor), progress, options)
     times = WaypointTimes(scenario, Backend.of(solver), progress)
     if times.any_free:
+        scenario.check_no_penalties("none beside waypoints without a time, which are searched for first")
         return _with_free_times(times, reference, coupling, search)
     return _with_given_times(scenario, reference, coupling, search)
 
@@ -198,7 +200,13 @@ def _iterated(problem: Problem, first: Plan, coupling: Coupling, search: FirstPl
         return first
     subproblem = Subproblem(problem, coupling, search.backend)
     # references in groups would have to keep linked vehicles in one group
-    in_turn = scenario.separation is None or coupling.together or problem.has_links
+    # and know nothing of limits that give way
+    in_turn = (
+        scenario.separation is None
+        or coupling.together
+        or problem.has_links
+        or len(scenario.penalties) > 0
+    )
     return sequential_convex(
         subproblem,
         first,

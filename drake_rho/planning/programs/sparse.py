@@ -88,7 +88,7 @@ class SparseRows:
                 places.append(np.stack([np.repeat(rows[there], 3), columns.reshape(-1)]))
                 entries.append((factors[there, None] * part.normals[there]).reshape(-1))
             needed.append(part.bounds / (unit * scale))
-            penalties.append(np.full(len(part), part.form.penalty * scale / unit))
+            penalties.append(part.penalties * scale / unit)
             partners = part.partners if part.form.coupled else None
             several = self.changes.factors_of(part.vehicles, partners)
             norms = np.linalg.norm(part.responses(grid), axis=1)
