@@ -25,6 +25,8 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve, eigvalsh, null_space
 from scipy.sparse import csc_array, vstack
 
+from drake_rho.analysis.shared_multipliers import SharedMultipliers, Slacks
+from drake_rho.motion.dynamics import Motion
 from drake_rho.planning.constraints.base import HalfSpaces, Quadratic, about
 from drake_rho.planning.constraints.margins import Margins
 from drake_rho.planning.minimum_effort import MinimumEffort
@@ -64,6 +66,7 @@ class Lagrangian:
         solution: u of the converged program, shape (G (K-1), 3).
         weights: λ >= 0 from the converged program, shape (S,).
         multipliers: y >= 0 from the converged program, shape (R,).
+        cost: norm(u)² of the converged program, and the price of its limits that give way.
         left_out: names of active constraints that are left out of the bound: convex shapes other
             than balls and ellipsoids have no quadratic form.
 
@@ -72,9 +75,17 @@ class Lagrangian:
         group: indices of the vehicles, shape (G,).
         as_planned: whether the bound is for plans with the planners' margins only, or for all
             plans.
+        priced: whether limits that give way at a price count; leaving them out lowers the bound.
     """
 
-    def __init__(self, solved: CuttingPlanes, group: IntArray, *, as_planned: bool = True) -> None:
+    def __init__(
+        self,
+        solved: CuttingPlanes,
+        group: IntArray,
+        *,
+        as_planned: bool = True,
+        priced: bool = True,
+    ) -> None:
         effort = solved.problem.effort
         count, steps = len(group), effort.grid.knots - 1
         self.unit = float(effort.units[group].max())
@@ -83,17 +94,25 @@ class Lagrangian:
         self.solution = solved.motion.accelerations[group].reshape(-1, 3) / scale
         self._free = np.kron(np.eye(count), null_space(effort.goals.rows))
         self._fixed = effort.motion.accelerations[group].reshape(-1, 3) / scale
-        self.left_out = set[str]()
+        self.left_out, self.cost = set[str](), float(np.sum(self.solution**2))
+        slacks, of_curved, of_affine = Slacks(), SharedMultipliers.none(), SharedMultipliers.none()
         curved = [_no_terms(count * steps)]
         affine = [(csc_array((0, 3 * count * steps)), np.zeros(0), np.zeros(0))]
         for planned, y in _multipliers(solved, group, self.unit):
+            if planned.constraint.prices is not None and not priced:
+                continue
+            self.cost += _price(planned, solved.motion) / self.unit**2
             rows = planned if as_planned else _at_instants(planned)
             quadratic = rows.constraint.quadratics(rows)
             if quadratic is not None:
                 if np.all(np.isin(rows.partners, group)):  # leaving out others lowers the bound
                     curved.append(_curved_terms(effort, group, rows, quadratic, y))
+                    parts = self.unit**2 * quadratic.scales.max(axis=1) / rows.penalties
+                    of_curved = of_curved.joined(slacks.of(rows, parts))
             elif not rows.constraint.linearised:  # linear in u without a linearisation
-                matrix, needed, _ = rows_of(effort.changes, group, about(effort.motion, [rows]))
+                about_effort = about(effort.motion, [rows])
+                matrix, needed, penalties = rows_of(effort.changes, group, about_effort)
+                of_affine = of_affine.joined(slacks.of(rows, 1.0 / penalties))
                 affine.append((matrix, needed + matrix @ self._fixed.reshape(-1), y))
             elif np.any(y > _NEGLIGIBLE * np.linalg.norm(self.solution)):  # not quadratic
                 self.left_out.add(rows.constraint.name)
@@ -105,6 +124,7 @@ class Lagrangian:
         self._matrix = vstack([each[0] for each in affine]).tocsr()
         self._lower = np.concatenate([each[1] for each in affine])
         self.multipliers = np.concatenate([each[2] for each in affine])
+        self._of_curved, self._of_affine = of_curved, of_affine
         self._only_used()
 
     def _only_used(self) -> None:
@@ -115,6 +135,8 @@ class Lagrangian:
         self._scales = self._scales[curved]
         self._matrix, self._lower = self._matrix[affine], self._lower[affine]
         self.multipliers = self.multipliers[affine]
+        self._of_curved = self._of_curved.select(curved)
+        self._of_affine = self._of_affine.select(affine)
 
     def curvature(self, weights: FloatArray) -> float:
         """Return the least curvature for weights λ, relative to that of norm(u)²."""
@@ -139,7 +161,12 @@ class Lagrangian:
         return gradient
 
     def minimum(self, weights: FloatArray, multipliers: FloatArray) -> Minimum:
-        """Return the minimum of L for λ = `weights` and y = `multipliers`, both >= 0."""
+        """Return the minimum of L for λ = `weights` and y = `multipliers`, both >= 0.
+
+        Those of limits that give way are scaled down to their price where they exceed it.
+        """
+        weights = self._of_curved.within_prices(weights)
+        multipliers = self._of_affine.within_prices(multipliers)
         half, shape = weights / self._radii / 2, self._fixed.shape
         curvature = self.curvature(weights)
         if curvature < _LEAST_CURVATURE:
@@ -182,8 +209,10 @@ class Lagrangian:
 
         The former is relative to the norm of the cost's gradient, the latter to the cost.
         """
-        index = float(np.sum(self.solution**2)) or 1.0
+        index = self.cost or 1.0
         curved, affine = self.slopes(self.solution)
+        curved = self._of_curved.beyond_slack(curved)
+        affine = self._of_affine.beyond_slack(affine)
         products = np.concatenate([self.weights * curved, self.multipliers * affine, [0.0]])
         return self._stationarity(), float(np.max(np.abs(products))) / index
 
@@ -194,6 +223,16 @@ class Lagrangian:
         gradient -= self._curved_gradient(u, half)
         size = float(np.linalg.norm(2 * u)) or 1.0
         return float(np.linalg.norm(self._free.T @ gradient)) / size
+
+
+def _price(rows: HalfSpaces, motion: Motion) -> float:
+    """Return the price of the worst violation of each vehicle [m²/s⁴]; 0 of hard limits."""
+    prices = rows.constraint.prices
+    if prices is None:
+        return 0.0
+    excess = np.zeros(len(prices))
+    np.maximum.at(excess, rows.vehicles, -rows.margins(motion))
+    return float(prices @ excess)
 
 
 def _at_instants(rows: HalfSpaces) -> HalfSpaces:

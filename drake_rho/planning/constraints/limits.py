@@ -7,7 +7,7 @@ import sys
 
 import numpy as np
 
-from drake_rho.planning.constraints.base import constrained_knots
+from drake_rho.planning.constraints.base import VIOLATED, constrained_knots
 from drake_rho.planning.constraints.keep_in import KeepInSets
 from drake_rho.planning.constraints.margins import Margins, PlanMargins, jerk_factor
 from drake_rho.scenario.fields import FloatArray
@@ -139,7 +139,7 @@ def requirements_of(scenario: Scenario, margins: PlanMargins) -> list[KeepInSets
                 margins=own,
                 roundings=scenario.fleet.coordinate_errors * (quantity == "position"),
                 as_cone=False,
-                threshold=_ACCEPTED,
+                threshold=_ACCEPTED if each.penalty is None else VIOLATED,  # prices are exact
                 searches=sys.maxsize * (quantity == "position" and every_instant),
             )
         )

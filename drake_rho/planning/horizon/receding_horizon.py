@@ -122,7 +122,9 @@ class RecedingHorizon:
         if not whole or replan_every < 1:
             raise ValueError(f"replan_every: got {replan_every!r}, expected a whole number >= 1")
         if bounded_cost:
-            scenario.check_no_penalties("none with bounded_cost, which bounds the cost of accelerations")
+            scenario.check_no_penalties(
+                "none with bounded_cost, which bounds the cost of accelerations"
+            )
         if free_final_time:
             scenario.check_no_penalties(NO_COST)
             check_rest_at_goals(scenario)

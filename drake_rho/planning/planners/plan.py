@@ -96,7 +96,9 @@ def plan(
     search = FirstPlan(Backend.of(solver, executor), progress, options)
     times = WaypointTimes(scenario, Backend.of(solver), progress)
     if times.any_free:
-        scenario.check_no_penalties("none beside waypoints without a time, which are searched for first")
+        scenario.check_no_penalties(
+            "none beside waypoints without a time, which are searched for first"
+        )
         return _with_free_times(times, reference, coupling, search)
     return _with_given_times(scenario, reference, coupling, search)
 
