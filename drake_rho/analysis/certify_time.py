@@ -14,7 +14,8 @@ from drake_rho.planning.call.progress import Progress, tell
 from drake_rho.planning.call.time_limit import with_time_limit
 from drake_rho.planning.errors import OutOfTimeError
 from drake_rho.scenario.arguments import checked
-from drake_rho.scenario.records import NO_COST, Scenario
+from drake_rho.scenario.penalties import NO_COST, check_no_penalties
+from drake_rho.scenario.records import Scenario
 from drake_rho.system.numbers import percent
 from drake_rho.system.threads import single_threaded_blas
 from drake_rho.verification.verify import verify
@@ -63,7 +64,7 @@ def certify_time(
     if not gap >= 0.0:
         raise ValueError(f"gap: got {gap!r}, expected a number of at least 0")
     scenario = plan.scenario
-    scenario.check_no_penalties(NO_COST)
+    check_no_penalties(scenario.penalties, NO_COST)
     duration = scenario.grid.duration
     bounds = list[TimeBound]()
     for number, vehicle in enumerate(scenario.vehicles):

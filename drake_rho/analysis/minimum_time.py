@@ -12,7 +12,8 @@ from drake_rho.planning.call.time_limit import with_time_limit
 from drake_rho.planning.call.wall_time import with_wall_time
 from drake_rho.planning.programs.backend import Backend, Solver, SolverName
 from drake_rho.scenario.arguments import checked
-from drake_rho.scenario.records import NO_COST, Grid, Scenario
+from drake_rho.scenario.penalties import NO_COST, check_no_penalties
+from drake_rho.scenario.records import Grid, Scenario
 from drake_rho.system.threads import single_threaded_blas
 
 Arrival = Literal["together", "each"]
@@ -98,7 +99,7 @@ def plan_minimum_time(
         >>> print(f"{plan.scenario.grid.duration:.2f} s")
         3.48 s
     """
-    scenario.check_no_penalties(NO_COST)
+    check_no_penalties(scenario.penalties, NO_COST)
     grid = scenario.grid
     if knots is not None:
         grid = Grid(grid.duration / max(knots - 1, 1), knots, grid.start)

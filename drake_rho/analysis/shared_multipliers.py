@@ -1,8 +1,8 @@
 """Bounds on sums of multipliers: of limits that give way at a price.
 
-The slack s of such a limit and vehicle enters all its rows and costs p s, so that its least value in
-the Lagrangian is bounded from below only if the multipliers of the rows, each in the unit in which
-the slack enters, add up to at most p. Then it is zero, at s = 0. For a ball that is kept out,
+The slack s of such a limit and vehicle enters all its rows and costs p s. So the Lagrangian has a
+least value over s >= 0, at s = 0, only if the multipliers of the rows, each in the unit in which
+the slack enters, add up to at most p. For a ball that is kept out,
 
     norm(x - c) >= R - s   implies   R² - norm(x - c)² <= 2 R s,
 

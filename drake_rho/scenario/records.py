@@ -31,6 +31,7 @@ from drake_rho.scenario.maps.mesh import Mesh
 from drake_rho.scenario.maps.voxels import Voxels
 from drake_rho.scenario.obstacles import Obstacle
 from drake_rho.scenario.parts import Grid, Quantity, Separation, State, Vehicle, Waypoint
+from drake_rho.scenario.penalties import penalties_of
 from drake_rho.scenario.printed import (
     in_columns,
     limit_lines,
@@ -89,10 +90,6 @@ __all__ = [
     "Waypoint",
 ]
 Ball = Sphere  # the name of the solid, for sets to keep in
-
-
-NO_COST = "none where the final time is found: nothing but a cost can be weighed against it"
-"""Expectation of a penalty where the least time is sought."""
 
 
 @record
@@ -286,30 +283,7 @@ class Scenario(ShownInNotebooks):
     @cached_property
     def penalties(self) -> dict[str, float]:
         """Penalties of the limits that give way at a price, by field; empty if all must hold."""
-        waypoints = (
-            (f"vehicles[{i}].waypoints[{k}]", each)
-            for i, vehicle in enumerate(self.vehicles)
-            for k, each in enumerate(vehicle.waypoints)
-        )
-        obstacles = ((f"obstacles[{i}]", each) for i, each in enumerate(self.obstacles))
-        required = ((f"requirements[{i}]", each) for i, each in enumerate(self.requirements))
-        found = (
-            (f"{field}.penalty", getattr(each, "penalty", None))
-            for field, each in (*waypoints, *obstacles, *required)
-        )
-        return {field: penalty for field, penalty in found if penalty is not None}
-
-    def check_no_penalties(self, expected: str) -> None:
-        """Check that no limit gives way at a price.
-
-        Args:
-            expected: text of what was expected, for the error.
-
-        Raises:
-            ScenarioError: a limit has a penalty; the error names its field.
-        """
-        for field, penalty in self.penalties.items():
-            raise ScenarioError(field, penalty, expected)
+        return penalties_of(self.vehicles, self.obstacles, self.requirements)
 
     def without_penalties(self) -> Scenario:
         """Return the scenario with the limits that must hold only, obstacles numbered anew."""

@@ -78,8 +78,8 @@ class KeepIn:
     name: Name | None = None
     """name shown in figures and reports, beside its number"""
     penalty: Positive | None = None
-    """cost of each unit of the largest distance outside the set, times the weight of the vehicle, or
-    the mean weight of two [m²/s⁴ per unit]; values must not be outside if not given"""
+    """cost of each unit of the largest distance outside the set, times the vehicle's weight, or the
+    mean weight of two [m²/s⁴ per unit]; values must not be outside if not given"""
 
     if TYPE_CHECKING:
 

@@ -53,8 +53,8 @@ class Check(metaclass=Described):
     asked: bool = True
     """whether the scenario requires the constraint; others are reported only"""
     penalty: float | None = None
-    """cost of each unit of excess, the vehicle's weight included [m²/s⁴ per unit], if the limit gives
-    way at a price; such a limit is not required"""
+    """cost of each unit of excess, the vehicle's weight included [m²/s⁴ per unit], if the limit
+    gives way at a price; such a limit is not required"""
 
     @property
     def price(self) -> float | None:

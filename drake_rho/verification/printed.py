@@ -79,15 +79,16 @@ def facts(
     )
     most = summary.cost_bound
     bounds = "" if most is None else f"; at most {most:.6g} m²/s⁴ by the first window's bound"
-    bounds += _gap_of_cost(summary) if gap and summary.minimised == "cost" else ""
-    yield "cost", f"{summary.cost:.6g} m²/s⁴{bounds}"
     prices = [each.price for each in checks if each.price is not None]
+    total = summary.cost + sum(prices)
+    bounds += _gap_of_cost(summary, total) if gap and summary.minimised == "cost" else ""
+    yield "cost", f"{summary.cost:.6g} m²/s⁴{bounds}"
     if prices:
         yield "penalties", f"{sum(prices):.6g} m²/s⁴ for limits that give way"
 
 
 def in_words(check: Check) -> str:
-    """Return a sentence on a limit that gives way: for whom, by how much, when and at what price."""
+    """Return a sentence on a limit that gives way: for whom, by how much, when, at what price."""
     much = f"by {check.excess:.4g} {check.unit} at {clock_time(check.time)}"
     return f"{check.what} gives way for {check.vehicle} {much}: {check.price:.6g} m²/s⁴"
 
@@ -126,15 +127,19 @@ def _gap_of_time(summary: Summary, duration: float) -> str:
     return f", minimised; gap to the least time at most {percent(gap)}"
 
 
-def _gap_of_cost(summary: Summary) -> str:
+def _gap_of_cost(summary: Summary, total: float) -> str:
     """Return the largest possible optimality gap of the cost; the least effort is the lower bound.
 
     A motion that jumps is no plan from the starts, so the bound does not apply to its cost.
+
+    Args:
+        summary: summary of the motion.
+        total: its cost with the price of limits that give way [m²/s⁴].
     """
     least = summary.least_effort
-    if summary.largest_jump is not None or not summary.cost >= (1.0 - _ROUNDING) * least > 0.0:
+    if summary.largest_jump is not None or not total >= (1.0 - _ROUNDING) * least > 0.0:
         return ""
-    gap = max(0.0, 1.0 - least / summary.cost)
+    gap = max(0.0, 1.0 - least / total)
     return f"; gap to the optimum at most {percent(gap)} (quick bound)"
 
 

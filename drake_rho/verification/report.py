@@ -110,6 +110,8 @@ class Report(metaclass=Described):
         lines = tuple(facts(self.summary, self.checks, self.scenario.grid.duration, gap=self.ok))
         name, below = self.scenario.name, list[str]()
         title = f"{name}: all constraints hold"
+        if self.gave_way:
+            title += ", but for those that give way at a price"
         rows = list(self.tightest)
         if violations:
             title = f"{name}: {len(violations)} of {len(self.checks)} checks violated"

@@ -70,8 +70,8 @@ def waypoints_of(scenario: Scenario, margins: PlanMargins) -> list[KeepInSets]:
     A waypoint is a ball of positions at one time, which need not be a knot's. If it is to be passed
     exactly the radius is zero, which needs no special treatment: the boundary of every half-space
     that a motion violates contains the waypoint. With a smoothing the ball is one of averaged
-    positions, which are linear in the accelerations too. Those that give way at a price are constraints
-    of their own.
+    positions, which are linear in the accelerations too. Those that give way at a price are
+    constraints of their own.
     """
     fleet, clock = scenario.fleet, scenario.grid.clock
     everyone = np.arange(len(scenario.vehicles))
@@ -96,7 +96,7 @@ def waypoints_of(scenario: Scenario, margins: PlanMargins) -> list[KeepInSets]:
     soft = [
         dataclasses.replace(
             each,
-            key=(*each.key, "gives way"),
+            key=(each.key, "gives way"),
             members=everyone[waypoints.gives_way],
             prices=np.where(waypoints.gives_way, waypoints.penalties * fleet.weights, 0.0),
             as_cone=False,

@@ -42,7 +42,7 @@ def worst_instants(
         margins: margin in each piece, shape (J,).
         thresholds: largest allowed value of each motion, above 0, shape (M,).
         vehicles: index of the vehicle of each motion, ascending, shape (M,).
-        exactly: whether the greatest value is precise relative to the threshold, however large it is.
+        exactly: whether the precision is relative to the threshold even of large values.
 
     Returns:
         A vehicle and a time [s] for every piece with a violation, sorted by both; arrays (R,).

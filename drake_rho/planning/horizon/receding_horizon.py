@@ -38,7 +38,8 @@ from drake_rho.planning.scp.violations import violations_of
 from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.maps.map import Map
-from drake_rho.scenario.records import NO_COST, Scenario
+from drake_rho.scenario.penalties import NO_BOUND, NO_COST, check_no_penalties
+from drake_rho.scenario.records import Scenario
 from drake_rho.system.threads import single_threaded_blas
 
 
@@ -97,8 +98,8 @@ class RecedingHorizon:
     Raises:
         ValueError: `replan_every` is not a whole number of at least 1, the latency is longer than
             a window is flown, or the cost is to be bounded with a free final time.
-        ScenarioError: a vehicle moves at its goal and the final time is free, or a limit gives way at
-            a price and the final time is free or the cost is to be bounded.
+        ScenarioError: a vehicle moves at its goal and the final time is free, or a limit gives way
+            at a price and the final time is free or the cost is to be bounded.
     """
 
     @checked
@@ -122,11 +123,9 @@ class RecedingHorizon:
         if not whole or replan_every < 1:
             raise ValueError(f"replan_every: got {replan_every!r}, expected a whole number >= 1")
         if bounded_cost:
-            scenario.check_no_penalties(
-                "none with bounded_cost, which bounds the cost of accelerations"
-            )
+            check_no_penalties(scenario.penalties, NO_BOUND)
         if free_final_time:
-            scenario.check_no_penalties(NO_COST)
+            check_no_penalties(scenario.penalties, NO_COST)
             check_rest_at_goals(scenario)
             if bounded_cost:
                 expected = "False with a free final time, since earlier arrivals cost more"

@@ -25,6 +25,7 @@ from drake_rho.planning.scp.sequential_convex import sequential_convex
 from drake_rho.planning.scp.subproblem import Subproblem, coupling_for
 from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.errors import ScenarioError
+from drake_rho.scenario.penalties import NO_TIMES, check_no_penalties
 from drake_rho.scenario.records import Scenario
 from drake_rho.system.threads import single_threaded_blas
 
@@ -96,9 +97,7 @@ def plan(
     search = FirstPlan(Backend.of(solver, executor), progress, options)
     times = WaypointTimes(scenario, Backend.of(solver), progress)
     if times.any_free:
-        scenario.check_no_penalties(
-            "none beside waypoints without a time, which are searched for first"
-        )
+        check_no_penalties(scenario.penalties, NO_TIMES)
         return _with_free_times(times, reference, coupling, search)
     return _with_given_times(scenario, reference, coupling, search)
 

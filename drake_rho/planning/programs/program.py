@@ -20,8 +20,8 @@ _BLOCK = 150
 class DenseProgram:
     """Minimise norm(x)² + penalties · slacks, subject to matrix @ x + slack >= needed, slack >= 0.
 
-    Rows with an infinite penalty have no slack. Rows that share a slack may be in different units: it
-    is in that of the first, and the penalties tell the ratios.
+    Rows with an infinite penalty have no slack. Rows that share a slack may be in different units:
+    it is in that of the first, and the penalties tell the ratios.
     """
 
     matrix: FloatArray

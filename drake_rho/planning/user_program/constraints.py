@@ -162,10 +162,13 @@ def add_excesses(draft: Draft, constraint: Constraint, whose: IntArray) -> dict[
         The variable of each vehicle by index, shape (1,), at least 0 in the quantity's unit.
     """
     excesses = dict[int, np.ndarray]()
-    for vehicle in np.unique(whose).tolist() if constraint.prices is not None else ():
+    prices = constraint.prices
+    if prices is None:
+        return excesses
+    for vehicle in np.unique(whose).tolist():
         t = draft.prog.NewContinuousVariables(1, f"excess_{constraint.name}")
         draft.note(constraint.name, vehicle, draft.prog.AddBoundingBoxConstraint(0.0, np.inf, t))
-        price = draft.prog.AddLinearCost(constraint.prices[[vehicle]], t)
+        price = draft.prog.AddLinearCost(prices[[vehicle]], t)
         draft.note(PENALTIES, vehicle, price)
         excesses[vehicle] = t
     return excesses
