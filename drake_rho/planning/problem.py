@@ -207,7 +207,9 @@ class Problem:
             excess = np.zeros(len(self))
             for between in (False, True)[: 1 + (each.searches > 0)]:
                 rows = each.violated_rows(motion, everyone, between=between)
-                np.maximum.at(excess, rows.vehicles, -rows.margins(motion))
+                violations = -rows.margins(motion)
+                violations[violations <= rows.tolerances] = 0.0  # as `verify` counts them
+                np.maximum.at(excess, rows.vehicles, violations)
             total += each.prices * excess
         return total
 

@@ -49,6 +49,10 @@ class DenseProgram:
         return program
 
 
+_MOST = 1e9
+"""Largest penalty of a slack in a program, whose cost is of order one: solvers fail beyond it, and
+the slack is at its least to nine digits already."""
+
 Program = MathematicalProgram | DenseProgram
 """Program of either form."""
 
@@ -103,7 +107,7 @@ def slack_columns(
     rows = np.flatnonzero(np.isfinite(penalties))
     _, first, columns = np.unique(slacks[rows], return_index=True, return_inverse=True)
     costs = penalties[rows[first]]
-    return rows, columns, costs[columns] / penalties[rows], costs
+    return rows, columns, costs[columns] / penalties[rows], np.minimum(costs, _MOST)
 
 
 def _with_slack(
