@@ -1,4 +1,4 @@
-"""Limits that give way at a price: an exact penalty of the worst excess of each vehicle."""
+"""Soft limits: an exact penalty of the worst excess of each vehicle."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ ZONE = rho.Sphere([5.0, 1.6, -1.0], 1.4)
 
 
 def soft(scenario: rho.Scenario, penalty: float | None) -> rho.Scenario:
-    """Return a scenario in which all waypoints, obstacles and requirements give way."""
+    """Return a scenario in which all waypoints, obstacles and requirements are soft."""
 
     def priced(each: Any) -> Any:
         return dataclasses.replace(each, penalty=penalty)
@@ -131,15 +131,15 @@ def test_above_the_sum_of_its_multipliers_a_limit_is_hard() -> None:
         assert rho.verify(plan).price == 0.0
     below = rho.verify(rho.plan_convex(in_lane(0.99 * needed)))
     assert below.ok
-    assert below.gave_way
-    assert below.gave_way[0].excess > 1e-4
+    assert below.exceeded
+    assert below.exceeded[0].excess > 1e-4
 
 
 @pytest.mark.parametrize("scene", [in_lane, past], ids=["lane", "zone"])
 def test_the_excess_falls_and_the_cost_rises_with_the_penalty(scene: Any) -> None:
     plans = [rho.plan(scene(penalty)) for penalty in (0.01, 0.1, 0.4, 1.0, 3.0, 30.0)]
     reports = list(map(rho.verify, plans))
-    excesses = [max((each.excess for each in report.gave_way), default=0.0) for report in reports]
+    excesses = [max((each.excess for each in report.exceeded), default=0.0) for report in reports]
     assert all(report.ok for report in reports)
     assert np.all(np.diff(excesses) <= EXACT)
     assert np.all(np.diff([plan.cost for plan in plans]) >= -EXACT)
@@ -176,7 +176,7 @@ def test_outside_a_box_the_excess_is_the_distance_from_its_corner() -> None:
     assert (beyond[np.argmax(distances)] > 0.0).sum() <= 3
     report = rho.verify(plan)
     assert report.price == pytest.approx(0.4 * distances.max(), abs=1e-4)
-    assert report.gave_way[0].excess >= distances.max() - EXACT
+    assert report.exceeded[0].excess >= distances.max() - EXACT
 
 
 def test_prices_are_times_the_weight_and_of_pairs_the_mean_weight() -> None:
@@ -190,7 +190,7 @@ def test_prices_are_times_the_weight_and_of_pairs_the_mean_weight() -> None:
             pair, vehicles=(pair.vehicles[0], heavy), requirements=(kept,), separation=None
         )
         plan = rho.plan(scenario)
-        (check,) = rho.verify(plan).gave_way
+        (check,) = rho.verify(plan).exceeded
         assert check.penalty == pytest.approx(0.7 * weight)
         assert check.price == pytest.approx(check.penalty * check.excess)
         times, x = densely(plan, 1)
@@ -206,7 +206,7 @@ def test_prices_are_times_the_weight_and_of_pairs_the_mean_weight() -> None:
         other = dataclasses.replace(scenario, vehicles=twice, requirements=(kept,))
         assert rho.plan(other).positions == pytest.approx(plan.positions, abs=1e-5)
         other = dataclasses.replace(scenario, requirements=(lighter,))
-        assert rho.verify(rho.plan(other)).gave_way[0].excess > check.excess
+        assert rho.verify(rho.plan(other)).exceeded[0].excess > check.excess
 
 
 @pytest.mark.parametrize("seed", [0, *slow(*range(2, 12))])
@@ -226,14 +226,14 @@ def test_the_depth_in_an_obstacle_is_what_sampling_finds() -> None:
     plan = rho.plan(past(0.3))
     _, x = densely(plan)
     depth = (ZONE.radius - np.linalg.norm(x - ZONE.center, axis=1)).max()
-    (check,) = rho.verify(plan).gave_way
+    (check,) = rho.verify(plan).exceeded
     assert check.excess == pytest.approx(depth, abs=1e-5)
     assert 0.1 < depth < ZONE.radius
     assert plan.statistics.converged
     assert rho.scp_step(plan).cost + 0.3 * depth >= total(plan) * (1.0 - 1e-3)
 
 
-def test_a_map_gives_way_as_one_limit() -> None:
+def test_a_map_is_one_soft_limit() -> None:
     cells = rho.Voxels.from_grid(np.ones((2, 8, 8), dtype=bool), 0.5, [4.5, -1.0, -3.0])
     free = single(between_knots=True)
     free = dataclasses.replace(free, vehicles=(dataclasses.replace(free.vehicles[0], radius=0.2),))
@@ -243,12 +243,12 @@ def test_a_map_gives_way_as_one_limit() -> None:
         plan = rho.plan(dataclasses.replace(free, obstacles=(wall,)))
         report = rho.verify(plan)
         assert report.ok
-        assert len(report.gave_way) <= 1
+        assert len(report.exceeded) <= 1
         assert total(plan) <= hard.cost * (1.0 + 1e-3)
 
 
 @pytest.mark.parametrize("coupling", ["coupled", "grouped", "decoupled"])
-def test_fleets_keep_apart_while_obstacles_give_way(coupling: Any) -> None:
+def test_fleets_keep_apart_beside_soft_obstacles(coupling: Any) -> None:
     scenario = random_fleet(3)
     center = np.mean([v.start.position + v.goal.position for v in scenario.vehicles], axis=0) / 2.0
     zone = rho.Obstacle(rho.Sphere(center, 0.05), penalty=1e-3)
@@ -267,21 +267,21 @@ def test_windows_plan_with_penalties(wind: float | None) -> None:
     assert not any(window.infeasible for window in flight.windows)
     report = rho.verify(flight)
     assert report.ok
-    assert report.gave_way[0].constraint == "obstacle 1 (zone)"
+    assert report.exceeded[0].constraint == "obstacle 1 (zone)"
     assert rho.verify(rho.simulate(scenario)).ok
 
 
-def test_with_a_disturbance_the_tightened_limit_gives_way() -> None:
+def test_with_a_disturbance_the_tightened_limit_is_soft() -> None:
     calm = past(0.3, limits=rho.Limits(max_acceleration=3.0))
     windy = dataclasses.replace(calm, disturbance=rho.Disturbance(0.2))
     plan = rho.plan(windy)
-    (check,) = rho.verify(plan).gave_way
+    (check,) = rho.verify(plan).exceeded
     _, x = densely(plan)
     depth = (ZONE.radius - np.linalg.norm(x - ZONE.center, axis=1)).max()
     assert check.errors > 0.0
     assert check.excess == pytest.approx(depth + check.errors, abs=1e-3)
     lane = dataclasses.replace(in_lane(0.3), disturbance=rho.Disturbance(0.2), between_knots=True)
-    (check,) = rho.verify(rho.plan(lane)).gave_way
+    (check,) = rho.verify(rho.plan(lane)).exceeded
     assert check.excess == pytest.approx(check.value + check.errors)
     # no room for the errors is no reason against a plan
     assert rho.verify(rho.plan(soft(disturbed(0), 1.0))).ok
@@ -310,7 +310,7 @@ def test_certificates_bound_the_cost_with_the_prices(scene: Any, penalty: float)
         assert certificate.gap < 0.2
 
 
-def test_a_limit_that_gives_way_is_never_the_reason() -> None:
+def test_a_soft_limit_is_never_the_reason() -> None:
     """Where hard limits conflict, no message names a soft one or asks to change it."""
     tight = past(0.3, limits=rho.Limits(max_speed=1.0))
     tight = dataclasses.replace(tight, requirements=(dataclasses.replace(LANE, penalty=1.0),))
@@ -342,21 +342,21 @@ def test_soft_waypoints_may_be_out_of_reach() -> None:
     )
     report = rho.verify(rho.plan(scenario))
     assert report.ok
-    assert {each.constraint for each in report.gave_way} == {"waypoint 1", "waypoint 2"}
+    assert {each.constraint for each in report.exceeded} == {"waypoint 1", "waypoint 2"}
 
 
-def test_reports_and_documents_name_what_gives_way(
+def test_reports_and_documents_name_what_is_exceeded(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     plan = rho.plan(past(0.3))
     report = rho.verify(plan)
-    (check,) = report.gave_way
+    (check,) = report.exceeded
     assert not check.asked
     assert report.violations == ()
-    words = f"obstacle 1 (zone) at all times gives way for solo by {check.excess:.4g} m"
+    words = f"soft: obstacle 1 (zone) at all times, exceeded for solo by {check.excess:.4g} m"
     assert words in str(report)
     assert f"penalties  {report.price:.6g} m²/s⁴" in str(report)
-    assert "but for those that give way at a price" in str(report)
+    assert "all constraints hold, but for soft limits" in str(report)
     rho.save(plan, tmp_path / "plan.npz")
     status, out, _ = run(capsys, monkeypatch, "verify", str(tmp_path / "plan.npz"), "--json")
     assert status == 0
@@ -365,10 +365,10 @@ def test_reports_and_documents_name_what_gives_way(
     assert row["price"] == pytest.approx(check.price)
     assert row["penalty"] == pytest.approx(0.3)
     assert document["ok"] is True
-    assert "gives way at 0.3 per m" in str(plan.scenario)
+    assert "soft, 0.3 m²/s⁴ per m" in str(plan.scenario)
     plain = rho.verify(rho.plan(past(None)))
     assert plain.price == 0.0
-    assert "give way" not in str(plain)
+    assert "soft" not in str(plain)
     assert all(each.penalty is None and each.price is None for each in plain.checks)
 
 
@@ -430,7 +430,7 @@ def test_daqp_and_osqp_plan_with_penalties() -> None:
         assert total(plan) == pytest.approx(expected, rel=1e-5)
 
 
-def test_smooth_motions_give_way_too() -> None:
+def test_smooth_motions_have_soft_limits_too() -> None:
     scenario = past(0.3, limits=rho.Limits(max_acceleration=2.0), smoothing=rho.Smoothing(0.5, 2))
     plan = rho.plan(scenario)
     report = rho.verify(plan)

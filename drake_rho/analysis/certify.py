@@ -77,8 +77,8 @@ def certify(
     this package's planners ensure. Waypoints are an exception: the averages pass them, and the plan
     passes within their margin. A disturbance does not raise this bound.
 
-    Where limits give way at a price, cost and bound are those of the accelerations and the prices
-    together. With a smoothing the bound leaves these limits out.
+    With soft limits, cost and bound are those of the accelerations and the prices together. With a
+    smoothing the bound leaves these limits out.
 
     Args:
         flown: any plan or flight of a scenario; it need not be optimal or satisfy its constraints.
@@ -149,9 +149,9 @@ def certify(
 
 
 def _prices(report: Report) -> FloatArray:
-    """Return the price of the limits that give way for each vehicle [m²/s⁴], shape (N,)."""
+    """Return the price of the soft limits for each vehicle [m²/s⁴], shape (N,)."""
     prices = dict.fromkeys(report.scenario.names, 0.0)
-    for check in report.gave_way:
+    for check in report.exceeded:
         prices[check.vehicle] += check.price or 0.0
     return np.array(list(prices.values()))
 

@@ -66,7 +66,7 @@ class Lagrangian:
         solution: u of the converged program, shape (G (K-1), 3).
         weights: λ >= 0 from the converged program, shape (S,).
         multipliers: y >= 0 from the converged program, shape (R,).
-        cost: norm(u)² of the converged program, and the price of its limits that give way.
+        cost: norm(u)² of the converged program, and the price of its soft limits.
         left_out: names of active constraints that are left out of the bound: convex shapes other
             than balls and ellipsoids have no quadratic form.
 
@@ -75,7 +75,7 @@ class Lagrangian:
         group: indices of the vehicles, shape (G,).
         as_planned: whether the bound is for plans with the planners' margins only, or for all
             plans.
-        priced: whether limits that give way at a price count; leaving them out lowers the bound.
+        priced: whether soft limits count; leaving them out lowers the bound.
     """
 
     def __init__(
@@ -163,7 +163,7 @@ class Lagrangian:
     def minimum(self, weights: FloatArray, multipliers: FloatArray) -> Minimum:
         """Return the minimum of L for λ = `weights` and y = `multipliers`, both >= 0.
 
-        Those of limits that give way are scaled down to their price where they exceed it.
+        Those of soft limits are scaled down to their price where they exceed it.
         """
         weights = self._of_curved.within_prices(weights)
         multipliers = self._of_affine.within_prices(multipliers)

@@ -77,7 +77,7 @@ def plan_minimum_time(
         InfeasibleError: no plan was found for any final time tried, or vehicles cannot hold at
             their goals from the least time on (`Scenario.hold_at_goal`).
         OutOfTimeError: time was up before a plan was found.
-        ScenarioError: no limit and no requirement bounds the time, a limit gives way at a price, or
+        ScenarioError: no limit and no requirement bounds the time, a limit is soft, or
             the scenario does not fit the number of knots.
         SolverError: the solvers fail numerically.
 

@@ -1,4 +1,4 @@
-"""Bounds on sums of multipliers: of limits that give way at a price.
+"""Bounds on the sums of multipliers of soft limits.
 
 The slack s of such a limit and vehicle enters all its rows and costs p s. So the Lagrangian has a
 least value over s >= 0, at s = 0, only if the multipliers of the rows, each in the unit in which
@@ -65,7 +65,7 @@ class SharedMultipliers:
 
 
 class Slacks:
-    """Numbers of slacks, one for each vehicle of each limit that gives way at a price."""
+    """Numbers of slacks, one for each vehicle of each soft limit."""
 
     def __init__(self) -> None:
         self._numbers: dict[tuple[Hashable, int], int] = {}

@@ -193,7 +193,7 @@ class Problem:
         return constraints
 
     def prices(self, plan: Plan) -> FloatArray:
-        """Return what each vehicle's limits give way for in a plan [m²/s⁴], shape (N,).
+        """Return the price of each vehicle's soft limits in a plan [m²/s⁴], shape (N,).
 
         It is measured from the limits themselves, obstacles not linearised, with planners' margins.
         """

@@ -206,8 +206,8 @@ def check_waypoints(
                 raise ScenarioError(
                     f"vehicles[{i}].{where}.time", time, f"a time in the flight, {expected}"
                 )
-        # one that gives way may be out of reach
-        required = np.where(waypoints.gives_way[:, None], np.nan, waypoints.positions)
+        # a soft one may be out of reach
+        required = np.where(waypoints.soft[:, None], np.nan, waypoints.positions)
         if (bounds := fleet.bounds("position")) is not None:
             bounds.check(f"{where}.position", required)
         check_outside(
@@ -237,7 +237,7 @@ def check_outside(
         times: on the scenario's clock [s], shape (N,). Where they are NaN, only steady obstacles
             count (`Obstacle.is_steady`).
         margin: further distance from obstacles that are not steady [m].
-        hard_only: whether obstacles that give way at a price are left out.
+        hard_only: whether soft obstacles are left out.
 
     Raises:
         ScenarioError: a vehicle is too close to an obstacle.
@@ -349,7 +349,7 @@ def _check_given_states(
         ends.append(_Given(f"{end}.{quantity}", quantity, values, times, exactly))
     if requirement.leader is None and requirement.penalty is None:
         for index, each in enumerate(fleet.waypoints):
-            times = np.where(each.gives_way, np.nan, each.times)
+            times = np.where(each.soft, np.nan, each.times)
             field, at = f"waypoints[{index}].position", (each.positions, times, each.within)
             passed.append(_Given(field, "position", *at))
     for required, given in ((_at_ends(requirement, grid), ends), (requirement, passed)):

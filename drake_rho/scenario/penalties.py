@@ -1,4 +1,4 @@
-"""Penalties of limits that give way at a price, and where they have no meaning."""
+"""Penalties of soft limits, and where they have no meaning."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def penalties_of(
 
 
 def check_no_penalties(penalties: Mapping[str, float], expected: str) -> None:
-    """Check that no limit gives way at a price.
+    """Check that no limit is soft.
 
     Args:
         penalties: the penalties of a scenario, by field.

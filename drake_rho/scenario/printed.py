@@ -87,7 +87,7 @@ def _obstacle(obstacle: Obstacle) -> str:
     if obstacle.active is not None:
         words.append("active from {:g} to {:g} s".format(*obstacle.active))
     if obstacle.penalty is not None:
-        words.append(f"gives way at {obstacle.penalty:g} per m")
+        words.append(f"soft, {obstacle.penalty:g} m²/s⁴ per m")
     return ", ".join(words)
 
 
@@ -107,7 +107,7 @@ def _kept(requirement: KeepIn) -> str:
             who = f" of {len(vehicles)} vehicles"
     to = requirement.leader or ("a moving point" if requirement.track else None)
     relative = f" relative to {to}" if to else ""
-    price = f", gives way at {requirement.penalty:g} per {requirement.unit}"
+    price = f", soft, {requirement.penalty:g} m²/s⁴ per {requirement.unit}"
     given = "" if requirement.penalty is None else price
     return f"{requirement.of}{who}{relative} in {set_text(requirement.set)}{given}"
 

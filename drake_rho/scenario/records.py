@@ -282,8 +282,12 @@ class Scenario(ShownInNotebooks):
 
     @cached_property
     def penalties(self) -> dict[str, float]:
-        """Penalties of the limits that give way at a price, by field; empty if all must hold."""
+        """Penalties of the soft limits, by field; empty if all must hold."""
         return penalties_of(self.vehicles, self.obstacles, self.requirements)
+
+    def with_hard_obstacles(self) -> Scenario:
+        """Return the scenario without penalties of its obstacles."""
+        return self.derived(obstacles=tuple(unchecked(o, penalty=None) for o in self.bodies))
 
     def without_penalties(self) -> Scenario:
         """Return the scenario with the limits that must hold only, obstacles numbered anew."""

@@ -33,7 +33,7 @@ class Waypoints:
     """cost of each metre further away [m/s⁴], shape (N,); infinite where it must be passed"""
 
     @property
-    def gives_way(self) -> BoolArray:
+    def soft(self) -> BoolArray:
         """Mask of the vehicles that may miss the waypoint at a price, shape (N,)."""
         return np.isfinite(self.penalties)
 

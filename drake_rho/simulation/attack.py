@@ -196,7 +196,7 @@ def _checks(
 ) -> Iterator[tuple[Column, Callable[[int], _Clearance]]]:
     """Yield the verifier's columns, each with a function from vehicle index to clearance.
 
-    Those of limits that give way at a price are left out.
+    Those of soft limits are left out.
     """
     scenario = trajectory.scenario
     hard = (number for number, each in enumerate(scenario.bodies, start=1) if each.penalty is None)

@@ -53,12 +53,12 @@ class Check(metaclass=Described):
     asked: bool = True
     """whether the scenario requires the constraint; others are reported only"""
     penalty: float | None = None
-    """cost of each unit of excess, the vehicle's weight included [m²/s⁴ per unit], if the limit
-    gives way at a price; such a limit is not required"""
+    """cost of each unit of excess, the vehicle's weight included [m²/s⁴ per unit], if the
+    limit is soft; such a limit is not required"""
 
     @property
     def price(self) -> float | None:
-        """Price of the excess of a limit that gives way [m²/s⁴], 0 where it holds; else None."""
+        """Price of the excess of a soft limit [m²/s⁴], 0 where it holds; else None."""
         if self.penalty is None:
             return None
         return 0.0 if self.holds else self.penalty * self.excess
@@ -101,7 +101,7 @@ class Column:
     concerned: BoolArray  # which vehicles have this constraint
     asked: bool = True
     partners: IntArray | None = None  # index of the other vehicle of each pair
-    penalties: FloatArray | None = None  # of a limit that gives way, per unit of excess
+    penalties: FloatArray | None = None  # of a soft limit, per unit of excess
 
     @property
     def is_at_knots(self) -> bool:
@@ -119,8 +119,8 @@ class Column:
         met = (self.excess <= self.tolerances) | ~self.concerned
         return not self.asked or bool(met.all())
 
-    def giving_way(self, penalties: FloatArray | None, *, counted: bool = True) -> Self:
-        """Return the column of a limit that gives way at a price; itself if that is None.
+    def softened(self, penalties: FloatArray | None, *, counted: bool = True) -> Self:
+        """Return the column of a soft limit; itself if that is None.
 
         Args:
             penalties: cost of each unit of excess of every vehicle [m²/s⁴ per unit], shape (N,).

@@ -141,7 +141,7 @@ def check_obstacle(trajectory: PiecewiseTrajectory, number: int) -> Iterator[Col
                 concerned=~np.isposinf(found.clearances),  # else it is never avoided in this flight
             )
             counted = known and part == (AT_ALL_TIMES if scenario.between_knots else AT_KNOTS)
-            yield column.giving_way(obstacle.prices(scenario.fleet.weights), counted=counted)
+            yield column.softened(obstacle.prices(scenario.fleet.weights), counted=counted)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

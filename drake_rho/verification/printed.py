@@ -84,13 +84,13 @@ def facts(
     bounds += _gap_of_cost(summary, total) if gap and summary.minimised == "cost" else ""
     yield "cost", f"{summary.cost:.6g} m²/s⁴{bounds}"
     if prices:
-        yield "penalties", f"{sum(prices):.6g} m²/s⁴ for limits that give way"
+        yield "penalties", f"{sum(prices):.6g} m²/s⁴ for soft limits"
 
 
 def in_words(check: Check) -> str:
-    """Return a sentence on a limit that gives way: for whom, by how much, when, at what price."""
+    """Return a sentence on a soft limit: for whom, by how much, when, at what price."""
     much = f"by {check.excess:.4g} {check.unit} at {clock_time(check.time)}"
-    return f"{check.what} gives way for {check.vehicle} {much}: {check.price:.6g} m²/s⁴"
+    return f"soft: {check.what}, exceeded for {check.vehicle} {much}, for {check.price:.6g} m²/s⁴"
 
 
 def closest(checks: Iterable[Check], kind: str) -> Check | None:
@@ -134,7 +134,7 @@ def _gap_of_cost(summary: Summary, total: float) -> str:
 
     Args:
         summary: summary of the motion.
-        total: its cost with the price of limits that give way [m²/s⁴].
+        total: its cost with the price of soft limits [m²/s⁴].
     """
     least = summary.least_effort
     if summary.largest_jump is not None or not total >= (1.0 - _ROUNDING) * least > 0.0:
@@ -195,7 +195,7 @@ def full_table(checks: Sequence[Check]) -> Table:
 def _verdict(check: Check) -> str:
     """Return a short verdict on a check, if it is not as expected."""
     if check.price is not None:
-        return f"gives way: {check.price:.6g} m²/s⁴" if check.price else "may give way"
+        return f"soft: {check.price:.6g} m²/s⁴" if check.price else "soft"
     if not check.asked:
         return "not required"
     return "" if check.holds else "VIOLATED"

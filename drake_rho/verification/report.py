@@ -59,14 +59,14 @@ class Report(metaclass=Described):
         return tuple(sorted(violated, key=_relative_excess, reverse=True))
 
     @property
-    def gave_way(self) -> tuple[Check, ...]:
-        """Checks of limits that give way at a price and are violated, the most expensive first."""
+    def exceeded(self) -> tuple[Check, ...]:
+        """Checks of soft limits that are exceeded, the most expensive first."""
         return tuple(sorted((each for each in self.checks if each.price), key=_price, reverse=True))
 
     @property
     def price(self) -> float:
-        """Price of all limits that give way [m²/s⁴], to be added to the cost of accelerations."""
-        return sum(map(_price, self.gave_way))
+        """Price of all soft limits [m²/s⁴], to be added to the cost of accelerations."""
+        return sum(map(_price, self.exceeded))
 
     @property
     def tightest(self) -> tuple[Check, ...]:
@@ -110,8 +110,8 @@ class Report(metaclass=Described):
         lines = tuple(facts(self.summary, self.checks, self.scenario.grid.duration, gap=self.ok))
         name, below = self.scenario.name, list[str]()
         title = f"{name}: all constraints hold"
-        if self.gave_way:
-            title += ", but for those that give way at a price"
+        if self.exceeded:
+            title += ", but for soft limits"
         rows = list(self.tightest)
         if violations:
             title = f"{name}: {len(violations)} of {len(self.checks)} checks violated"
@@ -159,10 +159,10 @@ class Report(metaclass=Described):
             notes.append(
                 f"estimated from samples: the deviation from the track of {', '.join(estimated)}"
             )
-        paid = self.gave_way
+        paid = self.exceeded
         notes += map(in_words, paid[:LONGEST])
         if len(paid) > LONGEST:
-            notes.append(f"{len(paid) - LONGEST} more limits give way")
+            notes.append(f"{len(paid) - LONGEST} more soft limits are exceeded")
         return [*notes, *self.notes]
 
 
@@ -182,7 +182,7 @@ def _kind(check: Check) -> tuple[str, str, bool]:
 
 
 def _price(check: Check) -> float:
-    """Return the price of a limit that gives way [m²/s⁴]; 0 of any other."""
+    """Return the price of a soft limit [m²/s⁴]; 0 of any other."""
     return check.price or 0.0
 
 

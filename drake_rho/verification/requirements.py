@@ -97,7 +97,7 @@ def _column(quantity: Constrained, number: int, worst: Highest, when: str) -> Co
     )
     always = scenario.between_knots or quantity.is_instant
     prices = required.prices(scenario.fleet, scenario.names)
-    return column.giving_way(prices, counted=when != (AT_KNOTS if always else AT_ALL_TIMES))
+    return column.softened(prices, counted=when != (AT_KNOTS if always else AT_ALL_TIMES))
 
 
 def _about(required: KeepIn) -> str:

@@ -320,7 +320,7 @@ class Rest:
 
 
 def _counts(column: Column) -> bool:
-    """Return whether a column covers every instant of a constraint that does not give way."""
+    """Return whether a column covers every instant of a hard constraint."""
     return not column.is_at_knots and column.penalties is None
 
 

@@ -45,14 +45,14 @@ def check_waypoints(trajectory: PiecewiseTrajectory) -> Iterator[Column]:
             tolerances=waypoints.tolerances(scale),
             errors=errors,
             unit="m",
-            concerned=present & ~waypoints.gives_way,
+            concerned=present & ~waypoints.soft,
         )
-        soft = present & waypoints.gives_way
+        soft = present & waypoints.soft
         if column.concerned.any() or not soft.any():
             yield column
         if soft.any():
             penalties = np.where(soft, waypoints.penalties * scenario.fleet.weights, 0.0)
-            yield dataclasses.replace(column, concerned=soft).giving_way(penalties)
+            yield dataclasses.replace(column, concerned=soft).softened(penalties)
 
 
 def _at_jumps(trajectory: PiecewiseTrajectory, times: FloatArray) -> Iterator[tuple[int, int]]:

@@ -70,8 +70,8 @@ def waypoints_of(scenario: Scenario, margins: PlanMargins) -> list[KeepInSets]:
     A waypoint is a ball of positions at one time, which need not be a knot's. If it is to be passed
     exactly the radius is zero, which needs no special treatment: the boundary of every half-space
     that a motion violates contains the waypoint. With a smoothing the ball is one of averaged
-    positions, which are linear in the accelerations too. Those that give way at a price are
-    constraints of their own.
+    positions, which are linear in the accelerations too. Soft ones are constraints of
+    their own.
     """
     fleet, clock = scenario.fleet, scenario.grid.clock
     everyone = np.arange(len(scenario.vehicles))
@@ -84,7 +84,7 @@ def waypoints_of(scenario: Scenario, margins: PlanMargins) -> list[KeepInSets]:
             name=f"waypoint {index + 1}",
             quantity="position",
             sets=waypoints.balls(scale),
-            members=everyone[~waypoints.gives_way],
+            members=everyone[~waypoints.soft],
             roundings=fleet.coordinate_errors
             + np.minimum(late, _ROUNDED * waypoints.tolerances(scale)),
             times=scenario.grid.since_start(waypoints.times)[:, None],
@@ -96,13 +96,13 @@ def waypoints_of(scenario: Scenario, margins: PlanMargins) -> list[KeepInSets]:
     soft = [
         dataclasses.replace(
             each,
-            key=(each.key, "gives way"),
-            members=everyone[waypoints.gives_way],
-            prices=np.where(waypoints.gives_way, waypoints.penalties * fleet.weights, 0.0),
+            key=(each.key, "soft"),
+            members=everyone[waypoints.soft],
+            prices=np.where(waypoints.soft, waypoints.penalties * fleet.weights, 0.0),
             as_cone=False,
         )
         for each, waypoints in zip(hard, fleet.waypoints, strict=True)
-        if waypoints.gives_way.any()
+        if waypoints.soft.any()
     ]
     return [each for each in [*hard, *soft] if len(each.members) > 0]
 

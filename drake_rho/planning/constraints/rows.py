@@ -26,8 +26,8 @@ class Form:
     penalty: float = np.inf
     """cost per unit of violation of a row; infinite if rows must hold"""
     prices: FloatArray | None = None
-    """cost per unit of the worst violation among the rows of each vehicle, shape (N,), if rows give
-    way at a price; they do so instead of `penalty`"""
+    """cost per unit of the worst violation among the rows of each vehicle, shape (N,), in place of
+    `penalty`; None if rows of a vehicle have nothing in common"""
     coupled: bool = False
     """true if rows bound the difference to a partner, not the quantity of a single vehicle"""
     curved: bool = False
@@ -97,7 +97,7 @@ class Rows(Table):
         """Return the number of each row's slack variable, counted from 0, shape (R,).
 
         Soft rows of a curved set share one slack variable per instant, since the violation of the
-        set is that of its worst row. Rows that give way at a price share one per vehicle.
+        set is that of its worst row. Rows with prices share one per vehicle.
         """
         if self.form.prices is not None:
             whose: IntArray = np.unique(self.vehicles, return_inverse=True)[1]

@@ -143,7 +143,7 @@ def _limit_slacks(scenario: Scenario, margins: Margins) -> Iterator[TighteningSl
                 )
     for number, waypoints in enumerate(fleet.waypoints, start=1):
         times = np.where(waypoints.present, waypoints.times - scenario.grid.start, 0.0)
-        required = waypoints.present & ~waypoints.gives_way
+        required = waypoints.present & ~waypoints.soft
         needed = np.where(required, margins.pointwise.at("position", times), 0.0)
         tolerances = waypoints.tolerances(fleet.scale("position"))
         name = f"waypoint {number}"

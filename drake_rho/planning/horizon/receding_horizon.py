@@ -98,8 +98,8 @@ class RecedingHorizon:
     Raises:
         ValueError: `replan_every` is not a whole number of at least 1, the latency is longer than
             a window is flown, or the cost is to be bounded with a free final time.
-        ScenarioError: a vehicle moves at its goal and the final time is free, or a limit gives way
-            at a price and the final time is free or the cost is to be bounded.
+        ScenarioError: a vehicle moves at its goal and the final time is free, or a limit is
+            soft and the final time is free or the cost is to be bounded.
     """
 
     @checked

@@ -163,7 +163,7 @@ class InGroups:
             pairs, key=_BETWEEN_GROUPS, coupled=False, responsibility=decoupled.responsibility
         )
         others = [*self._problem.convex, *self._problem.obstacles_around(reference)]
-        others = [  # references take no account of limits that give way at a price
+        others = [  # references take no account of soft limits
             dataclasses.replace(each, penalty=_LIMIT_PENALTY * penalty)
             for each in others
             if each.prices is None

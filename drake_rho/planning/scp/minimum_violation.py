@@ -112,8 +112,8 @@ def elastic(
 
     The scale of a quantity is the largest of all vehicles. Acceleration boxes stay hard if
     margins leave them feasible. Other sets of accelerations are soft: a requirement may contradict
-    the boxes, and tangent planes converge slowly where only violations have a cost. Limits that
-    give way at a price are left out.
+    the boxes, and tangent planes converge slowly where only violations have a cost. Soft limits of
+    the scenario are left out.
     """
     hard = "acceleration" if has_room_for(problem.scenario, problem.margins, "acceleration") else ""
     fleet = problem.scenario.fleet

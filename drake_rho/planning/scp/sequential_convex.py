@@ -120,7 +120,7 @@ def _better(
     Args:
         plan: plan before an iteration.
         after: plan after it.
-        saved: decrease of the price of limits that give way, of each vehicle [m²/s⁴], shape (N,).
+        saved: decrease of the price of soft limits, of each vehicle [m²/s⁴], shape (N,).
         labels: equal numbers for vehicles that converge together, shape (N,).
         falling: indices of the vehicles planned again.
         least: decrease of the cost above which vehicles continue [m²/s⁴].

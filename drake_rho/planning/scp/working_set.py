@@ -129,7 +129,7 @@ class WorkingSet:
     def beyond_slack(self, rows: HalfSpaces, motion: Motion, neighbours: int) -> HalfSpaces:
         """Return the rows that a motion violates by more than the slack of their vehicle.
 
-        The slack of a limit that gives way at a price is the worst violation among the rows in the
+        The slack of a soft limit is the worst violation among the rows in the
         working set, which are in the last programs.
 
         Args:

@@ -155,7 +155,7 @@ def add_excesses(draft: Draft, constraint: Constraint, whose: IntArray) -> dict[
 
     Args:
         draft: the program.
-        constraint: the constraint, which may give way.
+        constraint: the constraint, soft or hard.
         whose: indices of the vehicles of its rows, shape (R,).
 
     Returns:
