@@ -185,14 +185,14 @@ def test_prices_are_times_the_weight_and_of_pairs_the_mean_weight() -> None:
     heavy = dataclasses.replace(pair.vehicles[1], weight=3.0)
     link = rho.KeepIn(rho.Ball([0, 0, 0], 4.0), vehicles="v1", relative_to="v0", active=(1, 6))
     for requirement, weight in ((LANE, 3.0), (link, 2.0)):
-        kept = dataclasses.replace(requirement, vehicles="v1", penalty=0.7)
+        kept = dataclasses.replace(requirement, vehicles=("v1",), penalty=0.7)
         scenario = dataclasses.replace(
             pair, vehicles=(pair.vehicles[0], heavy), requirements=(kept,), separation=None
         )
         plan = rho.plan(scenario)
         (check,) = rho.verify(plan).exceeded
         assert check.penalty == pytest.approx(0.7 * weight)
-        assert check.price == pytest.approx(check.penalty * check.excess)
+        assert check.price == pytest.approx(0.7 * weight * check.excess)
         times, x = densely(plan, 1)
         outside = x[:, 1] - 0.5
         if requirement is link:
@@ -425,8 +425,9 @@ def test_penalties_are_refused_where_nothing_weighs_them() -> None:
 
 def test_daqp_and_osqp_plan_with_penalties() -> None:
     expected = total(rho.plan_convex(in_lane(1.0)))
-    for solver in ("daqp", "osqp"):
-        plan = rho.plan_convex(in_lane(1.0), solver=solver)  # type: ignore[arg-type]  # a name
+    solvers: tuple[Any, ...] = ("daqp", "osqp")
+    for solver in solvers:
+        plan = rho.plan_convex(in_lane(1.0), solver=solver)
         assert total(plan) == pytest.approx(expected, rel=1e-5)
 
 

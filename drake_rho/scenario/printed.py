@@ -107,9 +107,10 @@ def _kept(requirement: KeepIn) -> str:
             who = f" of {len(vehicles)} vehicles"
     to = requirement.leader or ("a moving point" if requirement.track else None)
     relative = f" relative to {to}" if to else ""
-    price = f", soft, {requirement.penalty:g} m²/s⁴ per {requirement.unit}"
-    given = "" if requirement.penalty is None else price
-    return f"{requirement.of}{who}{relative} in {set_text(requirement.set)}{given}"
+    words = f"{requirement.of}{who}{relative} in {set_text(requirement.set)}"
+    if requirement.penalty is not None:
+        words += f", soft, {requirement.penalty:g} m²/s⁴ per {requirement.unit}"
+    return words
 
 
 def option_lines(
