@@ -180,6 +180,72 @@ def test_what_errors_break_after_the_end_is_found(
     assert not all(each.holds for each in check_rest(scenario))
 
 
+def _soft(scenario: rho.Scenario, penalty: float) -> rho.Scenario:
+    """Return a scenario in which all that can be soft is."""
+    vehicles = [
+        dataclasses.replace(
+            vehicle,
+            waypoints=tuple(dataclasses.replace(w, penalty=penalty) for w in vehicle.waypoints),
+        )
+        for vehicle in scenario.vehicles
+    ]
+    return dataclasses.replace(
+        scenario,
+        vehicles=tuple(vehicles),
+        obstacles=tuple(dataclasses.replace(each, penalty=penalty) for each in scenario.bodies),
+        requirements=tuple(
+            dataclasses.replace(each, penalty=penalty) for each in scenario.requirements
+        ),
+    )
+
+
+def _missed(of: Any, *, relative: bool) -> rho.Scenario:
+    """Return a scenario with a set far from any value of the quantity, or of a difference."""
+    scenario = _required(of, relative=relative)
+    far = dataclasses.replace(scenario.requirements[0], set=rho.Sphere([9.0, 9.0, 9.0], 0.1))
+    return dataclasses.replace(scenario, requirements=(far,))
+
+
+_CAN_BE_SOFT = {
+    **{kind: _scenario(kind) for kind in (*_OBSTACLES, "waypoints")},
+    **{f"{of} of one": _missed(of, relative=False) for of in _SETS},
+    **{f"{of} of two": _missed(of, relative=True) for of in _SETS},
+}
+
+
+@pytest.mark.parametrize("kind", _CAN_BE_SOFT)
+def test_every_kind_that_can_be_soft_is_priced_everywhere(kind: str) -> None:
+    """No part of the package takes a soft limit for a hard one, or forgets its price."""
+    scenario = _soft(_CAN_BE_SOFT[kind], 1e-3)
+    assert scenario.penalties
+    flown = rho.plan_rho(scenario)
+    plan = flown.plan if kind == "late obstacles" else rho.plan(scenario)
+    report = rho.verify(plan)
+    assert report.ok
+    assert report.exceeded
+    assert report.price == pytest.approx(sum(each.price or 0.0 for each in report.checks))
+    assert rho.verify(flown).ok
+    assert rho.verify(flown).exceeded
+    assert all(column.holds for column in _columns_in_windows(plan))
+    certificate = rho.certify(plan)
+    assert certificate.cost == pytest.approx(plan.cost + report.price)
+    assert certificate.lower_bound <= certificate.cost * (1.0 + 1e-6)
+    if kind != "late obstacles":
+        assert float(Problem.of(scenario).prices(plan).sum()) == pytest.approx(
+            report.price, rel=1e-5
+        )
+        assert "penalties" in rho.program(scenario).bindings
+    for refused in (
+        lambda: rho.plan_minimum_time(scenario),
+        lambda: rho.plan_rho(scenario, bounded_cost=True),
+    ):
+        with pytest.raises(rho.ScenarioError, match=r"penalty: got 0\.001, "):
+            refused()
+    windy = dataclasses.replace(scenario, disturbance=rho.Disturbance(0.01), separation=None)
+    with pytest.raises(ValueError, match="expected obstacles, a separation"):
+        rho.attack(windy, plan)
+
+
 @pytest.mark.parametrize("relative", [False, True], ids=["single", "relative"])
 @pytest.mark.parametrize("of", _SETS)
 def test_every_quantity_is_required_of_one_or_of_two(of: str, relative: bool) -> None:

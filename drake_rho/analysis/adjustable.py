@@ -68,13 +68,13 @@ def adjustable_numbers(scenario: Scenario, vehicles: Sequence[str]) -> list[Adju
     found += [
         _of_requirement(scenario, number, each, each.set)
         for number, each in enumerate(scenario.requirements, start=1)
-        if isinstance(each.set, Box | Sphere | HalfSpace)
+        if isinstance(each.set, Box | Sphere | HalfSpace) and each.penalty is None
     ]
     found += [
         _of_waypoint(scenario, vehicle.name, number, waypoint)
         for vehicle in scenario.vehicles
         for number, waypoint in enumerate(vehicle.waypoints, start=1)
-        if vehicle.name in vehicles and waypoint.time is not None
+        if vehicle.name in vehicles and waypoint.time is not None and waypoint.penalty is None
     ]
     if scenario.separation is not None and len(scenario.vehicles) > 1:
         found.append(_of_separation(scenario))

@@ -55,7 +55,7 @@ def best_bound(lagrangian: Lagrangian, ascent: Ascent) -> float:
     weights, multipliers = lagrangian.weights, lagrangian.multipliers
     first = lagrangian.minimum(weights, multipliers)
     ascent.begin()
-    index = float(np.sum(lagrangian.solution**2))
+    index = lagrangian.cost
     if first.value >= index * (1 - CONVERGED) or len(weights) + len(multipliers) == 0:
         return first.value
     loss = 1.0 - lagrangian.curvature(weights)  # proportional to the weights
@@ -83,7 +83,7 @@ def _climb(
         best = max(best, found.value)
         return -found.value, -np.concatenate(lagrangian.slopes(found.at)) * sizes
 
-    scale = float(np.sum(lagrangian.solution**2)) + 1.0
+    scale = lagrangian.cost + 1.0
     with suppress(OutOfTimeError):
         minimize(
             descend,

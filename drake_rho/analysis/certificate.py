@@ -37,7 +37,7 @@ class VehicleCertificate(metaclass=Described):
     vehicle: str
     """name of the vehicle; for a group, that of the first and the number of the others"""
     cost: float
-    """cost of this vehicle or group [m²/s⁴]"""
+    """cost of this vehicle or group, with the price of its soft limits [m²/s⁴]"""
     lower_bound: float
     """lower bound on this part of the cost of every plan [m²/s⁴]"""
     least_eigenvalue: float
@@ -85,7 +85,7 @@ class Certificate(metaclass=Described):
 
     @property
     def cost(self) -> float:
-        """Cost of the plan [m²/s⁴], the performance index f (13)."""
+        """Cost of the plan [m²/s⁴]: the performance index f (13), and prices of limits."""
         return sum(each.cost for each in self.vehicles)
 
     @property

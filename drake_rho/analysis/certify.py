@@ -41,10 +41,11 @@ from drake_rho.planning.scp.cutting_planes import CuttingPlanes
 from drake_rho.planning.scp.sequential_convex import sequential_convex
 from drake_rho.planning.scp.subproblem import Subproblem
 from drake_rho.scenario.arguments import checked
-from drake_rho.scenario.fields import IntArray
+from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.records import Scenario
 from drake_rho.scenario.smoothing import largest_accelerations
 from drake_rho.system.threads import single_threaded_blas
+from drake_rho.verification.report import Report
 from drake_rho.verification.verify import verify
 
 MOST_CERTIFIED_TOGETHER = 25
@@ -75,6 +76,9 @@ def certify(
     With a smoothing it is valid for plans that meet the constraints themselves, without margins, as
     this package's planners ensure. Waypoints are an exception: the averages pass them, and the plan
     passes within their margin. A disturbance does not raise this bound.
+
+    With soft limits, cost and bound are those of the accelerations and the prices together. With a
+    smoothing the bound leaves these limits out.
 
     Args:
         flown: any plan or flight of a scenario; it need not be optimal or satisfy its constraints.
@@ -109,7 +113,8 @@ def certify(
     except OutOfTimeError:
         cut = True
     efforts = costs_of(scenario, Problem.of(scenario).effort.motion)
-    costs = costs_of(scenario, plan.motion())
+    report = verify(flown)
+    costs = costs_of(scenario, plan) + _prices(report)
     certificates, left_out = list[VehicleCertificate](), set[str]()
     groups = _groups(vehicles, proposals)
     for number, group in enumerate(groups, start=1):
@@ -123,11 +128,15 @@ def certify(
             certificates.append(_by_effort(name, cost, effort, disturbed=disturbed))
             continue
         ascent = Ascent(progress, task, cost, len(proposals) * (2 if disturbed else 1))
-        lagrangians = [Lagrangian(solved, group) for solved in proposals]
+        # excesses of averages are not those of the relaxation
+        priced = plan.scenario.smoothing is None
+        lagrangians = [Lagrangian(solved, group, priced=priced) for solved in proposals]
         left_out |= set[str]().union(*(each.left_out for each in lagrangians))
         bound = planned = _bound(lagrangians, ascent)
         if disturbed:
-            looser = [Lagrangian(solved, group, as_planned=False) for solved in proposals]
+            looser = [
+                Lagrangian(solved, group, as_planned=False, priced=priced) for solved in proposals
+            ]
             bound = _bound(looser, ascent)
         certificates.append(
             _by_multipliers(name, cost, lagrangians[0], bound, planned if disturbed else None)
@@ -135,8 +144,16 @@ def certify(
     names = [scenario.obstacle_name(number) for number, _ in scenario.known]
     not_counted = (*dropped, *(name for name in names if name in left_out))
     cut = cut or seconds_left() <= 0.0
-    holds, jumps = verify(flown).ok, largest_jump(plan) is not None
+    holds, jumps = report.ok, largest_jump(plan) is not None
     return Certificate(plan.scenario, tuple(certificates), holds, not_counted, cut, jumps)
+
+
+def _prices(report: Report) -> FloatArray:
+    """Return the price of the soft limits for each vehicle [m²/s⁴], shape (N,)."""
+    prices = dict.fromkeys(report.scenario.names, 0.0)
+    for check in report.exceeded:
+        prices[check.vehicle] += check.price or 0.0
+    return np.array(list(prices.values()))
 
 
 def _before_averages(scenario: Scenario) -> Scenario:

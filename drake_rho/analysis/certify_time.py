@@ -15,6 +15,7 @@ from drake_rho.planning.call.time_limit import with_time_limit
 from drake_rho.planning.errors import OutOfTimeError
 from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.objective import check_only_effort
+from drake_rho.scenario.penalties import NO_COST, check_no_penalties
 from drake_rho.scenario.records import Scenario
 from drake_rho.system.numbers import percent
 from drake_rho.system.threads import single_threaded_blas
@@ -66,6 +67,7 @@ def certify_time(
         raise ValueError(f"gap: got {gap!r}, expected a number of at least 0")
     scenario = plan.scenario
     check_only_effort(scenario.objective, "where the time is minimised")
+    check_no_penalties(scenario.penalties, NO_COST)
     duration = scenario.grid.duration
     bounds = list[TimeBound]()
     for number, vehicle in enumerate(scenario.vehicles):

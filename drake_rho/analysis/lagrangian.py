@@ -26,7 +26,9 @@ import numpy as np
 from scipy.linalg import block_diag, cho_factor, cho_solve, eigvalsh, null_space
 from scipy.sparse import csc_array, vstack
 
+from drake_rho.analysis.shared_multipliers import SharedMultipliers, Slacks
 from drake_rho.motion.costs import costs_of
+from drake_rho.motion.dynamics import Motion
 from drake_rho.planning.constraints.base import HalfSpaces, Quadratic, about
 from drake_rho.planning.constraints.margins import Margins
 from drake_rho.planning.minimum_effort import MinimumEffort
@@ -66,6 +68,7 @@ class Lagrangian:
         solution: u of the converged program, shape (G (K-1), 3).
         weights: λ >= 0 from the converged program, shape (S,).
         multipliers: y >= 0 from the converged program, shape (R,).
+        cost: norm(u)² of the converged program, and the price of its soft limits.
         left_out: names of active constraints that are left out of the bound: convex shapes other
             than balls and ellipsoids have no quadratic form.
 
@@ -74,31 +77,46 @@ class Lagrangian:
         group: indices of the vehicles, shape (G,).
         as_planned: whether the bound is for plans with the planners' margins only, or for all
             plans.
+        priced: whether soft limits count; leaving them out lowers the bound.
     """
 
-    def __init__(self, solved: CuttingPlanes, group: IntArray, *, as_planned: bool = True) -> None:
+    def __init__(
+        self,
+        solved: CuttingPlanes,
+        group: IntArray,
+        *,
+        as_planned: bool = True,
+        priced: bool = True,
+    ) -> None:
         effort = solved.problem.effort
         count, steps, changes = len(group), effort.grid.knots - 1, effort.changes
         self.unit = float(effort.changes.units[group].max())
         scale = self.unit * changes.factors_of(group)[:, None, None]
         added = solved.motion.accelerations[group] - effort.motion.accelerations[group]
-        self.solution = changes.coordinates(added, group) / scale
-        self.solution = self.solution.reshape(-1, 3)
+        self.solution = (changes.coordinates(added, group) / scale).reshape(-1, 3)
         costs = costs_of(solved.problem.scenario, effort.motion)[group]
         self._least = float(costs.sum()) / self.unit**2
         spaces = [changes.space(vehicle) for vehicle in group.tolist()]
         self._free = block_diag(*(null_space(each.goals) for each in spaces))
-        self.left_out = set[str]()
+        self.left_out, self.cost = set[str](), self._cost(self.solution)
+        slacks, of_curved, of_affine = Slacks(), SharedMultipliers.none(), SharedMultipliers.none()
         curved = [_no_terms(count * steps)]
         affine = [(csc_array((0, 3 * count * steps)), np.zeros(0), np.zeros(0))]
         for planned, y in _multipliers(solved, group, self.unit):
+            if planned.constraint.prices is not None and not priced:
+                continue
+            self.cost += _price(planned, solved.motion) / self.unit**2
             rows = planned if as_planned else _at_instants(planned)
             quadratic = rows.constraint.quadratics(rows)
             if quadratic is not None:
                 if np.all(np.isin(rows.partners, group)):  # leaving out others lowers the bound
                     curved.append(_curved_terms(effort, group, rows, quadratic, y))
+                    parts = self.unit**2 * quadratic.scales.max(axis=1) / rows.penalties
+                    of_curved = of_curved.joined(slacks.of(rows, parts))
             elif not rows.constraint.linearised:  # linear in u without a linearisation
-                matrix, needed, _ = rows_of(changes, group, about(effort.motion, [rows]))
+                about_effort = about(effort.motion, [rows])
+                matrix, needed, penalties = rows_of(changes, group, about_effort)
+                of_affine = of_affine.joined(slacks.of(rows, 1.0 / penalties))
                 affine.append((matrix, needed, y))
             elif np.any(y > _NEGLIGIBLE * np.sqrt(self._cost(self.solution))):  # not quadratic
                 self.left_out.add(rows.constraint.name)
@@ -110,6 +128,7 @@ class Lagrangian:
         self._matrix = vstack([each[0] for each in affine]).tocsr()
         self._lower = np.concatenate([each[1] for each in affine])
         self.multipliers = np.concatenate([each[2] for each in affine])
+        self._of_curved, self._of_affine = of_curved, of_affine
         self._only_used()
 
     def _only_used(self) -> None:
@@ -120,6 +139,8 @@ class Lagrangian:
         self._scales = self._scales[curved]
         self._matrix, self._lower = self._matrix[affine], self._lower[affine]
         self.multipliers = self.multipliers[affine]
+        self._of_curved = self._of_curved.select(curved)
+        self._of_affine = self._of_affine.select(affine)
 
     def curvature(self, weights: FloatArray) -> float:
         """Return the least curvature for weights λ, relative to that of norm(u)²."""
@@ -144,7 +165,12 @@ class Lagrangian:
         return gradient
 
     def minimum(self, weights: FloatArray, multipliers: FloatArray) -> Minimum:
-        """Return the minimum of L for λ = `weights` and y = `multipliers`, both >= 0."""
+        """Return the minimum of L for λ = `weights` and y = `multipliers`, both >= 0.
+
+        Those of soft limits are scaled down to their price where they exceed it.
+        """
+        weights = self._of_curved.within_prices(weights)
+        multipliers = self._of_affine.within_prices(multipliers)
         half, at = weights / self._radii / 2, np.zeros_like(self.solution)
         curvature = self.curvature(weights)
         if curvature < _LEAST_CURVATURE:
@@ -189,8 +215,10 @@ class Lagrangian:
 
         The former is relative to the norm of the cost's gradient, the latter to the cost.
         """
-        index = self._cost(self.solution) or 1.0
+        index = self.cost or 1.0
         curved, affine = self.slopes(self.solution)
+        curved = self._of_curved.beyond_slack(curved)
+        affine = self._of_affine.beyond_slack(affine)
         products = np.concatenate([self.weights * curved, self.multipliers * affine, [0.0]])
         return self._stationarity(), float(np.max(np.abs(products))) / index
 
@@ -201,6 +229,16 @@ class Lagrangian:
         gradient -= self._curved_gradient(u, half)
         size = 2.0 * float(np.sqrt(self._cost(u))) or 1.0
         return float(np.linalg.norm(self._free.T @ gradient)) / size
+
+
+def _price(rows: HalfSpaces, motion: Motion) -> float:
+    """Return the price of the worst violation of each vehicle [m²/s⁴]; 0 of hard limits."""
+    prices = rows.constraint.prices
+    if prices is None:
+        return 0.0
+    excess = np.zeros(len(prices))
+    np.maximum.at(excess, rows.vehicles, -rows.margins(motion))
+    return float(prices @ excess)
 
 
 def _at_instants(rows: HalfSpaces) -> HalfSpaces:

@@ -13,6 +13,7 @@ from drake_rho.planning.call.wall_time import with_wall_time
 from drake_rho.planning.programs.backend import Backend, Solver, SolverName
 from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.objective import check_only_effort
+from drake_rho.scenario.penalties import NO_COST, check_no_penalties
 from drake_rho.scenario.records import Grid, Scenario
 from drake_rho.system.threads import single_threaded_blas
 
@@ -77,8 +78,8 @@ def plan_minimum_time(
         InfeasibleError: no plan was found for any final time tried, or vehicles cannot hold at
             their goals from the least time on (`Scenario.hold_at_goal`).
         OutOfTimeError: time was up before a plan was found.
-        ScenarioError: no limit and no requirement bounds the time, the scenario does not fit the
-            number of knots, or its objective has other terms than effort.
+        ScenarioError: no limit and no requirement bounds the time, a limit is soft, the scenario
+            does not fit the number of knots, or its objective has other terms than effort.
         SolverError: the solvers fail numerically.
 
     Examples:
@@ -100,6 +101,7 @@ def plan_minimum_time(
         3.48 s
     """
     check_only_effort(scenario.objective, "where the time is minimised")
+    check_no_penalties(scenario.penalties, NO_COST)
     grid = scenario.grid
     if knots is not None:
         grid = Grid(grid.duration / max(knots - 1, 1), knots, grid.start)

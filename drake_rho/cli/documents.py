@@ -29,7 +29,8 @@ _KEYS: dict[type, str] = {
     Certificate: "scenario cost lower_bound gap planned_gap is_globally_optimal holds left_out cut "
     "vehicles",
     Change: "numbers",
-    Check: "vehicle constraint=what time_s=time value limit excess errors unit holds asked",
+    Check: "vehicle constraint=what time_s=time value limit excess errors unit holds asked "
+    "penalty? price?",
     Claim: "number claim=text evidence found",
     Diagnosis: "scenario feasible conflicts premise violations changes "
     "shortest_duration_s=shortest_duration longest_duration_s=longest_duration is_monotone "
@@ -50,15 +51,18 @@ _KEYS: dict[type, str] = {
     Window: "first_knot kept reason=infeasible",
 }
 """Keys of records in documents, each with its attribute where that has another name. For other
-records all fields are keys; a scenario is given by its name."""
+records all fields are keys; a scenario is given by its name. A key with a question mark is left out
+where it is None."""
 
 
 def content_of(record: object) -> dict[str, object]:
     """Return the content of a record by key."""
     fields = dataclasses.fields(record)  # type: ignore[arg-type]  # a record is a dataclass
     keys = _KEYS.get(type(record)) or " ".join(field.name for field in fields)
-    pairs = (each.partition("=") for each in keys.split())
-    return {key: attrgetter(name or key)(record) for key, _, name in pairs}
+    pairs = [each.rstrip("?").partition("=") for each in keys.split()]
+    content = {key: attrgetter(name or key)(record) for key, _, name in pairs}
+    absent = [key for key, value in content.items() if value is None and f"{key}?" in keys.split()]
+    return {key: value for key, value in content.items() if key not in absent}
 
 
 def json_of(document: object) -> str:

@@ -192,6 +192,31 @@ class Problem:
             constraints.append(self.pairs_around(motion, coupling, of=vehicles))
         return constraints
 
+    def prices(self, plan: Plan) -> FloatArray:
+        """Return the price of each vehicle's soft limits in a plan [m²/s⁴], shape (N,).
+
+        It is measured from the limits themselves, obstacles not linearised, with planners' margins.
+        """
+        total, everyone = np.zeros(len(self)), np.arange(len(self))
+        if not self.scenario.penalties:
+            return total
+        motion = plan.motion()
+        for each in [*self.convex, *self.obstacles_around(motion)]:
+            if each.prices is None:
+                continue
+            excess = np.zeros(len(self))
+            for between in (False, True)[: 1 + (each.searches > 0)]:
+                rows = each.violated_rows(motion, everyone, between=between)
+                violations = -rows.margins(motion)
+                violations[violations <= rows.tolerances] = 0.0  # as `verify` counts them
+                np.maximum.at(excess, rows.vehicles, violations)
+            total += each.prices * excess
+        return total
+
+    def total_cost(self, plan: Plan) -> float:
+        """Return the cost by which plans are compared [m²/s⁴]: of accelerations, and prices."""
+        return plan.cost + float(self.prices(plan).sum())
+
     def check_fits(self, reference: Plan) -> None:
         """Check that a reference has the same number of vehicles and the same grid.
 

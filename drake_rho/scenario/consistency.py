@@ -206,9 +206,13 @@ def check_waypoints(
                 raise ScenarioError(
                     f"vehicles[{i}].{where}.time", time, f"a time in the flight, {expected}"
                 )
+        # a soft one may be out of reach
+        required = np.where(waypoints.soft[:, None], np.nan, waypoints.positions)
         if (bounds := fleet.bounds("position")) is not None:
-            bounds.check(f"{where}.position", waypoints.positions)
-        check_outside(fleet, obstacles, f"{where}.position", waypoints.positions, waypoints.times)
+            bounds.check(f"{where}.position", required)
+        check_outside(
+            fleet, obstacles, f"{where}.position", required, waypoints.times, hard_only=True
+        )
 
 
 def check_outside(
@@ -218,6 +222,8 @@ def check_outside(
     positions: FloatArray,
     times: FloatArray,
     margin: float = 0.0,
+    *,
+    hard_only: bool = False,
 ) -> None:
     """Check that vehicles are at least their radius away from all obstacles, known or not.
 
@@ -231,13 +237,16 @@ def check_outside(
         times: on the scenario's clock [s], shape (N,). Where they are NaN, only steady obstacles
             count (`Obstacle.is_steady`).
         margin: further distance from obstacles that are not steady [m].
+        hard_only: whether soft obstacles are left out.
 
     Raises:
         ScenarioError: a vehicle is too close to an obstacle.
     """
     timed, placed = np.isfinite(times), np.isfinite(positions).all(axis=1)
     for number, obstacle in enumerate(obstacles, start=1):
-        checked = np.flatnonzero(placed if obstacle.is_steady else timed)
+        if hard_only and obstacle.penalty is not None:
+            continue
+        checked = np.flatnonzero(placed & (timed | obstacle.is_steady))
         at = np.where(timed, times, 0.0)[checked]
         distances = obstacle.distances(positions[checked], at)
         margins = fleet.radii[checked] + obstacle.deviation
@@ -338,9 +347,10 @@ def _check_given_states(
     for end, quantity, values in states[2 * under_way :]:
         times = np.full(len(names), grid.start if end == "start" else grid.end)
         ends.append(_Given(f"{end}.{quantity}", quantity, values, times, exactly))
-    if requirement.leader is None:
+    if requirement.leader is None and requirement.penalty is None:
         for index, each in enumerate(fleet.waypoints):
-            field, at = f"waypoints[{index}].position", (each.positions, each.times, each.within)
+            times = np.where(each.soft, np.nan, each.times)
+            field, at = f"waypoints[{index}].position", (each.positions, times, each.within)
             passed.append(_Given(field, "position", *at))
     for required, given in ((_at_ends(requirement, grid), ends), (requirement, passed)):
         for one in given:

@@ -16,6 +16,7 @@ from drake_rho.scenario.fields import (
     FloatArray,
     Margin,
     Name,
+    Positive,
     Vector,
     read_only,
     record,
@@ -98,6 +99,9 @@ class Obstacle:
     """speed at which the position error may grow from then on [m/s]"""
     seen_at: Finite | None = None
     """time on the scenario's clock to which the errors refer [s]; `known_from` if not given"""
+    penalty: Positive | None = None
+    """cost of each metre of the largest depth inside, times the vehicle's weight [m/s⁴]; vehicles
+    must stay outside if not given"""
 
     if TYPE_CHECKING:
 
@@ -112,6 +116,7 @@ class Obstacle:
             position_error: float = 0.0,
             velocity_error: float = 0.0,
             seen_at: float | None = None,
+            penalty: float | None = None,
         ) -> None: ...
 
     @model_validator(mode="after")
@@ -134,6 +139,14 @@ class Obstacle:
     def called(self, number: int) -> str:
         """Return how reports refer to the obstacle: by its number from 1, and its name if any."""
         return f"obstacle {number}" + (f" ({self.name})" if self.name else "")
+
+    def prices(self, weights: FloatArray) -> FloatArray | None:
+        """Return the price of a metre inside for vehicles of these weights [m/s⁴], shape (N,).
+
+        Returns:
+            Prices; None without a penalty.
+        """
+        return None if self.penalty is None else np.asarray(self.penalty * weights)
 
     @property
     def moves(self) -> bool:

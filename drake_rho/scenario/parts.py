@@ -245,12 +245,26 @@ class Waypoint:
     """position of the vehicle at that time [m]"""
     within: Annotated[float, Field(ge=0.0, le=LARGEST, allow_inf_nan=False)] = 0.0
     """largest distance of the vehicle from the position [m]; 0 to pass it exactly"""
+    penalty: Positive | None = None
+    """cost of each metre by which the vehicle passes further away, times its weight [m/s⁴]; it must
+    not if not given"""
 
     if TYPE_CHECKING:
 
         def __init__(
-            self, time: float | None, position: npt.ArrayLike, within: float = 0.0
+            self,
+            time: float | None,
+            position: npt.ArrayLike,
+            within: float = 0.0,
+            penalty: float | None = None,
         ) -> None: ...
+
+    @model_validator(mode="after")
+    def _has_a_time_to_weigh(self) -> Self:
+        if self.time is None and self.penalty is not None:
+            expected = "none without a time: the search for times passes every waypoint"
+            raise ScenarioError("penalty", self.penalty, expected)
+        return self
 
 
 @record

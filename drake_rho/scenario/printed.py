@@ -86,6 +86,8 @@ def _obstacle(obstacle: Obstacle) -> str:
         words.append(f"known from {obstacle.known_from:g} s")
     if obstacle.active is not None:
         words.append("active from {:g} to {:g} s".format(*obstacle.active))
+    if obstacle.penalty is not None:
+        words.append(f"soft, {obstacle.penalty:g} m²/s⁴ per m")
     return ", ".join(words)
 
 
@@ -105,7 +107,10 @@ def _kept(requirement: KeepIn) -> str:
             who = f" of {len(vehicles)} vehicles"
     to = requirement.leader or ("a moving point" if requirement.track else None)
     relative = f" relative to {to}" if to else ""
-    return f"{requirement.of}{who}{relative} in {set_text(requirement.set)}"
+    words = f"{requirement.of}{who}{relative} in {set_text(requirement.set)}"
+    if requirement.penalty is not None:
+        words += f", soft, {requirement.penalty:g} m²/s⁴ per {requirement.unit}"
+    return words
 
 
 def option_lines(

@@ -32,6 +32,7 @@ from drake_rho.scenario.maps.voxels import Voxels
 from drake_rho.scenario.objective import TERMINAL, Objective, check_objective, check_without
 from drake_rho.scenario.obstacles import Obstacle
 from drake_rho.scenario.parts import Grid, Quantity, Separation, State, Vehicle, Waypoint
+from drake_rho.scenario.penalties import penalties_of
 from drake_rho.scenario.printed import (
     in_columns,
     limit_lines,
@@ -297,6 +298,29 @@ class Scenario(ShownInNotebooks):
     def avoided(self) -> tuple[tuple[int, Obstacle], ...]:
         """Known obstacles active in the flight; those always active have no interval."""
         return active_during(self.known, self.grid)
+
+    @cached_property
+    def penalties(self) -> dict[str, float]:
+        """Penalties of the soft limits, by field; empty if all must hold."""
+        return penalties_of(self.vehicles, self.obstacles, self.requirements)
+
+    def with_hard_obstacles(self) -> Scenario:
+        """Return the scenario without penalties of its obstacles."""
+        return self.derived(obstacles=tuple(unchecked(o, penalty=None) for o in self.bodies))
+
+    def without_penalties(self) -> Scenario:
+        """Return the scenario with the limits that must hold only, obstacles numbered anew."""
+        if not self.penalties:
+            return self
+        vehicles = (
+            unchecked(each, waypoints=tuple(one for one in each.waypoints if one.penalty is None))
+            for each in self.vehicles
+        )
+        return self.derived(
+            vehicles=tuple(vehicles),
+            obstacles=tuple(each for each in self.bodies if each.penalty is None),
+            requirements=tuple(each for each in self.requirements if each.penalty is None),
+        )
 
     def obstacle_name(self, number: int) -> str:
         """Return how reports refer to an obstacle: by its number from 1, and its name if any."""

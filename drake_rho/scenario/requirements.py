@@ -16,6 +16,7 @@ from drake_rho.scenario.fields import (
     FloatArray,
     IntArray,
     Name,
+    Positive,
     read_only,
     record,
     unchecked,
@@ -76,6 +77,9 @@ class KeepIn:
     for an instant; all the time if not given"""
     name: Name | None = None
     """name shown in figures and reports, beside its number"""
+    penalty: Positive | None = None
+    """cost of each unit of the largest distance outside the set, times the vehicle's weight, or the
+    mean weight of two [m²/s⁴ per unit]; values must not be outside if not given"""
 
     if TYPE_CHECKING:
 
@@ -88,6 +92,7 @@ class KeepIn:
             relative_to: str | Track | None = None,
             active: tuple[float, float] | None = None,
             name: str | None = None,
+            penalty: float | None = None,
         ) -> None: ...
 
     @model_validator(mode="after")
@@ -218,6 +223,18 @@ class KeepIn:
         size = float(getattr(self.set, "size", np.inf))
         tolerances = tolerances_of(np.full(len(scales), size), np.zeros((len(scales), 3)), scales)
         return np.maximum(tolerances, errors) if self.of == "position" else tolerances
+
+    def prices(self, fleet: Fleet, names: Sequence[str]) -> FloatArray | None:
+        """Return the price of a unit outside for every vehicle, weights included, shape (N,).
+
+        Returns:
+            Prices in m²/s⁴ per unit; None without a penalty.
+        """
+        if self.penalty is None:
+            return None
+        partner = self.partner(names)
+        others = fleet.weights if partner is None else fleet.weights[partner]
+        return np.asarray(self.penalty * (fleet.weights + others) / 2.0)
 
     def sets(self, fleet: Fleet, names: Sequence[str]) -> ConvexSets:
         """Return the set for every vehicle; tolerances of others than members are 0."""

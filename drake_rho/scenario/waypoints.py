@@ -29,6 +29,13 @@ class Waypoints:
     """positions [m], shape (N, 3); NaN where a vehicle has no such waypoint"""
     within: FloatArray
     """largest distance from the waypoint [m], shape (N,); infinite where there is none"""
+    penalties: FloatArray
+    """cost of each metre further away [m/s⁴], shape (N,); infinite where it must be passed"""
+
+    @property
+    def soft(self) -> BoolArray:
+        """Mask of the vehicles that may miss the waypoint at a price, shape (N,)."""
+        return np.isfinite(self.penalties)
 
     @property
     def present(self) -> BoolArray:
@@ -53,14 +60,16 @@ def waypoints_of(vehicles: Sequence[Vehicle]) -> list[Waypoints]:
     count, found = len(vehicles), list[Waypoints]()
     for index in range(max(len(vehicle.waypoints) for vehicle in vehicles)):
         times, positions = np.full(count, np.nan), np.full((count, 3), np.nan)
-        within = np.full(count, np.inf)
+        within, penalties = np.full(count, np.inf), np.full(count, np.inf)
         for i, vehicle in enumerate(vehicles):
             if index < len(vehicle.waypoints):
                 waypoint = vehicle.waypoints[index]
                 times[i] = np.nan if waypoint.time is None else waypoint.time
                 positions[i] = waypoint.position
                 within[i] = waypoint.within
-        found.append(Waypoints(times, positions, within))
+                if waypoint.penalty is not None:
+                    penalties[i] = waypoint.penalty
+        found.append(Waypoints(times, positions, within, penalties))
     return found
 
 

@@ -194,9 +194,13 @@ def _tightest_of_all(scenario: Scenario, plan: Plan) -> _Tightest | None:
 def _checks(
     trajectory: PiecewiseTrajectory,
 ) -> Iterator[tuple[Column, Callable[[int], _Clearance]]]:
-    """Yield the verifier's columns, each with a function from vehicle index to clearance."""
+    """Yield the verifier's columns, each with a function from vehicle index to clearance.
+
+    Those of soft limits are left out.
+    """
     scenario = trajectory.scenario
-    for number in range(1, len(scenario.bodies) + 1):
+    hard = (number for number, each in enumerate(scenario.bodies, start=1) if each.penalty is None)
+    for number in hard:
         for column in check_obstacle(trajectory, number):
             yield column, partial(_from_obstacle, scenario, number)
     for column in check_separation(trajectory, far=np.inf):
@@ -206,7 +210,8 @@ def _checks(
         for column in check_position_box(trajectory):
             yield column, partial(_within, bounds)
     for number, each in enumerate(scenario.requirements, start=1):
-        if each.quantity == "position" and each.interval(scenario.grid) is not None:
+        required = each.penalty is None and each.interval(scenario.grid) is not None
+        if each.quantity == "position" and required:
             for column in check_positions(trajectory, number):
                 yield column, partial(_in_set, scenario, number)
 

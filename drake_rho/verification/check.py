@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator, Sequence
+from typing import Self
 
 import numpy as np
 
@@ -51,6 +52,16 @@ class Check(metaclass=Described):
     """SI unit of value, limit, excess, tolerance and errors"""
     asked: bool = True
     """whether the scenario requires the constraint; others are reported only"""
+    penalty: float | None = None
+    """cost of each unit of excess, the vehicle's weight included [m²/s⁴ per unit], if the
+    limit is soft; such a limit is not required"""
+
+    @property
+    def price(self) -> float | None:
+        """Price of the excess of a soft limit [m²/s⁴], 0 where it holds; else None."""
+        if self.penalty is None:
+            return None
+        return 0.0 if self.holds else self.penalty * self.excess
 
     @property
     def what(self) -> str:
@@ -90,6 +101,7 @@ class Column:
     concerned: BoolArray  # which vehicles have this constraint
     asked: bool = True
     partners: IntArray | None = None  # index of the other vehicle of each pair
+    penalties: FloatArray | None = None  # of a soft limit, per unit of excess
 
     @property
     def is_at_knots(self) -> bool:
@@ -107,6 +119,17 @@ class Column:
         met = (self.excess <= self.tolerances) | ~self.concerned
         return not self.asked or bool(met.all())
 
+    def softened(self, penalties: FloatArray | None, *, counted: bool = True) -> Self:
+        """Return the column of a soft limit; itself if that is None.
+
+        Args:
+            penalties: cost of each unit of excess of every vehicle [m²/s⁴ per unit], shape (N,).
+            counted: whether the excess is that of the worst required instant, which has the price.
+        """
+        if penalties is None:
+            return self
+        return dataclasses.replace(self, asked=False, penalties=penalties if counted else None)
+
     def is_beyond(self, vehicle: int, part: float = 1.0) -> bool:
         """Return whether a vehicle is beyond a limit by more than a part of the tolerance."""
         beyond = not self.excess[vehicle] <= part * self.tolerances[vehicle]  # true for NaN as well
@@ -116,8 +139,9 @@ class Column:
         """Yield the check of each vehicle; None for a vehicle without this constraint."""
         numbers = (self.times, self.values, self.limits, self.excess, self.tolerances, self.errors)
         rows = zip(*(each.tolist() for each in numbers), strict=True)
-        for has_it, name, part, (time, value, limit, excess, tolerance, error) in zip(
-            self.concerned.tolist(), names, self.parts, rows, strict=True
+        prices = [None] * len(names) if self.penalties is None else self.penalties.tolist()
+        for has_it, name, part, (time, value, limit, excess, tolerance, error), penalty in zip(
+            self.concerned.tolist(), names, self.parts, rows, prices, strict=True
         ):
             if not has_it:
                 yield None
@@ -135,4 +159,5 @@ class Column:
                 errors=error,
                 unit=self.unit,
                 asked=self.asked,
+                penalty=penalty,
             )

@@ -126,7 +126,7 @@ def check_obstacle(trajectory: PiecewiseTrajectory, number: int) -> Iterator[Col
         both = seen.closest(obstacle.shape, since, known=known)
         for part, found in zip((AT_KNOTS, AT_ALL_TIMES), both, strict=True):
             limits = np.where(found.errors > 0.0, required + found.errors, required)
-            yield Column(
+            column = Column(
                 kind="obstacles",
                 constraint=name if known else f"{name} before it is known",
                 parts=[part] * len(limits),
@@ -140,6 +140,8 @@ def check_obstacle(trajectory: PiecewiseTrajectory, number: int) -> Iterator[Col
                 asked=known and (part == AT_KNOTS or scenario.between_knots),
                 concerned=~np.isposinf(found.clearances),  # else it is never avoided in this flight
             )
+            counted = known and part == (AT_ALL_TIMES if scenario.between_knots else AT_KNOTS)
+            yield column.softened(obstacle.prices(scenario.fleet.weights), counted=counted)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -79,8 +79,18 @@ def facts(
     )
     most = summary.cost_bound
     bounds = "" if most is None else f"; at most {most:.6g} m²/s⁴ by the first window's bound"
-    bounds += _gap_of_cost(summary) if gap and summary.minimised == "cost" else ""
+    prices = [each.price for each in checks if each.price is not None]
+    total = summary.cost + sum(prices)
+    bounds += _gap_of_cost(summary, total) if gap and summary.minimised == "cost" else ""
     yield "cost", f"{summary.cost:.6g} m²/s⁴{_by_term(summary.costs)}{bounds}"
+    if prices:
+        yield "penalties", f"{sum(prices):.6g} m²/s⁴ for soft limits"
+
+
+def in_words(check: Check) -> str:
+    """Return a sentence on a soft limit: for whom, by how much, when, at what price."""
+    much = f"by {check.excess:.4g} {check.unit} at {clock_time(check.time)}"
+    return f"soft: {check.what}, exceeded for {check.vehicle} {much}, for {check.price:.6g} m²/s⁴"
 
 
 def closest(checks: Iterable[Check], kind: str) -> Check | None:
@@ -126,15 +136,19 @@ def _by_term(costs: Mapping[str, float]) -> str:
     return f" ({', '.join(words)})"
 
 
-def _gap_of_cost(summary: Summary) -> str:
+def _gap_of_cost(summary: Summary, total: float) -> str:
     """Return the largest possible optimality gap of the cost; the least effort is the lower bound.
 
     A motion that jumps is no plan from the starts, so the bound does not apply to its cost.
+
+    Args:
+        summary: summary of the motion.
+        total: its cost with the price of soft limits [m²/s⁴].
     """
     least = summary.least_effort or 0.0
-    if summary.largest_jump is not None or not summary.cost >= (1.0 - _ROUNDING) * least > 0.0:
+    if summary.largest_jump is not None or not total >= (1.0 - _ROUNDING) * least > 0.0:
         return ""
-    gap = max(0.0, 1.0 - least / summary.cost)
+    gap = max(0.0, 1.0 - least / total)
     return f"; gap to the optimum at most {percent(gap)} (quick bound)"
 
 
@@ -189,6 +203,8 @@ def full_table(checks: Sequence[Check]) -> Table:
 
 def _verdict(check: Check) -> str:
     """Return a short verdict on a check, if it is not as expected."""
+    if check.price is not None:
+        return f"soft: {check.price:.6g} m²/s⁴" if check.price else "soft"
     if not check.asked:
         return "not required"
     return "" if check.holds else "VIOLATED"

@@ -17,6 +17,7 @@ from drake_rho.verification.printed import (
     closest,
     facts,
     full_table,
+    in_words,
     is_equality,
     short_table,
 )
@@ -56,6 +57,16 @@ class Report(metaclass=Described):
         """
         violated = (check for check in self.checks if check.asked and not check.holds)
         return tuple(sorted(violated, key=_relative_excess, reverse=True))
+
+    @property
+    def exceeded(self) -> tuple[Check, ...]:
+        """Checks of soft limits that are exceeded, the most expensive first."""
+        return tuple(sorted((each for each in self.checks if each.price), key=_price, reverse=True))
+
+    @property
+    def price(self) -> float:
+        """Price of all soft limits [m²/s⁴], to be added to the cost of accelerations."""
+        return sum(map(_price, self.exceeded))
 
     @property
     def tightest(self) -> tuple[Check, ...]:
@@ -99,6 +110,8 @@ class Report(metaclass=Described):
         lines = tuple(facts(self.summary, self.checks, self.scenario.grid.duration, gap=self.ok))
         name, below = self.scenario.name, list[str]()
         title = f"{name}: all constraints hold"
+        if self.exceeded:
+            title += ", but for soft limits"
         rows = list(self.tightest)
         if violations:
             title = f"{name}: {len(violations)} of {len(self.checks)} checks violated"
@@ -146,6 +159,10 @@ class Report(metaclass=Described):
             notes.append(
                 f"estimated from samples: the deviation from the track of {', '.join(estimated)}"
             )
+        paid = self.exceeded
+        notes += map(in_words, paid[:LONGEST])
+        if len(paid) > LONGEST:
+            notes.append(f"{len(paid) - LONGEST} more soft limits are exceeded")
         return [*notes, *self.notes]
 
 
@@ -162,6 +179,11 @@ def _outcome(sighting: Sighting) -> str:
 def _kind(check: Check) -> tuple[str, str, bool]:
     """Return the kind of a check: one row of a table, whose excesses have one unit."""
     return check.constraint, check.unit, check.part.endswith(AT_ALL_TIMES)
+
+
+def _price(check: Check) -> float:
+    """Return the price of a soft limit [m²/s⁴]; 0 of any other."""
+    return check.price or 0.0
 
 
 def _relative_excess(check: Check) -> float:

@@ -80,7 +80,7 @@ def _column(quantity: Constrained, number: int, worst: Highest, when: str) -> Co
     times, values, errors, tolerances = whole = np.zeros((4, count))
     own = required.tolerances(scenario.fleet, scenario.names)
     whole[:, quantity.members] = worst.times, worst.values, worst.errors, own
-    return Column(
+    column = Column(
         kind="requirements",
         constraint=required.called(number),
         parts=[" ".join(filter(None, (_about(required), when)))] * count,
@@ -95,6 +95,9 @@ def _column(quantity: Constrained, number: int, worst: Highest, when: str) -> Co
         errors=errors,
         concerned=np.isin(np.arange(count), quantity.members),
     )
+    always = scenario.between_knots or quantity.is_instant
+    prices = required.prices(scenario.fleet, scenario.names)
+    return column.softened(prices, counted=when != (AT_KNOTS if always else AT_ALL_TIMES))
 
 
 def _about(required: KeepIn) -> str:

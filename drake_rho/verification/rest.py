@@ -260,7 +260,7 @@ class Rest:
         return self._checked(dataclasses.replace(self._trajectory(np.inf), tubes=tubes))
 
     def _checked(self, rest: PiecewiseTrajectory) -> list[Column]:
-        return [each for check in self.checks for each in check(rest) if not each.is_at_knots]
+        return [each for check in self.checks for each in check(rest) if _counts(each)]
 
     def _trajectory(self, lasting: float) -> PiecewiseTrajectory:
         """Return the rest as one piece of time, with its largest radii."""
@@ -315,8 +315,13 @@ class Rest:
         return [
             check
             for check in checks
-            if any(each.is_beyond(vehicle, REACHED) for each in check(rest) if not each.is_at_knots)
+            if any(each.is_beyond(vehicle, REACHED) for each in check(rest) if _counts(each))
         ]
+
+
+def _counts(column: Column) -> bool:
+    """Return whether a column covers every instant of a hard constraint."""
+    return not column.is_at_knots and column.penalties is None
 
 
 def _without_what_is_over(scenario: Scenario) -> Scenario:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterator
 
 import numpy as np
@@ -33,7 +34,7 @@ def check_waypoints(trajectory: PiecewiseTrajectory) -> Iterator[Column]:
                 if away + radius[who] < distances[who] + errors[who]:
                     distances[who], errors[who] = away, radius[who]
         within = np.where(errors > 0.0, waypoints.within - errors, waypoints.within)
-        yield Column(
+        column = Column(
             kind="waypoints",
             constraint=f"waypoint {number}",
             parts=[""] * len(vehicles),
@@ -44,8 +45,14 @@ def check_waypoints(trajectory: PiecewiseTrajectory) -> Iterator[Column]:
             tolerances=waypoints.tolerances(scale),
             errors=errors,
             unit="m",
-            concerned=present,
+            concerned=present & ~waypoints.soft,
         )
+        soft = present & waypoints.soft
+        if column.concerned.any() or not soft.any():
+            yield column
+        if soft.any():
+            penalties = np.where(soft, waypoints.penalties * scenario.fleet.weights, 0.0)
+            yield dataclasses.replace(column, concerned=soft).softened(penalties)
 
 
 def _at_jumps(trajectory: PiecewiseTrajectory, times: FloatArray) -> Iterator[tuple[int, int]]:

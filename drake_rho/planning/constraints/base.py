@@ -71,6 +71,8 @@ class Constraint(Form, abc.ABC):
     """number of searches for worst instants between knots; 0 if only knots can violate it"""
     open_end: bool = False
     """whether it applies at the last knot, where goals do not fix all positions and velocities"""
+    threshold: float = VIOLATED
+    """violation, in tolerances, up to which no row is added"""
 
     @abc.abstractmethod
     def violated_rows(

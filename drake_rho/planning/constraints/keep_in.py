@@ -15,7 +15,7 @@ import numpy as np
 
 from drake_rho.motion.dynamics import Motion
 from drake_rho.motion.smooth import averaged
-from drake_rho.planning.constraints.base import VIOLATED, Constraint, HalfSpaces, with_neighbours
+from drake_rho.planning.constraints.base import Constraint, HalfSpaces, with_neighbours
 from drake_rho.planning.constraints.margins import Margins
 from drake_rho.planning.constraints.worst_instants import worst_instants
 from drake_rho.scenario.convex_sets import ConvexSets
@@ -84,8 +84,6 @@ class KeepInSets(Constraint):
     """clock by which instants are compared with the active interval"""
     as_cone: bool = True
     """true if its sets can enter programs as second-order cones instead of rows"""
-    threshold: float = VIOLATED
-    """violation, in tolerances, up to which no row is added"""
 
     def margin(self, times: FloatArray) -> FloatArray:
         """Return r at times since the first knot [s], in the quantity's unit, shape (R,)."""
@@ -187,6 +185,7 @@ class KeepInSets(Constraint):
             self.margin((pieces[:, 0] + pieces[:, 1]) / 2.0),
             self._accepted[members],
             members,
+            exactly=self.prices is not None,  # the slack is measured
         )
         near = END_MARGIN * motion.step  # start and goal are given
         inner = (times > near) & (self.open_end | (times < self._duration - near))

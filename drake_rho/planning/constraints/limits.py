@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import dataclasses
 import sys
 
 import numpy as np
 
-from drake_rho.planning.constraints.base import constrained_knots
+from drake_rho.planning.constraints.base import VIOLATED, constrained_knots
 from drake_rho.planning.constraints.keep_in import KeepInSets
 from drake_rho.planning.constraints.margins import Margins, PlanMargins, jerk_factor
 from drake_rho.scenario.fields import FloatArray
@@ -69,19 +70,21 @@ def waypoints_of(scenario: Scenario, margins: PlanMargins) -> list[KeepInSets]:
     A waypoint is a ball of positions at one time, which need not be a knot's. If it is to be passed
     exactly the radius is zero, which needs no special treatment: the boundary of every half-space
     that a motion violates contains the waypoint. With a smoothing the ball is one of averaged
-    positions, which are linear in the accelerations too.
+    positions, which are linear in the accelerations too. Soft ones are constraints of
+    their own.
     """
     fleet, clock = scenario.fleet, scenario.grid.clock
+    everyone = np.arange(len(scenario.vehicles))
     scale = fleet.scale("position")
     late = clock.tick * _FASTEST * fleet.scale("velocity")  # by the rounding of times
-    return [
+    hard = [
         KeepInSets(
             kind="waypoints",
             key=("waypoint", index),
             name=f"waypoint {index + 1}",
             quantity="position",
             sets=waypoints.balls(scale),
-            members=np.arange(len(scenario.vehicles)),
+            members=everyone[~waypoints.soft],
             roundings=fleet.coordinate_errors
             + np.minimum(late, _ROUNDED * waypoints.tolerances(scale)),
             times=scenario.grid.since_start(waypoints.times)[:, None],
@@ -90,6 +93,18 @@ def waypoints_of(scenario: Scenario, margins: PlanMargins) -> list[KeepInSets]:
         )
         for index, waypoints in enumerate(fleet.waypoints)
     ]
+    soft = [
+        dataclasses.replace(
+            each,
+            key=(each.key, "soft"),
+            members=everyone[waypoints.soft],
+            prices=np.where(waypoints.soft, waypoints.penalties * fleet.weights, 0.0),
+            as_cone=False,
+        )
+        for each, waypoints in zip(hard, fleet.waypoints, strict=True)
+        if waypoints.soft.any()
+    ]
+    return [each for each in [*hard, *soft] if len(each.members) > 0]
 
 
 def requirements_of(scenario: Scenario, margins: PlanMargins) -> list[KeepInSets]:
@@ -126,11 +141,12 @@ def requirements_of(scenario: Scenario, margins: PlanMargins) -> list[KeepInSets
                 members=each.members(names),
                 partner=each.partner(names),
                 coupled=each.leader is not None,
+                prices=each.prices(scenario.fleet, names),
                 times=times,
                 margins=own,
                 roundings=scenario.fleet.coordinate_errors * (quantity == "position"),
                 as_cone=False,
-                threshold=_ACCEPTED,
+                threshold=_ACCEPTED if each.penalty is None else VIOLATED,  # prices are exact
                 searches=sys.maxsize * (quantity == "position" and every_instant),
                 open_end=scenario.fleet.open_end,
             )

@@ -25,12 +25,20 @@ class Form:
     """quantity that the rows bound"""
     penalty: float = np.inf
     """cost per unit of violation of a row; infinite if rows must hold"""
+    prices: FloatArray | None = None
+    """cost per unit of the worst violation among the rows of each vehicle, shape (N,), in place of
+    `penalty`; None if rows of a vehicle have nothing in common"""
     coupled: bool = False
     """true if rows bound the difference to a partner, not the quantity of a single vehicle"""
     curved: bool = False
     """true if one instant may need several rows with different normals"""
     averaged: Smoothing | None = None
     """moving averages of positions that rows bound, in place of positions; None for these"""
+
+    @property
+    def soft(self) -> bool:
+        """Whether rows may be violated."""
+        return self.penalty < np.inf or self.prices is not None
 
     @cached_property
     def form(self) -> Form:
@@ -69,7 +77,13 @@ class Rows(Table):
     @property
     def soft(self) -> bool:
         """Whether rows may be violated."""
-        return self.form.penalty < np.inf
+        return self.form.soft
+
+    @property
+    def penalties(self) -> FloatArray:
+        """Cost per unit of violation of each row's slack variable, shape (R,)."""
+        prices = self.form.prices
+        return np.full(len(self), self.form.penalty) if prices is None else prices[self.vehicles]
 
     def responses(self, grid: Grid) -> FloatArray:
         """Return the responses of rows to unit accelerations along their normals, (R, K-1).
@@ -83,8 +97,11 @@ class Rows(Table):
         """Return the number of each row's slack variable, counted from 0, shape (R,).
 
         Soft rows of a curved set share one slack variable per instant, since the violation of the
-        set is that of its worst row.
+        set is that of its worst row. Rows with prices share one per vehicle.
         """
+        if self.form.prices is not None:
+            whose: IntArray = np.unique(self.vehicles, return_inverse=True)[1]
+            return whose
         if not self.form.curved or not self.soft:
             return np.arange(len(self))
         instants = np.stack([self.vehicles, self.partners, self.times])

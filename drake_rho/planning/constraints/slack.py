@@ -74,7 +74,7 @@ def states_at(scenario: Scenario, end: int) -> dict[Quantity, FloatArray]:
 def sizes_of_requirements(scenario: Scenario, margins: Margins) -> Iterator[TighteningSlack]:
     """Yield half the least side of every required shape: the error tube has to fit into it."""
     for number, each in enumerate(scenario.requirements, start=1):
-        if each.quantity != "jerk" and isinstance(each.set, Shape):
+        if each.penalty is None and each.quantity != "jerk" and isinstance(each.set, Shape):
             half = np.full(len(scenario.vehicles), each.set.extent.min())
             needed = margins.steps[each.quantity].max(keepdims=True)
             yield _of_requirement(scenario, number, "middle", half, needed)
@@ -88,7 +88,8 @@ def ends_in_requirements(
     now = grid.start if end == 0 else grid.end
     for number, each in enumerate(scenario.requirements, start=1):
         interval = each.longer(scenario.lead).interval(grid)
-        if each.quantity not in states or interval is None or not grid.clock.within(now, interval):
+        inactive = interval is None or not grid.clock.within(now, interval)
+        if each.quantity not in states or inactive or each.penalty is not None:
             continue
         values, partner = states[each.quantity] - each.offset(np.array([now])), each.partner(names)
         if partner is not None:

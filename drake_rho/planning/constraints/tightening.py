@@ -143,7 +143,8 @@ def _limit_slacks(scenario: Scenario, margins: Margins) -> Iterator[TighteningSl
                 )
     for number, waypoints in enumerate(fleet.waypoints, start=1):
         times = np.where(waypoints.present, waypoints.times - scenario.grid.start, 0.0)
-        needed = np.where(waypoints.present, margins.pointwise.at("position", times), 0.0)
+        required = waypoints.present & ~waypoints.soft
+        needed = np.where(required, margins.pointwise.at("position", times), 0.0)
         tolerances = waypoints.tolerances(fleet.scale("position"))
         name = f"waypoint {number}"
         yield TighteningSlack(name, "middle", "position", waypoints.within, needed, tolerances)
@@ -178,6 +179,8 @@ def _obstacle_slacks(scenario: Scenario, margins: Margins, end: int) -> Iterator
         positions, time = fleet.goal_positions, scenario.grid.duration
     needed = margins.knots["position"][[end]]
     for number, obstacle in scenario.avoided:
+        if obstacle.penalty is not None:
+            continue
         distances = obstacle.distances(positions, np.array([time]))
         available = distances - fleet.radii - obstacle.deviation
         tolerance = fleet.obstacle_tolerances(obstacle.shape)

@@ -27,6 +27,8 @@ def worst_instants(
     margins: FloatArray,
     thresholds: FloatArray,
     vehicles: IntArray,
+    *,
+    exactly: bool = False,
 ) -> tuple[IntArray, FloatArray]:
     """Return the instants of the largest violations of a threshold by distance plus margin.
 
@@ -40,6 +42,7 @@ def worst_instants(
         margins: margin in each piece, shape (J,).
         thresholds: largest allowed value of each motion, above 0, shape (M,).
         vehicles: index of the vehicle of each motion, ascending, shape (M,).
+        exactly: whether the precision is relative to the threshold even of large values.
 
     Returns:
         A vehicle and a time [s] for every piece with a violation, sorted by both; arrays (R,).
@@ -63,6 +66,8 @@ def worst_instants(
     times, most = ends[each, later], at[each, later]
     for _ in range(30):  # halvings: the last intervals are 1e-9 of a piece of time
         allowed = (1.0 + _PRECISION) * np.maximum(most, least)[each]
+        if exactly:
+            allowed = (np.maximum(most, least) + _PRECISION * least)[each]
         unclear = _bounds(at, bends[each] * (ends[:, 1] - ends[:, 0]) ** 2 / 8.0) > allowed
         if not unclear.any():
             break

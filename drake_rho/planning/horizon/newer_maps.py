@@ -76,7 +76,11 @@ def with_newer_maps(
                 bodies[each - 1] = unchecked(body, shape=common)
                 bodies.append(former)
         if newer_map.added is not None:
-            bodies.append(Obstacle(newer_map.added, known_from=time, name=f"{name} from {at}"))
+            penalty = bodies[number - 1].penalty if number <= len(bodies) else None
+            added = Obstacle(
+                newer_map.added, known_from=time, name=f"{name} from {at}", penalty=penalty
+            )
+            bodies.append(added)
             own.append(len(bodies))
         present[number] = tuple(own)
     return with_obstacles(scenario, tuple(bodies)), present

@@ -39,6 +39,7 @@ from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.maps.map import Map
 from drake_rho.scenario.objective import check_only_effort
+from drake_rho.scenario.penalties import NO_BOUND, NO_COST, check_no_penalties
 from drake_rho.scenario.records import Scenario
 from drake_rho.system.threads import single_threaded_blas
 
@@ -98,7 +99,8 @@ class RecedingHorizon:
     Raises:
         ValueError: `replan_every` is not a whole number of at least 1, the latency is longer than
             a window is flown, or the cost is to be bounded with a free final time.
-        ScenarioError: a vehicle moves at its goal and the final time is free.
+        ScenarioError: a vehicle moves at its goal and the final time is free, or a limit is
+            soft and the final time is free or the cost is to be bounded.
     """
 
     @checked
@@ -123,7 +125,9 @@ class RecedingHorizon:
             raise ValueError(f"replan_every: got {replan_every!r}, expected a whole number >= 1")
         if bounded_cost:
             check_only_effort(scenario.objective, "with bounded costs, which are those of effort")
+            check_no_penalties(scenario.penalties, NO_BOUND)
         if free_final_time:
+            check_no_penalties(scenario.penalties, NO_COST)
             check_rest_at_goals(scenario)
             if bounded_cost:
                 expected = "False with a free final time, since earlier arrivals cost more"

@@ -84,7 +84,7 @@ def plan_along_paths(
     """
     tell(progress, "looking for paths around the obstacles")
     scenario, larger = problem.scenario, enlarged_by_margins(problem.scenario, problem.margins)
-    grids = paths_on_grids(larger, options.max_ways, options.max_memory)
+    grids = paths_on_grids(larger.without_penalties(), options.max_ways, options.max_memory)
     attempts, best = _Attempts(problem, backend), None
     for found in islice(grids, _GRIDS if perturbed else 1):
         attempts.count(Statistics(searched=found.searched))
@@ -120,6 +120,10 @@ class _Attempts:
         self.spent = Statistics()
         self.failure: InfeasibleError | None = None
         self._subproblem = Subproblem(problem, decoupled, backend)
+
+    def total_cost(self, plan: Plan) -> float:
+        """Return the cost by which plans are compared [m²/s⁴]."""
+        return self._subproblem.problem.total_cost(plan)
 
     def count(self, spent: Statistics) -> None:
         """Add the statistics of a search for references."""
@@ -182,7 +186,8 @@ def _best_along(
             if best is None:
                 raise
             return best
-        if plan is not None and (best is None or plan.cost < best.cost):
+        total = attempts.total_cost
+        if plan is not None and (best is None or total(plan) < total(best)):
             best = plan
     return best
 

@@ -179,7 +179,8 @@ class _OtherSides:
                 break
             else:
                 self.spent += found.statistics
-                if found.cost < (1.0 - _BETTER) * self._best.cost:
+                total = self._subproblem.problem.total_cost
+                if total(found) < (1.0 - _BETTER) * total(self._best):
                     return found
         return None
 
@@ -195,7 +196,8 @@ class _OtherSides:
         reference = Plan.from_accelerations(self._best.scenario, detour.accelerations)
         plan = subproblem.solve_around(reference)
         plan = sequential_convex(subproblem, plan, _ROUGHLY, most=_ROUGH_STEPS)
-        return self._iterated(subproblem, plan) if plan.cost < self._best.cost else plan
+        total = subproblem.problem.total_cost
+        return self._iterated(subproblem, plan) if total(plan) < total(self._best) else plan
 
 
 def _detours(problem: Problem, plan: Plan) -> list[Detour]:

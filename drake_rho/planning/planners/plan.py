@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterator
 from concurrent.futures import Executor
 from functools import partial
 
 from drake_rho.motion.plan import Plan
+from drake_rho.motion.statistics import Statistics
 from drake_rho.planning.call.options import DEFAULTS, Options
-from drake_rho.planning.call.progress import Progress
+from drake_rho.planning.call.progress import Progress, tell
 from drake_rho.planning.call.time_limit import with_time_limit
 from drake_rho.planning.call.wall_time import with_wall_time
 from drake_rho.planning.constraints.separation import COUPLINGS, Coupling, CouplingName
@@ -25,6 +27,7 @@ from drake_rho.planning.scp.sequential_convex import sequential_convex
 from drake_rho.planning.scp.subproblem import Subproblem, coupling_for
 from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.errors import ScenarioError
+from drake_rho.scenario.penalties import NO_TIMES, check_no_penalties
 from drake_rho.scenario.records import Scenario
 from drake_rho.system.threads import single_threaded_blas
 
@@ -78,6 +81,7 @@ def plan(
     Raises:
         InfeasibleError: a vehicle has no plan even without obstacles, or no path around was found.
         OutOfTimeError: `options.time_limit` was over before there was a plan.
+        ScenarioError: a limit is soft, and a waypoint has no time.
         SolverError: the solvers fail numerically.
         TypeError: an argument has the wrong type.
         ValueError: the solver is not available, or the reference has other vehicles or another
@@ -95,6 +99,7 @@ def plan(
     search = FirstPlan(Backend.of(solver, executor), progress, options)
     times = WaypointTimes(scenario, Backend.of(solver), progress)
     if times.any_free:
+        check_no_penalties(scenario.penalties, NO_TIMES)
         return _with_free_times(times, reference, coupling, search)
     return _with_given_times(scenario, reference, coupling, search)
 
@@ -160,13 +165,53 @@ def _with_given_times(
         first = search.of_any_duration(problem, reference)
         plan = _iterated(problem, first, coupling, search)
         if reference is None and has_other_sides(problem):
-            return _on_cheaper_sides(problem, plan, search)
+            plan = _on_cheaper_sides(problem, plan, search)
+        if reference is None and _enters_obstacles(problem, plan):
+            plan = _outside_if_cheaper(problem, plan, coupling, search)
         return plan
 
     if scenario.smoothing_margin > 0.0 and scenario.fleet.flown is None:
         again = partial(_from_similar, coupling, search)
         return with_own_margin(best, again, Problem.of(scenario))
     return with_finer_margins(best, Problem.of(scenario))
+
+
+def _enters_obstacles(problem: Problem, plan: Plan) -> bool:
+    """Return whether a plan pays for entering soft obstacles, before a flight."""
+    scenario = problem.scenario
+    soft = any(obstacle.penalty is not None for _, obstacle in scenario.avoided)
+    return soft and not scenario.under_way and float(problem.prices(plan).sum()) > 0.0
+
+
+def _outside_if_cheaper(
+    problem: Problem, plan: Plan, coupling: Coupling, search: FirstPlan
+) -> Plan:
+    """Return a plan, or a cheaper one that begins with a plan outside soft obstacles.
+
+    Linearised deep inside an obstacle, no motion leaves it at a lower price.
+    """
+    tell(search.progress, "trying to stay outside soft obstacles")
+    hard = dataclasses.replace(problem, scenario=problem.scenario.with_hard_obstacles())
+    other, spent, cut = plan, Statistics(), False
+    try:
+        first = search.of(hard)
+        first = Plan.from_accelerations(problem.scenario, first.accelerations, first.statistics)
+        other = _iterated(problem, first, coupling, search)
+        spent = other.statistics
+    except (InfeasibleError, SolverError) as error:
+        spent = error.statistics
+    except OutOfTimeError:
+        cut = True
+    best = min(plan, other, key=problem.total_cost)
+    mine = best.statistics
+    ended = dataclasses.replace(
+        plan.statistics + spent,
+        converged=mine.converged,
+        cut=mine.cut or cut,
+        last_fall=mine.last_fall,
+        tolerance=mine.tolerance,
+    )
+    return best.with_statistics(ended)
 
 
 def _on_cheaper_sides(problem: Problem, plan: Plan, search: FirstPlan) -> Plan:
@@ -198,7 +243,13 @@ def _iterated(problem: Problem, first: Plan, coupling: Coupling, search: FirstPl
         return first
     subproblem = Subproblem(problem, coupling, search.backend)
     # references in groups would have to keep linked vehicles in one group
-    in_turn = scenario.separation is None or coupling.together or problem.has_links
+    # and know nothing of soft limits
+    in_turn = (
+        scenario.separation is None
+        or coupling.together
+        or problem.has_links
+        or len(scenario.penalties) > 0
+    )
     return sequential_convex(
         subproblem,
         first,

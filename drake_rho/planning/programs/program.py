@@ -20,7 +20,8 @@ _BLOCK = 150
 class DenseProgram:
     """Minimise norm(x)² + penalties · slacks, subject to matrix @ x + slack >= needed, slack >= 0.
 
-    Rows with an infinite penalty have no slack.
+    Rows with an infinite penalty have no slack. Rows that share a slack may be in different units:
+    it is in that of the first, and the penalties tell the ratios.
     """
 
     matrix: FloatArray
@@ -47,6 +48,10 @@ class DenseProgram:
         add_rows(program, self.matrix, self.needed, self.penalties, self.slacks, x)
         return program
 
+
+_MOST = 1e9
+"""Largest penalty of a slack in a program, whose cost is of order one: solvers fail beyond it, and
+the slack is at its least to nine digits already."""
 
 Program = MathematicalProgram | DenseProgram
 """Program of either form."""
@@ -92,11 +97,17 @@ def add_rows(
     return to.AddLinearConstraint(matrix, needed, _infinite(len(needed)), x)
 
 
-def slack_columns(penalties: FloatArray, slacks: IntArray) -> tuple[IntArray, IntArray, FloatArray]:
-    """Return the soft rows, the index of each one's slack, and the penalty of each slack."""
+def slack_columns(
+    penalties: FloatArray, slacks: IntArray
+) -> tuple[IntArray, IntArray, FloatArray, FloatArray]:
+    """Return the soft rows, the slack of each and its coefficient, and the penalty of each slack.
+
+    A slack is in the unit of its first row, in which the coefficient is one.
+    """
     rows = np.flatnonzero(np.isfinite(penalties))
     _, first, columns = np.unique(slacks[rows], return_index=True, return_inverse=True)
-    return rows, columns, penalties[rows[first]]
+    costs = penalties[rows[first]]
+    return rows, columns, costs[columns] / penalties[rows], np.minimum(costs, _MOST)
 
 
 def _with_slack(
@@ -107,17 +118,17 @@ def _with_slack(
     x: np.ndarray,
 ) -> tuple[FloatArray | csc_array, np.ndarray]:
     """Return rows and variables with slacks of the soft rows, and add their penalties."""
-    rows, columns, costs = slack_columns(penalties, slacks)
+    rows, columns, coefficients, costs = slack_columns(penalties, slacks)
     slack = to.NewContinuousVariables(len(costs))
     to.AddBoundingBoxConstraint(np.zeros(len(costs)), _infinite(len(costs)), slack)
     to.AddLinearCost(costs, slack)
     x = np.concatenate([x, slack])
     if isinstance(matrix, np.ndarray) and len(penalties) <= _BLOCK:
         ones = np.zeros((len(penalties), len(costs)))
-        ones[rows, columns] = 1.0
+        ones[rows, columns] = coefficients
         return np.hstack([matrix, ones]), x
     shape = len(penalties), len(costs)
-    ones = coo_array((np.ones(len(rows)), (rows, columns)), shape=shape)
+    ones = coo_array((coefficients, (rows, columns)), shape=shape)
     return hstack([csc_array(matrix), ones], format="csc"), x
 
 

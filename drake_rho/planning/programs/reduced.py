@@ -148,7 +148,7 @@ def _reduced(changes: Changes, rows: Sequence[Rows], dense: bool) -> Iterator[Ba
     responses, lengths = changes.projected(responses / lengths[:, None], whose), lengths[which]
     normals = np.concatenate([part.normals for part in rows])[order]
     needed = np.concatenate([part.bounds for part in rows])[order]
-    penalties = np.concatenate([np.zeros(len(part)) + part.form.penalty for part in rows])[order]
+    penalties = np.concatenate([part.penalties for part in rows])[order]
     slacks = slacks_of(rows)[order]
     vehicles, sizes = vehicles[order], sizes[order]
     units, lengths = changes.units[vehicles], lengths * changes.factors[vehicles]
@@ -245,7 +245,7 @@ def rows_of(
             columns = (3 * vectors[:, None] + np.arange(3)).reshape(-1)
             where.append(np.stack([np.repeat(first + r, 3), columns]))
         needed.append(part.bounds / (lengths * unit))
-        penalties.append(part.form.penalty * lengths / unit)
+        penalties.append(part.penalties * lengths / unit)
         first += len(part)
     shape = (first, 3 * (knots - 1) * len(group))
     matrix = coo_array((np.concatenate(entries), tuple(np.concatenate(where, axis=1))), shape=shape)

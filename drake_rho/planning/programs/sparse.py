@@ -93,7 +93,7 @@ class SparseRows:
                 places.append(np.stack([np.repeat(rows[there], 3), columns.reshape(-1)]))
                 entries.append((factors[there, None] * part.normals[there]).reshape(-1))
             needed.append(part.bounds / (unit * scale))
-            penalties.append(np.full(len(part), part.form.penalty * scale / unit))
+            penalties.append(part.penalties * scale / unit)
             partners = part.partners if part.form.coupled else None
             responses = part.responses(grid)
             lengths.append(self.changes.lengths_of(responses, part.vehicles, partners) / scale)

@@ -179,6 +179,8 @@ class CuttingPlanes:
                 rows = constraint.violated_rows(
                     motion, vehicles, between=between, neighbours=nearby
                 )
+                if len(rows) > 0 and constraint.prices is not None:
+                    rows = self.working.beyond_slack(rows, motion, nearby)
                 if len(rows) == 0:
                     continue
                 if constraint.key in self._curved.sets:

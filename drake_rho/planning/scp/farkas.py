@@ -83,6 +83,6 @@ def obstacles_in(working: WorkingSet, vehicle: int) -> frozenset[int]:
     found = (
         rows.constraint.obstacles
         for rows in working.rows.values()
-        if np.any(np.isin(rows.vehicles, group))
+        if not rows.soft and np.any(np.isin(rows.vehicles, group))
     )
     return frozenset[int]().union(*found)

@@ -163,7 +163,11 @@ class InGroups:
             pairs, key=_BETWEEN_GROUPS, coupled=False, responsibility=decoupled.responsibility
         )
         others = [*self._problem.convex, *self._problem.obstacles_around(reference)]
-        others = [dataclasses.replace(each, penalty=_LIMIT_PENALTY * penalty) for each in others]
+        others = [  # references take no account of soft limits
+            dataclasses.replace(each, penalty=_LIMIT_PENALTY * penalty)
+            for each in others
+            if each.prices is None
+        ]
         if self.groups is None:
             self.groups = self._first_groups(pairs)
         effort, planned = self._problem.effort, np.arange(len(self.groups))

@@ -95,7 +95,7 @@ def _violated_limits(plan: Plan, limits: Sequence[Constraint]) -> dict[str, tupl
     motion, everyone = plan.motion(), np.arange(len(plan.accelerations))
     violated: dict[str, tuple[str, ...]] = {}
     for limit in limits:
-        if np.isfinite(limit.penalty):
+        if limit.soft:
             continue
         rows = limit.violated_rows(motion, everyone)
         rows = rows.select(rows.margins(motion) < -rows.tolerances)
@@ -112,7 +112,8 @@ def elastic(
 
     The scale of a quantity is the largest of all vehicles. Acceleration boxes stay hard if
     margins leave them feasible. Other sets of accelerations are soft: a requirement may contradict
-    the boxes, and tangent planes converge slowly where only violations have a cost.
+    the boxes, and tangent planes converge slowly where only violations have a cost. Soft limits of
+    the scenario are left out.
     """
     hard = "acceleration" if has_room_for(problem.scenario, problem.margins, "acceleration") else ""
     fleet = problem.scenario.fleet
@@ -122,6 +123,7 @@ def elastic(
         if each.kind == hard
         else each.softened(penalty * unit**2 / float(fleet.scale(each.quantity).max()))
         for each in [*goals_of(problem.scenario), *constraints]
+        if each.prices is None
     ]
 
 

@@ -21,7 +21,7 @@ from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs.backend import Backend, Solver, SolverName
 from drake_rho.planning.scp.subproblem import Subproblem
 from drake_rho.scenario.arguments import checked
-from drake_rho.scenario.fields import IntArray
+from drake_rho.scenario.fields import FloatArray, IntArray
 
 
 class Improvement(Protocol):
@@ -70,7 +70,7 @@ def sequential_convex(
     """
     labels = subproblem.converging_together if labels is None else labels
     falling, spent = np.arange(len(plan.accelerations)), plan.statistics
-    converged = cut = False
+    paid, converged, cut = subproblem.problem.prices(plan), False, False
     fall: float | None = None
     for _ in range(most):
         try:
@@ -87,9 +87,11 @@ def sequential_convex(
         spent += after.statistics
         if progress is not None:
             progress(progress_line(spent.linearisations, after.cost))
-        cost = plan.cost
-        fall = max(0.0, 1.0 - after.cost / cost) if cost > 0.0 else 0.0
-        plan, falling = _better(plan, after, labels, falling, tolerance * cost)
+        price = subproblem.problem.prices(after)
+        cost, less = plan.cost + float(paid.sum()), after.cost + float(price.sum())
+        fall = max(0.0, 1.0 - less / cost) if cost > 0.0 else 0.0
+        plan, falling = _better(plan, after, paid - price, labels, falling, tolerance * cost)
+        paid = price if plan is after else subproblem.problem.prices(plan)
         if converged := len(falling) == 0 or converged:
             break
     return plan.with_statistics(
@@ -106,19 +108,25 @@ def progress_line(linearisations: int, cost: float) -> str:
 
 
 def _better(
-    plan: Plan, after: Plan, labels: IntArray, falling: IntArray, least: float
+    plan: Plan,
+    after: Plan,
+    saved: FloatArray,
+    labels: IntArray,
+    falling: IntArray,
+    least: float,
 ) -> tuple[Plan, IntArray]:
     """Return the better plan of each set that converges together, and the vehicles to continue.
 
     Args:
         plan: plan before an iteration.
         after: plan after it.
+        saved: decrease of the price of soft limits, of each vehicle [m²/s⁴], shape (N,).
         labels: equal numbers for vehicles that converge together, shape (N,).
         falling: indices of the vehicles planned again.
         least: decrease of the cost above which vehicles continue [m²/s⁴].
     """
     differences = (plan.accelerations**2 - after.accelerations**2).sum(axis=(1, 2))
-    fallen = np.bincount(labels, plan.scenario.fleet.weights * differences)[labels]
+    fallen = np.bincount(labels, plan.scenario.fleet.weights * differences + saved)[labels]
     falling = falling[fallen[falling] > least]
     if (fallen >= 0.0).all():
         return after, falling

@@ -133,7 +133,7 @@ def violations_of(
     """
     scenario, motion = problem.scenario, plan.motion()
     between, required, margins = scenario.between_knots, scenario.separation, problem.margins
-    obstacles = problem.obstacles_around(motion)
+    obstacles = [each for each in problem.obstacles_around(motion) if not each.soft]
     approaches = [(each.number, _too_deep(each, motion)) for each in obstacles]
     inside = {number: found for number, found in approaches if len(found) > 0}
     changed = None if before is None else _changed(before[0].motion(), motion)
@@ -193,7 +193,7 @@ def _beyond(problem: Problem, motion: Motion, vehicles: IntArray) -> IntArray:
     speed = np.abs(fleet.missed("velocity", motion.velocities[:, -1])).max(axis=1)
     off = (missed > TOLERANCE * fleet.lengths) | (speed > TOLERANCE * fleet.scale("velocity"))
     found = [vehicles[off[vehicles]]]
-    for constraint in problem.convex:
+    for constraint in (each for each in problem.convex if not each.soft):
         for between in (False, True)[: 1 + (constraint.searches > 0)]:
             rows = constraint.violated_rows(motion, vehicles, between=between)
             found.append(rows.vehicles[rows.margins(motion) < -rows.tolerances])

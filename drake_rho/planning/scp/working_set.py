@@ -8,7 +8,7 @@ from collections.abc import Hashable
 import numpy as np
 
 from drake_rho.motion.dynamics import Motion
-from drake_rho.planning.constraints.base import HalfSpaces
+from drake_rho.planning.constraints.base import HalfSpaces, with_neighbours
 from drake_rho.planning.programs.program import Answers
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.parts import Grid
@@ -100,7 +100,8 @@ class WorkingSet:
         place = np.searchsorted(theirs[order], keys)
         worst = order[np.minimum(place, len(old) - 1)]
         exists, margins = theirs[worst] == keys, rows.margins(motion)
-        as_deep = old.select(worst).margins(motion) <= margins + _EQUAL_CUTS * np.abs(margins)
+        equal = _EQUAL_CUTS if rows.constraint.prices is None else 0.0  # the slack decides
+        as_deep = old.select(worst).margins(motion) <= margins + equal * np.abs(margins)
         known: BoolArray = exists & as_deep
         return known
 
@@ -122,8 +123,28 @@ class WorkingSet:
         if len(new) > 0:
             self.add(new)
         unsatisfied = known & (rows.margins(motion) < -rows.tolerances)
-        unsatisfied &= np.isinf(rows.constraint.penalty)
+        unsatisfied &= not rows.soft
         return new, rows.select(unsatisfied)
+
+    def beyond_slack(self, rows: HalfSpaces, motion: Motion, neighbours: int) -> HalfSpaces:
+        """Return the rows that a motion violates by more than the slack of their vehicle.
+
+        The slack of a soft limit is the worst violation among the rows in the
+        working set, which are in the last programs.
+
+        Args:
+            rows: rows of one such constraint, sorted by vehicle.
+            motion: the motion of all vehicles in the last solutions.
+            neighbours: number of rows before and after each that are returned as well.
+        """
+        constraint, margins = rows.constraint, rows.margins(motion)
+        slack = np.zeros(int(rows.vehicles.max()) + 1)
+        if constraint.key in self.rows:
+            old = self.rows[constraint.key]
+            old = old.select(old.vehicles < len(slack))
+            np.maximum.at(slack, old.vehicles, -old.margins(motion))
+        beyond = -margins > slack[rows.vehicles] + constraint.threshold * rows.tolerances
+        return rows.select(with_neighbours(beyond, rows.vehicles, neighbours))
 
     def add(self, rows: HalfSpaces) -> None:
         """Add rows that are not known."""

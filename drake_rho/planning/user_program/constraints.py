@@ -10,7 +10,7 @@ import numpy as np
 from pydrake.solvers import Binding, MathematicalProgram
 
 from drake_rho.motion.dynamics import Motion
-from drake_rho.planning.constraints.base import HalfSpaces
+from drake_rho.planning.constraints.base import Constraint, HalfSpaces
 from drake_rho.planning.constraints.boxes import KeepInBox
 from drake_rho.planning.constraints.keep_in import KeepInSets
 from drake_rho.planning.constraints.keep_out import EvaluationPoints
@@ -21,11 +21,12 @@ from drake_rho.planning.user_program.conic import Conic, conic_of
 from drake_rho.planning.user_program.values import Affine, Values, on_every_axis
 from drake_rho.scenario.clock import clock_time
 from drake_rho.scenario.convex_sets import Each
+from drake_rho.scenario.fields import IntArray
 from drake_rho.scenario.parts import Quantity
 from drake_rho.scenario.times import Clock
 
-GOAL = "goal"
-"""Name of the terminal equalities."""
+GOAL, PENALTIES = "goal", "penalties"
+"""Names of the terminal equalities, and of the cost of excesses."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -155,14 +156,41 @@ def add_separation(draft: Draft, reference: Motion, coupling: Coupling) -> None:
     add_half_spaces(draft, draft.problem.pairs_around(reference, coupling).rows(points))
 
 
+def add_excesses(draft: Draft, constraint: Constraint, whose: IntArray) -> dict[int, np.ndarray]:
+    """Add one variable for the largest excess of each vehicle, at its price; none for hard limits.
+
+    Args:
+        draft: the program.
+        constraint: the constraint, soft or hard.
+        whose: indices of the vehicles of its rows, shape (R,).
+
+    Returns:
+        The variable of each vehicle by index, shape (1,), at least 0 in the quantity's unit.
+    """
+    excesses = dict[int, np.ndarray]()
+    prices = constraint.prices
+    if prices is None:
+        return excesses
+    for vehicle in np.unique(whose).tolist():
+        t = draft.prog.NewContinuousVariables(1, f"excess_{constraint.name}")
+        draft.note(constraint.name, vehicle, draft.prog.AddBoundingBoxConstraint(0.0, np.inf, t))
+        price = draft.prog.AddLinearCost(prices[[vehicle]], t)
+        draft.note(PENALTIES, vehicle, price)
+        excesses[vehicle] = t
+    return excesses
+
+
 def add_half_spaces(draft: Draft, rows: HalfSpaces) -> None:
     """Add rows n · x >= bound about single vehicles, or about differences of two."""
     form = rows.constraint
+    excesses = add_excesses(draft, form, rows.vehicles)
     for vehicle, partner, time, normal, bound in zip(
         rows.vehicles, rows.partners, rows.times, rows.normals, rows.bounds, strict=True
     ):
         other = int(partner) if form.coupled else None
         x = draft.values.at(form.quantity, vehicle, time, other).mapped(normal[None])
+        if (t := excesses.get(int(vehicle))) is not None:
+            x = x - Affine(-np.eye(1), np.zeros(1), t)
         least, most = bound - x.offset, np.full(1, np.inf)
         binding = draft.prog.AddLinearConstraint(x.matrix, least, most, x.variables)
         draft.note(form.name, vehicle, binding, time, other)
@@ -172,13 +200,30 @@ def add_sets(draft: Draft, constraint: KeepInSets) -> None:
     """Add a constraint that keeps a quantity, or a difference, in convex sets."""
     everyone = np.arange(len(draft.problem))
     coasting = constraint.values(draft.values.coasting, everyone)  # less the places of the sets
+    excesses = add_excesses(draft, constraint, coasting.vehicles)
     for vehicle, time, offset in zip(
         coasting.vehicles, coasting.times, coasting.values, strict=True
     ):
         x = draft.values.at(constraint.quantity, vehicle, time, constraint.partner)
         x = dataclasses.replace(x, offset=offset)
-        for binding in add_conic(draft.prog, x, conic_in(constraint, vehicle)):
+        inside, t = conic_in(constraint, vehicle), excesses.get(int(vehicle))
+        added = (
+            add_conic(draft.prog, x, inside) if t is None else add_near(draft.prog, x, inside, t)
+        )
+        for binding in added:
             draft.note(constraint.name, vehicle, binding, time, constraint.partner)
+
+
+def add_near(
+    prog: MathematicalProgram, x: Affine, inside: Conic, t: np.ndarray
+) -> list[Binding[Any]]:
+    """Add that x is no further than t from a convex set: from some y in the set."""
+    y = Affine(np.eye(3), np.zeros(3), prog.NewContinuousVariables(3, "y"))
+    ball = (x - y).mapped(np.vstack([np.zeros(3), np.eye(3)])) - Affine(
+        -np.eye(4, 1), np.zeros(4), t
+    )
+    near = prog.AddLorentzConeConstraint(ball.matrix, ball.offset, ball.variables)
+    return [*add_conic(prog, y, inside), near]
 
 
 def add_conic(prog: MathematicalProgram, x: Affine, inside: Conic) -> list[Binding[Any]]:

@@ -241,6 +241,9 @@ def check_writable(scenario: Scenario) -> None:
             raise ScenarioError(f"obstacles[{number - 1}].shape", Description("a map"), expected)
     for index, requirement in enumerate(scenario.requirements):
         try:
+            if requirement.penalty is not None and requirement.deviation > 0.0:
+                expected = "0 beside a penalty: the excess is not a distance from a set"
+                raise ScenarioError("relative_to.deviation", requirement.deviation, expected)
             conic_of(requirement.set).tightened(requirement.deviation)
         except ScenarioError as error:
             raise error.inside(f"requirements[{index}]") from None
