@@ -43,6 +43,14 @@ def costs_of(scenario: Scenario, motion: Moving) -> FloatArray:
     return np.asarray(np.sum(list(costs_by_term(scenario, motion).values()), axis=0))
 
 
+def savings(scenario: Scenario, before: Moving, after: Moving) -> FloatArray:
+    """Return by how much each vehicle's cost falls [m²/s⁴], shape (N,), without cancellation."""
+    if not scenario.objective.is_effort:
+        return costs_of(scenario, before) - costs_of(scenario, after)
+    differences = (before.accelerations**2 - after.accelerations**2).sum(axis=(1, 2))
+    return np.asarray(scenario.fleet.weights * differences)
+
+
 def costs_by_term(scenario: Scenario, motion: Moving) -> dict[str, FloatArray]:
     """Return the cost of each vehicle [m²/s⁴], shape (N,), by term with a weight."""
     fleet, weights = scenario.fleet, scenario.objective.weights

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Literal, Self
 import numpy as np
 import numpy.typing as npt
 
-from drake_rho.motion.costs import cost_of
+from drake_rho.motion.costs import costs_of
 from drake_rho.motion.dynamics import Motion
 from drake_rho.motion.polynomials import Polynomials
 from drake_rho.motion.remainders import remainder
@@ -199,7 +199,7 @@ class Plan(ShownInNotebooks, metaclass=Described):
     @property
     def cost(self) -> float:
         """Cost [m²/s⁴]: the sum of squared accelerations (13), or the scenario's `Objective`."""
-        return cost_of(self.scenario, self)
+        return float(costs_of(self.scenario, self).sum())
 
     @checked
     def at(self, times: npt.ArrayLike, vehicle: str | None = None) -> Samples:

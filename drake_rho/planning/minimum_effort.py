@@ -202,8 +202,6 @@ class Changes:
 
     def projected(self, rows: FloatArray, vehicles: IntArray) -> FloatArray:
         """Return rows (R, K-1) about z of vehicles (R,), projected onto the goals' null space."""
-        if self.alike is not None:
-            return self.alike.projected(rows)
         return self._by_class(Space.projected, rows, vehicles)
 
     def accelerations(self, z: FloatArray, vehicles: IntArray) -> FloatArray:

@@ -197,10 +197,9 @@ class Problem:
 
         It is measured from the limits themselves, obstacles not linearised, with planners' margins.
         """
-        total, everyone = np.zeros(len(self)), np.arange(len(self))
         if not self.scenario.penalties:
-            return total
-        motion = plan.motion()
+            return self._no_prices
+        total, everyone, motion = np.zeros(len(self)), np.arange(len(self)), plan.motion()
         for each in [*self.convex, *self.obstacles_around(motion)]:
             if each.prices is None:
                 continue
@@ -213,9 +212,13 @@ class Problem:
             total += each.prices * excess
         return total
 
+    @cached_property
+    def _no_prices(self) -> FloatArray:
+        return np.zeros(len(self))
+
     def total_cost(self, plan: Plan) -> float:
         """Return the cost by which plans are compared [m²/s⁴]: of accelerations, and prices."""
-        return plan.cost + float(self.prices(plan).sum())
+        return float(plan.cost + sum(self.prices(plan).tolist()))
 
     def check_fits(self, reference: Plan) -> None:
         """Check that a reference has the same number of vehicles and the same grid.

@@ -84,6 +84,8 @@ def _length(who: IntArray, x: FloatArray, times: FloatArray) -> FloatArray:
 
 
 def _by_term(scenario: Scenario, plan: Plan) -> dict[str, float]:
+    if scenario.objective.is_effort:
+        return {"effort": plan.cost}
     every = costs_by_term(scenario, plan).items()
     return {term: float(costs.sum()) for term, costs in every}
 

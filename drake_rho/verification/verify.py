@@ -127,7 +127,7 @@ def verify(flown: Flown) -> Report:
     names = [vehicle.name for vehicle in scenario.vehicles]
     by_vehicle = zip(*(column.checks(names) for column in columns), strict=True)
     checks = tuple(check for checks in by_vehicle for check in checks if check is not None)
-    hit = {check.constraint for check in checks if not check.holds}
+    hit = {each.constraint for each in checks if each.kind == "obstacles" and not each.holds}
     sightings = tuple(
         dataclasses.replace(each, avoided=_is_avoided(each) and each.obstacle not in hit)
         for each in flown.sightings

@@ -167,7 +167,7 @@ def obstacles_of(
                 required=scenario.fleet.radii + obstacle.deviation,
                 margins=margins.inner,
                 tolerances=scenario.fleet.obstacle_tolerances(obstacle.shape),
-                prices=obstacle.prices(scenario.fleet.weights),
+                prices=obstacle.prices(scenario.fleet.weights) if obstacle.penalty else None,
             )
         )
     return constraints

@@ -82,8 +82,9 @@ class Rows(Table):
     @property
     def penalties(self) -> FloatArray:
         """Cost per unit of violation of each row's slack variable, shape (R,)."""
-        prices = self.form.prices
-        return np.full(len(self), self.form.penalty) if prices is None else prices[self.vehicles]
+        if self.form.prices is not None:
+            return np.asarray(self.form.prices[self.vehicles])
+        return np.zeros(len(self)) + self.form.penalty
 
     def responses(self, grid: Grid) -> FloatArray:
         """Return the responses of rows to unit accelerations along their normals, (R, K-1).
@@ -111,7 +112,7 @@ class Rows(Table):
 
 def slacks_of(rows: Sequence[Rows]) -> IntArray:
     """Return the index of each row's slack variable, constraint by constraint, shape (R,)."""
-    if all(not part.soft for part in rows):
+    if not any(part.form.soft for part in rows):
         return np.zeros(sum(map(len, rows)), dtype=int)  # no slacks
     first = np.cumsum([0, *(1 + part.slacks().max(initial=-1) for part in rows)])[:-1]
     return np.concatenate([n + part.slacks() for n, part in zip(first, rows, strict=True)])

@@ -23,6 +23,7 @@ from drake_rho.planning.scp.least_time import LeastTime
 from drake_rho.planning.scp.timed import Timed
 from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.fields import FloatArray
+from drake_rho.scenario.objective import Objective
 from drake_rho.scenario.records import Grid, Scenario
 from drake_rho.scenario.waypoints import AllWaypoints
 
@@ -121,7 +122,9 @@ def in_least_time(start: Timed, backend: Backend, progress: Progress | None) -> 
 
 
 class WaypointTimes:
-    """Search for the times of a scenario's free waypoints that minimise the cost.
+    """Search for the times of a scenario's free waypoints that minimise the effort.
+
+    With another objective they are not those of the least cost, which is minimised at these times.
 
     Args:
         scenario: the scenario.
@@ -221,9 +224,9 @@ class WaypointTimes:
 
     @cached_property
     def _without(self) -> Scenario:
-        """The scenario without waypoints."""
+        """The scenario without waypoints, with the cost of which times are found: the effort."""
         vehicles = self._waypoints.placed(self._given.vehicles, None)
-        return dataclasses.replace(self._given, vehicles=vehicles)
+        return dataclasses.replace(self._given, vehicles=vehicles, objective=Objective())
 
     @cached_property
     def _convex(self) -> Scenario:

@@ -145,7 +145,11 @@ def _reduced(changes: Changes, rows: Sequence[Rows], dense: bool) -> Iterator[Ba
     order = np.lexsort((vehicles, sizes))  # by size, then by vehicle, and stable
     responses, whose, which = _responses(changes, rows)
     which, lengths = which[order], np.sqrt(np.vecdot(responses, responses))
-    responses, lengths = changes.projected(responses / lengths[:, None], whose), lengths[which]
+    responses, lengths = responses / lengths[:, None], lengths[which]
+    if changes.alike is not None:
+        responses = changes.alike.projected(responses)
+    else:
+        responses = changes.projected(responses, whose)
     normals = np.concatenate([part.normals for part in rows])[order]
     needed = np.concatenate([part.bounds for part in rows])[order]
     penalties = np.concatenate([part.penalties for part in rows])[order]

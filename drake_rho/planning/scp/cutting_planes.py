@@ -179,7 +179,7 @@ class CuttingPlanes:
                 rows = constraint.violated_rows(
                     motion, vehicles, between=between, neighbours=nearby
                 )
-                if len(rows) > 0 and constraint.prices is not None:
+                if constraint.prices is not None and len(rows) > 0:
                     rows = self.working.beyond_slack(rows, motion, nearby)
                 if len(rows) == 0:
                     continue

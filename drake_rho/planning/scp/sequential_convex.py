@@ -10,6 +10,7 @@ from typing import Protocol
 
 import numpy as np
 
+from drake_rho.motion.costs import savings
 from drake_rho.motion.plan import Plan
 from drake_rho.planning.call.options import DEFAULTS
 from drake_rho.planning.call.progress import Progress
@@ -70,7 +71,8 @@ def sequential_convex(
     """
     labels = subproblem.converging_together if labels is None else labels
     falling, spent = np.arange(len(plan.accelerations)), plan.statistics
-    paid, converged, cut = subproblem.problem.prices(plan), False, False
+    problem, converged, cut = subproblem.problem, False, False
+    paid, priced = problem.prices(plan), bool(problem.scenario.penalties)
     fall: float | None = None
     for _ in range(most):
         try:
@@ -87,11 +89,11 @@ def sequential_convex(
         spent += after.statistics
         if progress is not None:
             progress(progress_line(spent.linearisations, after.cost))
-        price = subproblem.problem.prices(after)
-        cost, less = plan.cost + float(paid.sum()), after.cost + float(price.sum())
+        price = problem.prices(after) if priced else paid
+        cost, less = plan.cost + sum(paid.tolist()), after.cost + sum(price.tolist())
         fall = max(0.0, 1.0 - less / cost) if cost > 0.0 else 0.0
         plan, falling = _better(plan, after, paid - price, labels, falling, tolerance * cost)
-        paid = price if plan is after else subproblem.problem.prices(plan)
+        paid = price if plan is after else problem.prices(plan)
         if converged := len(falling) == 0 or converged:
             break
     return plan.with_statistics(
@@ -125,8 +127,7 @@ def _better(
         falling: indices of the vehicles planned again.
         least: decrease of the cost above which vehicles continue [m²/s⁴].
     """
-    differences = (plan.accelerations**2 - after.accelerations**2).sum(axis=(1, 2))
-    fallen = np.bincount(labels, plan.scenario.fleet.weights * differences + saved)[labels]
+    fallen = np.bincount(labels, savings(plan.scenario, plan, after) + saved)[labels]
     falling = falling[fallen[falling] > least]
     if (fallen >= 0.0).all():
         return after, falling
