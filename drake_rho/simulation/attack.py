@@ -205,7 +205,7 @@ def _checks(
     if (bounds := scenario.fleet.bounds("position")) is not None:
         for column in check_position_box(trajectory):
             yield column, partial(_within, bounds)
-    for number, each in enumerate(scenario.requirements, start=1):
+    for number, each in enumerate(scenario.required, start=1):
         if each.quantity == "position" and each.interval(scenario.grid) is not None:
             for column in check_positions(trajectory, number):
                 yield column, partial(_in_set, scenario, number)
@@ -234,7 +234,7 @@ def _from_each_other(scenario: Scenario, partners: IntArray, i: int) -> _Clearan
 
 
 def _in_set(scenario: Scenario, number: int, i: int) -> _Clearance:
-    required = scenario.requirements[number - 1]
+    required = scenario.required[number - 1]
     partner = required.partner(scenario.names)
     vehicles = (i,) if partner is None else (i, partner)
 

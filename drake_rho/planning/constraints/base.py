@@ -68,6 +68,10 @@ class Constraint(Form, abc.ABC):
     """number of rounds that add violated rows at the knots; small while plans are intermediate"""
     searches: int = 0
     """number of searches for worst instants between knots; 0 if only knots can violate it"""
+    moves: bool = False
+    """whether its interval begins or ends at waypoints, whose times may be variables"""
+    is_gate: bool = False
+    """whether it is of velocities at a waypoint"""
 
     @abc.abstractmethod
     def violated_rows(

@@ -64,7 +64,7 @@ def norms_of(scenario: Scenario, margins: PlanMargins) -> list[KeepInSets]:
 
 
 def waypoints_of(scenario: Scenario, margins: PlanMargins) -> list[KeepInSets]:
-    """Return the waypoints of all vehicles; the k-th of each vehicle are one constraint.
+    """Return the waypoints of all vehicles; the k-th of each, of one name, are one constraint.
 
     A waypoint is a ball of positions at one time, which need not be a knot's. If it is to be passed
     exactly the radius is zero, which needs no special treatment: the boundary of every half-space
@@ -77,8 +77,8 @@ def waypoints_of(scenario: Scenario, margins: PlanMargins) -> list[KeepInSets]:
     return [
         KeepInSets(
             kind="waypoints",
-            key=("waypoint", index),
-            name=f"waypoint {index + 1}",
+            key=("waypoint", waypoints.called),
+            name=waypoints.called,
             quantity="position",
             sets=waypoints.balls(scale),
             members=np.arange(len(scenario.vehicles)),
@@ -88,7 +88,7 @@ def waypoints_of(scenario: Scenario, margins: PlanMargins) -> list[KeepInSets]:
             averaged=scenario.smoothing,
             margins=margins.states.pointwise,
         )
-        for index, waypoints in enumerate(fleet.waypoints)
+        for waypoints in fleet.waypoints
     ]
 
 
@@ -96,7 +96,7 @@ def requirements_of(scenario: Scenario, margins: PlanMargins) -> list[KeepInSets
     """Return the constraints of all requirements that have not ended."""
     found, names, grid = list[KeepInSets](), scenario.names, scenario.grid
     local = grid.beginning_at(0.0)
-    for number, requirement in enumerate(scenario.requirements, start=1):
+    for number, requirement in enumerate(scenario.required, start=1):
         each = requirement.since(grid).longer(scenario.lead)
         if (interval := each.interval(local)) is None:
             continue
@@ -125,6 +125,8 @@ def requirements_of(scenario: Scenario, margins: PlanMargins) -> list[KeepInSets
                 as_cone=False,
                 threshold=_ACCEPTED,
                 searches=sys.maxsize * (quantity == "position" and every_instant),
+                moves=requirement.moves,
+                is_gate=requirement.at_waypoint and quantity == "velocity",
             )
         )
     return found
