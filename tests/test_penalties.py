@@ -156,7 +156,7 @@ def test_a_waypoint_is_missed_by_what_the_closed_form_says() -> None:
     c = (hard.cost - free.cost) / distance**2
     for within in (0.0, 0.7):
         for penalty in (0.3 * c * distance, 1.2 * c * distance, 3.0 * c * distance):
-            waypoint = rho.Waypoint(4.0, place, within, penalty)
+            waypoint = rho.Waypoint(4.0, place, within, penalty=penalty)
             plan = rho.plan(single(waypoints=[waypoint]))
             missed = max(0.0, distance - within - penalty / (2.0 * c))
             (check,) = (each for each in rho.verify(plan).checks if each.kind == "waypoints")

@@ -10,6 +10,7 @@ from drake_rho.planning.planners.plan import plan as best_plan
 from drake_rho.planning.planners.waypoint_times import passing_of
 from drake_rho.planning.programs.backend import Backend
 from drake_rho.planning.scp.timed import Timed
+from drake_rho.scenario.gates import Gates
 from drake_rho.scenario.records import Scenario
 from drake_rho.scenario.waypoints import AllWaypoints
 
@@ -45,7 +46,12 @@ def planned_in(
         progress=within(progress, f"trying a duration of {grid.duration:.5g} s"),
     )
     waypoints = AllWaypoints.of(planned.scenario.vehicles)
-    passing = passing_of(AllWaypoints.of(given.vehicles), without.ending_with(grid), grid)
+    passing = passing_of(
+        AllWaypoints.of(given.vehicles),
+        without.ending_with(grid),
+        grid,
+        Gates.of(given.requirements, given.vehicles),
+    )
     passing = dataclasses.replace(passing, times=waypoints.times - grid.start)
     return Timed(without, grid.step, planned.accelerations, passing)
 

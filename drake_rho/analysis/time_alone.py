@@ -21,6 +21,7 @@ from drake_rho.planning.programs.free_times import Passing
 from drake_rho.planning.scp.least_time import CONVERGED, ROUGH, LeastTime
 from drake_rho.planning.scp.timed import Timed
 from drake_rho.scenario.errors import Description, ScenarioError
+from drake_rho.scenario.gates import Gates
 from drake_rho.scenario.records import Grid, Scenario, State
 from drake_rho.scenario.waypoints import AllWaypoints
 
@@ -47,6 +48,7 @@ class TimesAlone:
     Args:
         scenario: the scenario, without waypoints.
         waypoints: the waypoints of all vehicles.
+        gates: what else is required at these; None for nothing.
         backend: solver for the reason why there is no motion.
         progress: called with the final time after each iteration.
 
@@ -59,11 +61,12 @@ class TimesAlone:
         self,
         scenario: Scenario,
         waypoints: AllWaypoints,
+        gates: Gates | None,
         backend: Backend,
         progress: Progress | None,
     ) -> None:
         self._scenario, self._waypoints = scenario, waypoints
-        self._backend, self._progress = backend, progress
+        self._gates, self._backend, self._progress = gates, backend, progress
         self.statistics = Statistics()
         self.durations = np.zeros(len(scenario.vehicles))
 
@@ -93,7 +96,7 @@ class TimesAlone:
         free = of_each_alone(self._scenario)
         if self._waypoints.given.any():
             return self._with_given_times(free)
-        passing = passing_of(self._waypoints, free, free.grid)
+        passing = passing_of(self._waypoints, free, free.grid, self._gates)
         each = [self._one(free, passing, i) for i in range(len(free.vehicles))]
         self.durations = np.array([one.duration if one.converged else 0.0 for one in each])
         if not any(one.accelerations.any() for one in each):
@@ -121,7 +124,7 @@ class TimesAlone:
         starts = list[Timed]()
         for longer in _LATER:
             grid = dataclasses.replace(free.grid, step=longer * free.grid.step)
-            passing = passing_of(self._waypoints, free, grid)
+            passing = passing_of(self._waypoints, free, grid, self._gates)
             accelerations = Problem.of(free.ending_with(grid)).effort.motion.accelerations
             starts.append(Timed(free, grid.step, accelerations, passing))
             if longer == _LATER[0] and not self._requires_slowness:
@@ -167,7 +170,8 @@ class TimesAlone:
             scenario: scenario of the vehicle, with a guess of the step.
             passing: its waypoints.
         """
-        least, grid, count = LeastTime(ROUGH, self._progress), scenario.grid, len(passing)
+        least = LeastTime(ROUGH, self._progress, steady=passing.is_scale_free)
+        grid, count = scenario.grid, len(passing)
         effort = Problem.of(scenario).effort
         if effort.unreachable.any():
             return None

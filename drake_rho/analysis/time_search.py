@@ -30,6 +30,7 @@ from drake_rho.planning.scp.least_time import ROUGH, LeastTime
 from drake_rho.planning.scp.timed import Timed, latest
 from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.fields import FloatArray, unchecked
+from drake_rho.scenario.gates import Gates, is_scale_free
 from drake_rho.scenario.records import Grid, Scenario
 from drake_rho.scenario.waypoints import AllWaypoints
 
@@ -89,10 +90,11 @@ class TimeSearch:
         self._given, self._each = scenario, each
         self._bound: float | None = None
         self._waypoints = AllWaypoints.of(scenario.vehicles)
-        vehicles = self._waypoints.placed(scenario.vehicles, None)
-        self._scenario = scenario.ending_with(grid, vehicles)
+        self._gates = Gates.of(scenario.requirements, scenario.vehicles)
+        self._scenario = scenario.without_waypoints().ending_with(grid)
         self._backend, self._progress, self._options = backend, progress, options
-        self._steady = is_steady(self._scenario) and not self._waypoints.given.any()
+        scale_free = self._gates is None or is_scale_free(scenario.vehicles)
+        self._steady = is_steady(self._scenario) and not self._waypoints.given.any() and scale_free
         self._least = LeastTime(ROUGH, progress, steady=self._steady)
         self._plans = TimedPlans(scenario, self._waypoints, progress, steady=self._steady)
 
@@ -107,7 +109,7 @@ class TimeSearch:
             SolverError: the solvers fail numerically, or every motion found violates a constraint.
         """
         scenario = self._scenario
-        alone = TimesAlone(scenario, self._waypoints, self._backend, self._progress)
+        alone = TimesAlone(scenario, self._waypoints, self._gates, self._backend, self._progress)
         free = self._steady and not self._binds_more
         each: Timed | None = None
         best: Timed | None = None

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 
 from drake_rho.analysis.relaxations import Relaxation, relaxations_of
@@ -17,6 +15,7 @@ from drake_rho.planning.programs.free_times import Passing
 from drake_rho.planning.scp.least_time import ROUGH, LeastTime
 from drake_rho.planning.scp.timed import Timed
 from drake_rho.scenario.fields import IntArray
+from drake_rho.scenario.gates import Gates
 from drake_rho.scenario.records import Scenario
 from drake_rho.scenario.waypoints import AllWaypoints
 
@@ -135,6 +134,7 @@ def timed_of(plan: Plan, planned: Scenario | None) -> Timed:
         waypoints.within,
         given,
         GAP * grid.step,
+        gates=Gates.of(scenario.requirements, scenario.vehicles),
     )
-    free = dataclasses.replace(scenario, vehicles=waypoints.placed(scenario.vehicles, None))
+    free = scenario.without_waypoints()
     return Timed(free, grid.step, plan.accelerations, passing)

@@ -75,7 +75,7 @@ def _closer_by(check: Check, scenario: Scenario, deviations: dict[str, float]) -
     own = deviations[check.vehicle]
     relative = any(
         each.leader is not None and each.called(number) == check.constraint
-        for number, each in enumerate(scenario.requirements, start=1)
+        for number, each in enumerate(scenario.required, start=1)
     )
     if check.kind != "separation" and not relative:
         return own

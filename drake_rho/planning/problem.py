@@ -108,7 +108,7 @@ class Problem:
     def linked_groups(self) -> IntArray:
         """Number of each vehicle's group, equal for vehicles that requirements link, (N,)."""
         scenario = self.scenario
-        return linked_groups(scenario.requirements, scenario.names, scenario.grid)
+        return linked_groups(scenario.required, scenario.names, scenario.grid)
 
     @cached_property
     def has_links(self) -> bool:

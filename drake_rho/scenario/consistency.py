@@ -193,11 +193,11 @@ def check_waypoints(
     Raises:
         ScenarioError: a waypoint violates one of these constraints.
     """
-    for index, waypoints in enumerate(fleet.waypoints):
-        where = f"waypoints[{index}]"
+    for number, waypoints in enumerate(fleet.waypoints):
+        where = f"waypoints[{waypoints.index}]"
         for i in np.flatnonzero(waypoints.present):
             time = float(waypoints.times[i])
-            for other in fleet.waypoints[:index]:
+            for other in fleet.waypoints[:number]:
                 if grid.clock.same(other.times[i], time):
                     expected = "a time that no other waypoint of the vehicle has"
                     raise ScenarioError(f"vehicles[{i}].{where}.time", time, expected)
@@ -279,6 +279,7 @@ def _circumstances(
 
 def check_requirements(
     requirements: Sequence[KeepIn],
+    required: Sequence[KeepIn],
     fleet: Fleet,
     names: Sequence[str],
     grid: Grid,
@@ -288,6 +289,7 @@ def check_requirements(
 
     Args:
         requirements: all requirements, numbered from 1 in this order.
+        required: these and those that waypoints add, with their intervals of time.
         fleet: the vehicles.
         names: names of the vehicles.
         grid: first and last knot.
@@ -311,7 +313,8 @@ def check_requirements(
         if not (each.active is None or under_way or grid.clock.within(each.active, flight).all()):
             expected = f"times in the flight, from {grid.start:g} s to {grid.end:g} s"
             raise ScenarioError(f"{where}.active", list(each.active), expected)
-        _check_given_states(each, index + 1, fleet, names, grid, under_way)
+    for number, each in enumerate(required, start=1):
+        _check_given_states(each, number, fleet, names, grid, under_way)
 
 
 class _Given(NamedTuple):
@@ -348,9 +351,12 @@ def _check_given_states(
         times = np.full(len(names), grid.start if end == "start" else grid.end)
         ends.append(_Given(f"{end}.{quantity}", quantity, values, times, exactly))
     if requirement.leader is None and requirement.penalty is None:
-        for index, each in enumerate(fleet.waypoints):
-            times = np.where(each.soft, np.nan, each.times)
-            field, at = f"waypoints[{index}].position", (each.positions, times, each.within)
+        for each in fleet.waypoints:
+            field, times = (
+                f"waypoints[{each.index}].position",
+                np.where(each.soft, np.nan, each.times),
+            )
+            at = each.positions, times, each.within
             passed.append(_Given(field, "position", *at))
     for required, given in ((_at_ends(requirement, grid), ends), (requirement, passed)):
         for one in given:

@@ -16,7 +16,7 @@ from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.context import Context
 from drake_rho.scenario.errors import Description, ScenarioError
 from drake_rho.scenario.maps.map import Map
-from drake_rho.scenario.records import Scenario
+from drake_rho.scenario.records import KeepIn, Scenario, Waypoint
 from drake_rho.scenario.refusals import scenario_error
 from drake_rho.scenario.written_maps import with_numbers, with_references
 from drake_rho.system.files import atomic_write, read_text, reason_of
@@ -122,7 +122,7 @@ def scenario_to_content(scenario: Scenario) -> dict[str, Any]:
     """Return a scenario as mappings, lists and values, with every field; absent ones are None.
 
     Raises:
-        ScenarioError: a requirement has a user's own set, which no file can hold.
+        ScenarioError: a requirement or a waypoint has a user's own set, which no file can hold.
     """
     _check_storable(scenario)
     content: dict[str, Any] = _adapter().dump_python(scenario, mode="json")
@@ -185,13 +185,20 @@ def _check_storable(scenario: Scenario) -> None:
     """Check that a file can hold a scenario.
 
     Raises:
-        ScenarioError: a requirement has a user's own set.
+        ScenarioError: a requirement or a waypoint has a user's own set.
     """
-    for index, each in enumerate(scenario.requirements):
+    storable: list[tuple[str, KeepIn | Waypoint]] = [
+        (f"requirements[{k}]", each) for k, each in enumerate(scenario.requirements)
+    ]
+    for i, vehicle in enumerate(scenario.vehicles):
+        storable += [
+            (f"vehicles[{i}].waypoints[{k}]", each) for k, each in enumerate(vehicle.waypoints)
+        ]
+    for field, each in storable:
         try:
             each.check_storable()
         except ScenarioError as error:
-            raise error.inside(f"requirements[{index}]") from None
+            raise error.inside(field) from None
 
 
 def scenario_from_json(text: str, *, under_way: bool = False, maps: Sequence[Map] = ()) -> Scenario:

@@ -30,9 +30,13 @@ from drake_rho.scenario.fields import (
     unchecked,
 )
 from drake_rho.scenario.limits import Limits
+from drake_rho.scenario.sets import PACKAGE_SET, ValueOrSet, is_own
 from drake_rho.scenario.shapes.base import TOLERANCE
 from drake_rho.scenario.shapes.quadrics import Ellipsoid
 from drake_rho.scenario.times import Clock, divides
+
+if TYPE_CHECKING:
+    from drake_rho.scenario.sets import ConvexSet
 
 Quantity = Literal["position", "velocity", "acceleration", "jerk"]
 """Quantities that a box can bound."""
@@ -226,16 +230,24 @@ class State:
         return None
 
 
+START, GOAL = "start", "goal"
+"""Words for the first and the last knot where names of waypoints are expected."""
+
+
 @record
 class Waypoint:
     """Position that a vehicle passes at a given time, which need not be that of a knot.
 
-    If no time is given, planning finds it. Waypoints without times are passed in their order.
+    If no time is given, planning finds it. Waypoints without times are passed in their order. A
+    gate has a direction, given by the velocity there; at a stop the vehicle dwells.
 
     Examples:
         >>> rho.Waypoint(3.0, [5, 0, 2], within=0.2).within
         0.2
         >>> rho.Waypoint(None, [5, 0, 2]).time  # found
+        >>> forwards = rho.Cone([0, 0, 0], [1, 0, 0], 0.2)  # within 0.2 rad of the direction
+        >>> gate = rho.Waypoint(3.0, [5, 0, 2], velocity=forwards, name="gate")
+        >>> stop = rho.Waypoint(6.0, [9, 0, 2], dwell=2.0)
     """
 
     time: Finite | None = None
@@ -245,6 +257,20 @@ class Waypoint:
     """position of the vehicle at that time [m]"""
     within: Annotated[float, Field(ge=0.0, le=LARGEST, allow_inf_nan=False)] = 0.0
     """largest distance of the vehicle from the position [m]; 0 to pass it exactly"""
+    _: dataclasses.KW_ONLY
+    velocity: ValueOrSet | None = None
+    """velocity at that time [m/s]: a vector, or a convex set of velocities such as a cone around a
+    direction; any if not given. With a dwell it is a set that contains zero, for all of this time;
+    in wind it says what counts as rest, and the position stays `within`"""
+    dwell: Annotated[
+        float,
+        Field(ge=0.0, le=LARGEST, allow_inf_nan=False, exclude_if=lambda time: time == 0.0),
+        NOT_BOOLEAN,
+    ] = 0.0
+    """least time at rest from that time on [s]: velocity and acceleration are zero in all steps of
+    the grid that it meets"""
+    name: Name | None = None
+    """name shown in figures and reports, and used by `KeepIn.between`; unique for the vehicle"""
     penalty: Positive | None = None
     """cost of each metre by which the vehicle passes further away, times its weight [m/s⁴]; it must
     not if not given"""
@@ -256,15 +282,47 @@ class Waypoint:
             time: float | None,
             position: npt.ArrayLike,
             within: float = 0.0,
+            *,
+            velocity: npt.ArrayLike | ConvexSet | None = None,
+            dwell: float = 0.0,
+            name: str | None = None,
             penalty: float | None = None,
         ) -> None: ...
 
     @model_validator(mode="after")
-    def _has_a_time_to_weigh(self) -> Self:
+    def _is_consistent(self) -> Self:
         if self.time is None and self.penalty is not None:
             expected = "none without a time: the search for times passes every waypoint"
             raise ScenarioError("penalty", self.penalty, expected)
+        if self.name in (START, GOAL):
+            raise ScenarioError("name", self.name, "another name: this is an end of the flight")
+        if self.dwell > 0.0 and self.time is None:
+            expected = "0 at a waypoint without a time: at which steps to rest is not found"
+            raise ScenarioError("dwell", self.dwell, expected)
+        if self.dwell > 0.0 and self.velocity is not None and not self._may_rest:
+            expected = "0 at a waypoint with a velocity: a vehicle dwells at rest"
+            raise ScenarioError("dwell", self.dwell, expected)
         return self
+
+    @property
+    def _may_rest(self) -> bool:
+        """Whether its velocity may be zero."""
+        if isinstance(self.velocity, np.ndarray):
+            return not self.velocity.any()
+        return self.velocity is None or float(self.velocity.signed_distance(np.zeros(3))) <= 0.0
+
+    def called(self, number: int) -> str:
+        """Return how reports refer to it: by its number from 1, and its name if any."""
+        return f"waypoint {number}" + (f" ({self.name})" if self.name else "")
+
+    def check_storable(self) -> None:
+        """Check that a file can hold the waypoint.
+
+        Raises:
+            ScenarioError: the set of its velocities is a user's own.
+        """
+        if not isinstance(self.velocity, np.ndarray) and is_own(self.velocity):
+            raise ScenarioError("velocity", self.velocity, PACKAGE_SET)
 
 
 @record
@@ -322,6 +380,17 @@ class Vehicle:
                 expected = "a time that no other waypoint of the vehicle has"
                 raise ScenarioError(f"waypoints[{index}].time", waypoint.time, expected)
             times.add(waypoint.time)
+        return self
+
+    @model_validator(mode="after")
+    def _waypoint_names_are_distinct(self) -> Self:
+        names: set[str] = set()
+        for index, waypoint in enumerate(self.waypoints):
+            if waypoint.name in names:
+                expected = "a name that no other waypoint of the vehicle has"
+                raise ScenarioError(f"waypoints[{index}].name", waypoint.name, expected)
+            if waypoint.name is not None:
+                names.add(waypoint.name)
         return self
 
     @model_validator(mode="after")

@@ -25,6 +25,7 @@ from drake_rho.scenario.disturbance import CALM, Disturbance
 from drake_rho.scenario.errors import one_of
 from drake_rho.scenario.fields import Boolean, Name, record, unchecked
 from drake_rho.scenario.fleet import Fleet
+from drake_rho.scenario.gates import check_gates, on_known_legs, required_of
 from drake_rho.scenario.known_obstacles import active_during, known_at_start
 from drake_rho.scenario.limits import Limits
 from drake_rho.scenario.maps.mesh import Mesh
@@ -205,9 +206,12 @@ class Scenario(ShownInNotebooks):
         self.check_ends(under_way=under_way)
         earlier = self.lead if under_way else 0.0
         check_waypoints(self.fleet, self.grid, self.bodies, earlier)
-        check_requirements(self.requirements, self.fleet, self.names, self.grid, under_way)
+        check_requirements(
+            self.requirements, self.required, self.fleet, self.names, self.grid, under_way
+        )
         if not under_way:
             check_objective(self.objective, self.vehicles, self.fleet, self.grid)
+            check_gates(self.requirements, self.vehicles, self.fleet, self.grid)
         if self.hold_at_goal:
             check_goals_at_rest(self.vehicles)
             check_without(self.objective, TERMINAL, "0 with hold_at_goal: vehicles hold at goals")
@@ -218,7 +222,7 @@ class Scenario(ShownInNotebooks):
             check_smoothing(self.smoothing, self.grid, self.vehicles, self.between_knots, tracking)
             check_limits_of_averages(self.fleet, self.vehicles, self.smoothing_margin)
             check_requirements_of_averages(
-                self.requirements, self.fleet, self.names, self.grid, self.lead
+                self.required, self.fleet, self.names, self.grid, self.lead
             )
         return self
 
@@ -277,6 +281,11 @@ class Scenario(ShownInNotebooks):
             each if isinstance(each, Obstacle) else Obstacle(each) for each in self.obstacles
         )
 
+    @cached_property
+    def required(self) -> tuple[KeepIn, ...]:
+        """Requirements, and those that waypoints add, each with its interval of time."""
+        return required_of(self.requirements, self.vehicles, self.grid)
+
     @property
     def spheres(self) -> tuple[Sphere, ...]:
         """Obstacles as in (8) of the paper: certain spheres at rest, always known and active."""
@@ -333,6 +342,16 @@ class Scenario(ShownInNotebooks):
     def without_obstacles(self) -> Scenario:
         """Return the scenario without obstacles (the paper's Examples 1 and 3)."""
         return self.derived(obstacles=())
+
+    def without_waypoints(self) -> Scenario:
+        """Return the scenario without waypoints, and without what is required between them."""
+        vehicles = tuple(dataclasses.replace(each, waypoints=()) for each in self.vehicles)
+        return self.with_vehicles(vehicles)
+
+    def with_vehicles(self, vehicles: tuple[Vehicle, ...]) -> Scenario:
+        """Return the scenario with other waypoints of its vehicles, without legs between others."""
+        requirements = on_known_legs(self.requirements, vehicles)
+        return dataclasses.replace(self, vehicles=vehicles, requirements=requirements)
 
     def on_grid(self, grid: Grid) -> Scenario:
         """Return the scenario on another grid.

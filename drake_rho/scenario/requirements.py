@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
+from functools import cached_property
 from typing import TYPE_CHECKING, Annotated, Literal, Self
 
 import numpy as np
@@ -23,8 +24,8 @@ from drake_rho.scenario.fields import (
 )
 from drake_rho.scenario.fleet import Fleet
 from drake_rho.scenario.limits import GRAVITY
-from drake_rho.scenario.parts import UNITS, Grid, Quantity
-from drake_rho.scenario.sets import AnySet, is_own
+from drake_rho.scenario.parts import GOAL, START, UNITS, Grid, Quantity
+from drake_rho.scenario.sets import PACKAGE_SET, AnySet, is_own
 from drake_rho.scenario.shapes.quadrics import Sphere
 from drake_rho.scenario.times import EXACT, Clock
 from drake_rho.scenario.tracks import Track
@@ -80,6 +81,10 @@ class KeepIn:
     penalty: Positive | None = None
     """cost of each unit of the largest distance outside the set, times the vehicle's weight, or the
     mean weight of two [m²/s⁴ per unit]; values must not be outside if not given"""
+    between: tuple[Name, Name] | None = None
+    """names of two waypoints of each vehicle, in place of `active`: it is required from the time of
+    the first to that of the second, both included; "start" and "goal" are the ends of the flight;
+    without `vehicles`, those count that have both waypoints"""
 
     if TYPE_CHECKING:
 
@@ -93,6 +98,7 @@ class KeepIn:
             active: tuple[float, float] | None = None,
             name: str | None = None,
             penalty: float | None = None,
+            between: tuple[str, str] | None = None,
         ) -> None: ...
 
     @model_validator(mode="after")
@@ -109,11 +115,33 @@ class KeepIn:
         if self.active is not None and not self.active[0] <= self.active[1]:
             expected = "a first time and a last one that is not before it"
             raise ScenarioError("active", list(self.active), expected)
+        if self.between is not None:
+            first, last = self.between
+            if self.active is not None:
+                raise ScenarioError("between", list(self.between), "none beside active")
+            if first in (last, GOAL) or last == START:
+                expected = "the names of two waypoints, the earlier one first"
+                raise ScenarioError("between", list(self.between), expected)
         return self
+
+    @cached_property
+    def label(self) -> str | None:
+        """Name in reports of a requirement that follows from others; None for one that is given."""
+        return None
+
+    @cached_property
+    def at_waypoint(self) -> bool:
+        """Whether it follows from a waypoint's velocity or dwell, which its label says."""
+        return False
+
+    @cached_property
+    def moves(self) -> bool:
+        """Whether its interval begins or ends at waypoints, and moves with their times."""
+        return False
 
     def called(self, number: int) -> str:
         """Return how reports refer to it: by its number from 1, and its name if any."""
-        return f"requirement {number}" + (f" ({self.name})" if self.name else "")
+        return self.label or f"requirement {number}" + (f" ({self.name})" if self.name else "")
 
     def check_storable(self) -> None:
         """Check that a file can hold the requirement.
@@ -122,8 +150,7 @@ class KeepIn:
             ScenarioError: its set is a user's own.
         """
         if is_own(self.set):
-            expected = "one of the package's sets: functions of one's own cannot be in a file"
-            raise ScenarioError("set", self.set, expected)
+            raise ScenarioError("set", self.set, PACKAGE_SET)
 
     @property
     def quantity(self) -> Quantity:
@@ -212,7 +239,7 @@ class KeepIn:
 
         A tolerance is `TOLERANCE` times the set's size, taken as at most the scale of the motion
         (of the larger of two), and at least a thousandth of it, which a solver can still resolve.
-        Far from the origin it is at least the rounding of positions.
+        Far from the origin it is at least the rounding of positions. A point has that of a goal.
         """
         members, partner = self.members(names), self.partner(names)
         scale = fleet.scale(self.quantity)
@@ -220,7 +247,7 @@ class KeepIn:
         if partner is not None:
             scales = np.maximum(scales, scale[partner])
             errors = errors + fleet.summed_errors[partner]
-        size = float(getattr(self.set, "size", np.inf))
+        size = float(getattr(self.set, "size", np.inf)) or np.inf
         tolerances = tolerances_of(np.full(len(scales), size), np.zeros((len(scales), 3)), scales)
         return np.maximum(tolerances, errors) if self.of == "position" else tolerances
 
@@ -252,13 +279,13 @@ class KeepIn:
         if self.vehicles is None:
             return self
         members = tuple(each for each in self.vehicles if each in names)
-        return unchecked(self, vehicles=members) if members else None
+        return self._with(vehicles=members) if members else None
 
     def longer(self, time: float) -> Self:
         """Return the requirement with an interval, if any, longer by a time on both sides [s]."""
         if self.active is None:
             return self
-        return unchecked(self, active=(self.active[0] - time, self.active[1] + time))
+        return self._with(active=(self.active[0] - time, self.active[1] + time))
 
     def since(self, grid: Grid) -> Self:
         """Return the requirement on a clock that is 0 at a grid's first knot."""
@@ -266,7 +293,12 @@ class KeepIn:
         relative_to = self.relative_to
         if isinstance(relative_to, Track):
             relative_to = unchecked(relative_to, times=read_only(relative_to.times - grid.start))
-        return unchecked(self, active=active, relative_to=relative_to)
+        return self._with(active=active, relative_to=relative_to)
+
+    def _with(self, **changes: object) -> Self:
+        """Return the requirement with other values, which are not validated."""
+        own = {"label": self.label, "at_waypoint": self.at_waypoint, "moves": self.moves}
+        return unchecked(self, **(own | changes))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

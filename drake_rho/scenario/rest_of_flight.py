@@ -11,6 +11,7 @@ import numpy as np
 
 from drake_rho.scenario.disturbance import Tracking
 from drake_rho.scenario.fields import FloatArray, read_only, unchecked
+from drake_rho.scenario.gates import bound_to_vehicles
 from drake_rho.scenario.known_obstacles import active_during, known_at_start
 from drake_rho.scenario.obstacles import AnyObstacle, Obstacle
 from drake_rho.scenario.parts import Grid
@@ -77,6 +78,7 @@ def from_states(
     return scenario.derived(
         grid=grid,
         vehicles=vehicles,
+        requirements=bound_to_vehicles(scenario.requirements, scenario.vehicles),
         fleet=fleet,
         disturbance=disturbance,
         bodies_in_flight=bodies,

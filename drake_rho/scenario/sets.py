@@ -16,7 +16,7 @@ from pydantic.json_schema import SkipJsonSchema
 
 from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.errors import Description, ScenarioError, shortened
-from drake_rho.scenario.fields import LARGEST, FloatArray, record_kind
+from drake_rho.scenario.fields import LARGEST, FloatArray, Vector, record_kind
 from drake_rho.scenario.shapes.base import Shape
 from drake_rho.scenario.shapes.posed import KINDS, POSE, AnyConvex
 from drake_rho.scenario.shapes.unbounded import KINDS as UNBOUNDED
@@ -208,9 +208,24 @@ AnySet = Annotated[
 """One of the package's sets, identified by its keys in a file, or any object like `ConvexSet`."""
 
 
+def _is_set(value: object) -> bool:
+    return isinstance(value, Mapping | ConvexSet)
+
+
+ValueOrSet = Annotated[
+    Annotated[Vector, Tag("(value)")] | Annotated[AnySet, Tag("(set)")],
+    Discriminator(lambda value: "(set)" if _is_set(value) else "(value)"),
+]
+"""A value of a quantity, a vector, or a convex set of values."""
+
+
+PACKAGE_SET = "one of the package's sets: functions of one's own cannot be in a file"
+"""What is expected of a set in a file."""
+
+
 def is_own(convex_set: object) -> bool:
     """Return whether a set is a user's own, which no file can hold."""
-    return _kind(convex_set) == _OWN
+    return convex_set is not None and _kind(convex_set) == _OWN
 
 
 def set_text(convex_set: object) -> str:

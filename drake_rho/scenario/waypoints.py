@@ -12,6 +12,7 @@ from drake_rho.scenario.errors import Description, ScenarioError
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.parts import Grid, Vehicle, Waypoint
 from drake_rho.scenario.shapes.base import TOLERANCE
+from drake_rho.scenario.times import steps_begun
 
 _AT_ONCE = 1e-6
 """Part of a step after the first knot, or before the last, that counts as the knot itself: no
@@ -20,8 +21,12 @@ acceleration can have an effect in it."""
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Waypoints:
-    """Waypoints with the same number, one of each vehicle."""
+    """Waypoints with the same number and name, one of each vehicle."""
 
+    index: int
+    """index within each vehicle"""
+    called: str
+    """name in reports"""
     times: FloatArray
     """times on the scenario's clock [s], shape (N,); NaN where a vehicle has no such waypoint, or
     where its time is free"""
@@ -55,22 +60,47 @@ class Waypoints:
         return Balls(self.positions, self.tolerances(scale), self.within)
 
 
-def waypoints_of(vehicles: Sequence[Vehicle]) -> list[Waypoints]:
-    """Return the waypoints of all vehicles, grouped by number."""
-    count, found = len(vehicles), list[Waypoints]()
+def waypoints_of(vehicles: Sequence[Vehicle], start: float) -> list[Waypoints]:
+    """Return the waypoints of all vehicles, grouped by number and name.
+
+    Positions at which vehicles dwell since before the start are theirs, and not passed any more.
+
+    Args:
+        vehicles: all vehicles.
+        start: time of the first knot [s].
+    """
+    found = list[Waypoints]()
     for index in range(max(len(vehicle.waypoints) for vehicle in vehicles)):
-        times, positions = np.full(count, np.nan), np.full((count, 3), np.nan)
-        within, penalties = np.full(count, np.inf), np.full(count, np.inf)
-        for i, vehicle in enumerate(vehicles):
-            if index < len(vehicle.waypoints):
-                waypoint = vehicle.waypoints[index]
-                times[i] = np.nan if waypoint.time is None else waypoint.time
-                positions[i] = waypoint.position
-                within[i] = waypoint.within
-                if waypoint.penalty is not None:
-                    penalties[i] = waypoint.penalty
-        found.append(Waypoints(times, positions, within, penalties))
+        own = [_numbered(vehicle, index, start) for vehicle in vehicles]
+        for name in dict.fromkeys(each.name for each in own if each is not None):
+            of_name = [each if each and each.name == name else None for each in own]
+            found.append(_grouped(index, of_name))
     return found
+
+
+def _numbered(vehicle: Vehicle, index: int, start: float) -> Waypoint | None:
+    """Return a vehicle's waypoint by its index; None if there is none to be passed."""
+    if index >= len(vehicle.waypoints):
+        return None
+    waypoint = vehicle.waypoints[index]
+    begun = waypoint.dwell > 0.0 and waypoint.time is not None and waypoint.time < start
+    return None if begun else waypoint
+
+
+def _grouped(index: int, waypoints: Sequence[Waypoint | None]) -> Waypoints:
+    """Return waypoints with the same number and name, of which some vehicles have none."""
+    count, called = len(waypoints), ""
+    times, positions = np.full(count, np.nan), np.full((count, 3), np.nan)
+    within, penalties = np.full(count, np.inf), np.full(count, np.inf)
+    for i, waypoint in enumerate(waypoints):
+        if waypoint is not None:
+            called = waypoint.called(index + 1)
+            times[i] = np.nan if waypoint.time is None else waypoint.time
+            positions[i] = waypoint.position
+            within[i] = waypoint.within
+            if waypoint.penalty is not None:
+                penalties[i] = waypoint.penalty
+    return Waypoints(index, called, times, positions, within, penalties)
 
 
 def in_order(vehicle: Vehicle) -> list[tuple[float, Waypoint]]:
@@ -107,8 +137,26 @@ def is_during_flight(time: float, grid: Grid, earlier: float = 0.0) -> bool:
 
 
 def is_ahead(waypoint: Waypoint, grid: Grid, lead: float) -> bool:
-    """Return whether a waypoint is in the rest of a flight, which begins `lead` [s] earlier."""
-    return waypoint.time is None or is_during_flight(waypoint.time, grid, lead)
+    """Return whether a waypoint is in the rest of a flight, which begins `lead` [s] earlier.
+
+    One at which a vehicle dwells is, until this is over.
+    """
+    if waypoint.time is None or is_during_flight(waypoint.time, grid, lead):
+        return True
+    if waypoint.dwell == 0.0 or waypoint.time > grid.start:
+        return False
+    _, last = rests(waypoint, grid)
+    return bool(grid.clock.after(grid.step * last, -lead))
+
+
+def rests(waypoint: Waypoint, grid: Grid) -> tuple[int, int]:
+    """Return the first and the last knot of the steps at rest at a waypoint with a time.
+
+    These are the steps that the dwell meets, from 0; a dwell that began before has a negative one.
+    """
+    assert waypoint.time is not None  # noqa: S101  # callers check this
+    begin, end = grid.since_start([waypoint.time, waypoint.time + waypoint.dwell])
+    return int(steps_begun(begin, grid.step)), -int(steps_begun(-end, grid.step))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

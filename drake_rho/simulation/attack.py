@@ -209,7 +209,7 @@ def _checks(
     if (bounds := scenario.fleet.bounds("position")) is not None:
         for column in check_position_box(trajectory):
             yield column, partial(_within, bounds)
-    for number, each in enumerate(scenario.requirements, start=1):
+    for number, each in enumerate(scenario.required, start=1):
         required = each.penalty is None and each.interval(scenario.grid) is not None
         if each.quantity == "position" and required:
             for column in check_positions(trajectory, number):
@@ -239,7 +239,7 @@ def _from_each_other(scenario: Scenario, partners: IntArray, i: int) -> _Clearan
 
 
 def _in_set(scenario: Scenario, number: int, i: int) -> _Clearance:
-    required = scenario.requirements[number - 1]
+    required = scenario.required[number - 1]
     partner = required.partner(scenario.names)
     vehicles = (i,) if partner is None else (i, partner)
 

@@ -78,7 +78,7 @@ def _limited_at(scenario: Scenario, time: float) -> BoolArray:
         limited |= np.isfinite(box.lower).any(axis=1) | np.isfinite(box.upper).any(axis=1)
     if (norm := scenario.fleet.norms.get("max_jerk")) is not None:
         limited |= np.isfinite(norm.limits)
-    for each in scenario.requirements:
+    for each in scenario.required:
         at = each.interval(grid)
         if each.quantity != "jerk" or at is None:
             continue

@@ -154,7 +154,7 @@ class Rest:
             scenario: scenario of the flight.
             tube: error tube at its end, if it is not that of the scenario.
         """
-        changes = any(not each.is_steady for each in scenario.bodies) or scenario.requirements
+        changes = any(not each.is_steady for each in scenario.bodies) or scenario.required
         if not scenario.held or (scenario.disturbance is None and not changes):
             return None
         end, errors = scenario.grid.end + scenario.lead, None
@@ -196,7 +196,7 @@ class Rest:
     @property
     def _required(self) -> list[KeepIn]:
         """Requirements on a clock that is 0 at the first knot."""
-        return [each.since(self.scenario.grid) for each in self.scenario.requirements]
+        return [each.since(self.scenario.grid) for each in self.scenario.required]
 
     def _endless(self, now: FloatArray) -> Iterator[tuple[float, float]]:
         """Yield the distance [m] and the speed [m/s] of every change that never ends.
@@ -335,6 +335,12 @@ def _without_what_is_over(scenario: Scenario) -> Scenario:
     def is_over(active: tuple[float, float] | None) -> bool:
         return active is not None and not scenario.grid.clock.after(active[1], end)
 
+    if scenario.required is not scenario.requirements:  # those at waypoints end with the flight
+        whole = [each for each in scenario.requirements if each.between is None]
+        vehicles = tuple(unchecked(each, waypoints=()) for each in scenario.vehicles)
+        scenario = scenario.derived(
+            vehicles=vehicles, requirements=tuple(whole), fleet=scenario.fleet
+        )
     changed: dict[str, object] = {
         name: tuple(unchecked(each, active=over) if is_over(each.active) else each for each in of)
         for name, of in (("obstacles", scenario.bodies), ("requirements", scenario.requirements))

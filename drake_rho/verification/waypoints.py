@@ -21,7 +21,7 @@ def check_waypoints(trajectory: PiecewiseTrajectory) -> Iterator[Column]:
     scenario = trajectory.scenario
     vehicles = np.arange(len(scenario.vehicles))
     scale = scenario.fleet.scale("position")
-    for number, waypoints in enumerate(scenario.fleet.waypoints, start=1):
+    for waypoints in scenario.fleet.waypoints:
         present = waypoints.present
         times = np.where(present, waypoints.times, scenario.grid.start)
         positions = trajectory.each_at(vehicles, times)
@@ -36,7 +36,7 @@ def check_waypoints(trajectory: PiecewiseTrajectory) -> Iterator[Column]:
         within = np.where(errors > 0.0, waypoints.within - errors, waypoints.within)
         column = Column(
             kind="waypoints",
-            constraint=f"waypoint {number}",
+            constraint=waypoints.called,
             parts=[""] * len(vehicles),
             times=times,
             values=distances,

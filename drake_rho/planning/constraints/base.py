@@ -73,6 +73,10 @@ class Constraint(Form, abc.ABC):
     """whether it applies at the last knot, where goals do not fix all positions and velocities"""
     threshold: float = VIOLATED
     """violation, in tolerances, up to which no row is added"""
+    moves: bool = False
+    """whether its interval begins or ends at waypoints, whose times may be variables"""
+    is_gate: bool = False
+    """whether it is of velocities at a waypoint"""
 
     @abc.abstractmethod
     def violated_rows(

@@ -84,6 +84,9 @@ class KeepInSets(Constraint):
     """clock by which instants are compared with the active interval"""
     as_cone: bool = True
     """true if its sets can enter programs as second-order cones instead of rows"""
+    shift: FloatArray | None = None
+    """changes of the values of a single vehicle by changes of `times` in a program, in the
+    quantity's unit, shape (T, 3); None for none"""
 
     def margin(self, times: FloatArray) -> FloatArray:
         """Return r at times since the first knot [s], in the quantity's unit, shape (R,)."""
@@ -129,6 +132,8 @@ class KeepInSets(Constraint):
         else:
             motion = motion.subdivided(self.margins.pieces)
             values = motion.values(self.quantity)[own, self.knots].reshape(-1, 3)
+        if self.shift is not None and len(values) == len(self.shift):
+            values = values + self.shift
         local = self._placed(who, times, values)
         if self.quantity != "jerk":
             return local

@@ -65,7 +65,7 @@ def norms_of(scenario: Scenario, margins: PlanMargins) -> list[KeepInSets]:
 
 
 def waypoints_of(scenario: Scenario, margins: PlanMargins) -> list[KeepInSets]:
-    """Return the waypoints of all vehicles; the k-th of each vehicle are one constraint.
+    """Return the waypoints of all vehicles; the k-th of each, of one name, are one constraint.
 
     A waypoint is a ball of positions at one time, which need not be a knot's. If it is to be passed
     exactly the radius is zero, which needs no special treatment: the boundary of every half-space
@@ -80,8 +80,8 @@ def waypoints_of(scenario: Scenario, margins: PlanMargins) -> list[KeepInSets]:
     hard = [
         KeepInSets(
             kind="waypoints",
-            key=("waypoint", index),
-            name=f"waypoint {index + 1}",
+            key=("waypoint", waypoints.called),
+            name=waypoints.called,
             quantity="position",
             sets=waypoints.balls(scale),
             members=everyone[~waypoints.soft],
@@ -91,7 +91,7 @@ def waypoints_of(scenario: Scenario, margins: PlanMargins) -> list[KeepInSets]:
             averaged=scenario.smoothing,
             margins=margins.states.pointwise,
         )
-        for index, waypoints in enumerate(fleet.waypoints)
+        for waypoints in fleet.waypoints
     ]
     soft = [
         dataclasses.replace(
@@ -111,7 +111,7 @@ def requirements_of(scenario: Scenario, margins: PlanMargins) -> list[KeepInSets
     """Return the constraints of all requirements that have not ended."""
     found, names, grid = list[KeepInSets](), scenario.names, scenario.grid
     local = grid.beginning_at(0.0)
-    for number, requirement in enumerate(scenario.requirements, start=1):
+    for number, requirement in enumerate(scenario.required, start=1):
         each = requirement.since(grid).longer(scenario.lead)
         if (interval := each.interval(local)) is None:
             continue
@@ -149,6 +149,8 @@ def requirements_of(scenario: Scenario, margins: PlanMargins) -> list[KeepInSets
                 threshold=_ACCEPTED if each.penalty is None else VIOLATED,  # prices are exact
                 searches=sys.maxsize * (quantity == "position" and every_instant),
                 open_end=scenario.fleet.open_end,
+                moves=requirement.moves,
+                is_gate=requirement.at_waypoint and quantity == "velocity",
             )
         )
     return found

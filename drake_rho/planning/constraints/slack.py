@@ -73,7 +73,7 @@ def states_at(scenario: Scenario, end: int) -> dict[Quantity, FloatArray]:
 
 def sizes_of_requirements(scenario: Scenario, margins: Margins) -> Iterator[TighteningSlack]:
     """Yield half the least side of every required shape: the error tube has to fit into it."""
-    for number, each in enumerate(scenario.requirements, start=1):
+    for number, each in enumerate(scenario.required, start=1):
         if each.penalty is None and each.quantity != "jerk" and isinstance(each.set, Shape):
             half = np.full(len(scenario.vehicles), each.set.extent.min())
             needed = margins.steps[each.quantity].max(keepdims=True)
@@ -86,7 +86,7 @@ def ends_in_requirements(
     """Yield the slack of positions and velocities in required sets at start or goal."""
     names, grid, states = scenario.names, scenario.grid, states_at(scenario, end)
     now = grid.start if end == 0 else grid.end
-    for number, each in enumerate(scenario.requirements, start=1):
+    for number, each in enumerate(scenario.required, start=1):
         interval = each.longer(scenario.lead).interval(grid)
         inactive = interval is None or not grid.clock.within(now, interval)
         if each.quantity not in states or inactive or each.penalty is not None:
@@ -111,7 +111,7 @@ def _of_requirement(
         available: distance inside the set's boundary of each vehicle, in its unit, shape (N,).
         needed: needed margins of each vehicle, in its unit, shape (1,).
     """
-    requirement, names = scenario.requirements[number - 1], scenario.names
+    requirement, names = scenario.required[number - 1], scenario.names
     members = requirement.members(names)
     own, tolerances = np.full(len(names), np.inf), np.zeros(len(names))
     own[members] = available[members] / (1.0 if requirement.leader is None else 2.0)

@@ -141,13 +141,14 @@ def _limit_slacks(scenario: Scenario, margins: Margins) -> Iterator[TighteningSl
                 yield TighteningSlack(
                     limit.kind.name, "middle", quantity, radii, needed, tolerances
                 )
-    for number, waypoints in enumerate(fleet.waypoints, start=1):
+    for waypoints in fleet.waypoints:
         times = np.where(waypoints.present, waypoints.times - scenario.grid.start, 0.0)
         required = waypoints.present & ~waypoints.soft
         needed = np.where(required, margins.pointwise.at("position", times), 0.0)
         tolerances = waypoints.tolerances(fleet.scale("position"))
-        name = f"waypoint {number}"
-        yield TighteningSlack(name, "middle", "position", waypoints.within, needed, tolerances)
+        yield TighteningSlack(
+            waypoints.called, "middle", "position", waypoints.within, needed, tolerances
+        )
     yield from sizes_of_requirements(scenario, margins)
 
 

@@ -164,7 +164,9 @@ def _resting(plan: Plan, knot: int, rests: FloatArray, steps: int) -> Scenario:
         vehicles=vehicles,
         fleet=fleet,
         disturbance=disturbance,
-        requirements=tuple(each for each in remaining.requirements if each.active is None),
+        requirements=tuple(
+            each for each in remaining.requirements if each.active is None and each.between is None
+        ),
         obstacles=tuple(remaining.bodies[number] for number in known),
         bodies_in_flight=tuple(remaining.bodies_in_flight[number] for number in known),
         under_way=True,

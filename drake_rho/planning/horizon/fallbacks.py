@@ -41,7 +41,7 @@ def least_violation(reference: Plan, solver: Solver | None = None) -> Plan:
         solver: a Drake solver or `Daqp()`; Clarabel if not given.
     """
     scenario, spent = reference.scenario, Statistics()
-    if scenario.avoided or scenario.separation is not None or scenario.requirements:
+    if scenario.avoided or scenario.separation is not None or scenario.required:
         try:
             return minimum_distance_violation(reference, Backend(solver))
         except FAILURES as error:

@@ -159,11 +159,12 @@ class EarlyArrival:
         return None, spent
 
     def _passed(self, scenario: Scenario) -> int:
-        """Return the number of steps that begin before the last waypoint with a given time."""
+        """Return the number of steps that begin before the last waypoint with a given time ends."""
         grid, last = scenario.grid, scenario.grid.start
         for own, vehicle in zip(self.free, scenario.vehicles, strict=True):
-            given = (each.time for one, each in zip(own, vehicle.waypoints, strict=True) if not one)
-            last = max([last, *(time for time in given if time is not None)])
+            for one, each in zip(own, vehicle.waypoints, strict=True):
+                if not one and each.time is not None:
+                    last = max(last, each.time + each.dwell)
         return int(grid.since_start(last) / grid.step + _ROUNDING)
 
     def _plan(

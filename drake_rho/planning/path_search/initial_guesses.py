@@ -82,7 +82,7 @@ def paths_on_grids(scenario: Scenario, most: int, max_memory: float) -> Iterator
     """
     moving = not all(body.is_steady for _, body in scenario.avoided)
     space_time = _in_space_and_time(scenario, max_memory)
-    required = any(each.of == "position" for each in scenario.requirements)
+    required = any(each.of == "position" for each in scenario.required)
     if moving or required or (scenario.separation is not None and len(scenario.vehicles) > 1):
         yield from _from_first_found(space_time)
         return

@@ -22,7 +22,7 @@ class RequiredSets:
 
     def __init__(self, scenario: Scenario, times: FloatArray) -> None:
         grid, self._names = scenario.grid.beginning_at(0.0), scenario.names
-        of_positions = (each for each in scenario.requirements if each.of == "position")
+        of_positions = (each for each in scenario.required if each.of == "position")
         self._sets = [each.since(scenario.grid) for each in of_positions]
         self._times = times
         self._active = [_active_layers(each, times, grid) for each in self._sets]

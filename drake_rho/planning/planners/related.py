@@ -31,7 +31,8 @@ def can_be_slower(scenario: Scenario) -> bool:
     it is always active for positions at rest.
     """
     for each in scenario.requirements:
-        if each.of != "position" or each.active is not None or each.track is not None:
+        whenever = each.active is None and each.between is None
+        if each.of != "position" or not whenever or each.track is not None:
             return False
     bodies, grid = scenario.bodies_in_flight, scenario.grid
     steady = all(not body.changes and body.is_always_active(grid) for body in bodies)
@@ -50,7 +51,7 @@ def can_be_slower(scenario: Scenario) -> bool:
 def changes_with_time(scenario: Scenario) -> bool:
     """Return whether any constraint on positions changes with time."""
     steady = (each.is_steady for each in scenario.bodies)
-    whenever = (each.active is None and each.track is None for each in scenario.requirements)
+    whenever = (each.active is None and each.track is None for each in scenario.required)
     return not all(steady) or not all(whenever)
 
 
@@ -69,7 +70,7 @@ def of_each_alone(scenario: Scenario) -> Scenario:
     These are limits, and requirements with sets that do not change with time. Every plan satisfies
     them, but a motion that satisfies them need not be a plan.
     """
-    own = (each for each in scenario.requirements if each.active is None)
+    own = (each for each in scenario.requirements if each.active is None and each.between is None)
     return dataclasses.replace(
         scenario,
         obstacles=(),

@@ -23,6 +23,7 @@ from drake_rho.planning.scp.least_time import LeastTime
 from drake_rho.planning.scp.timed import Timed
 from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.fields import FloatArray
+from drake_rho.scenario.gates import Gates
 from drake_rho.scenario.objective import Objective
 from drake_rho.scenario.records import Grid, Scenario
 from drake_rho.scenario.waypoints import AllWaypoints
@@ -54,7 +55,9 @@ _ALIKE = 1e-3
 """Least difference between the times of two guesses, as a fraction of the final time."""
 
 
-def passing_of(waypoints: AllWaypoints, scenario: Scenario, grid: Grid) -> Passing:
+def passing_of(
+    waypoints: AllWaypoints, scenario: Scenario, grid: Grid, gates: Gates | None
+) -> Passing:
     """Return waypoints with given times, and with guesses for free ones.
 
     The guessed time of a leg is proportional to the square root of its length, between given times
@@ -64,6 +67,7 @@ def passing_of(waypoints: AllWaypoints, scenario: Scenario, grid: Grid) -> Passi
         waypoints: the waypoints of all vehicles.
         scenario: the scenario with these vehicles.
         grid: grid of the flight.
+        gates: requirements at the waypoints; None for none.
     """
     fleet, times = scenario.fleet, waypoints.times - grid.start
     for i in np.unique(waypoints.vehicles):
@@ -84,6 +88,7 @@ def passing_of(waypoints: AllWaypoints, scenario: Scenario, grid: Grid) -> Passi
         waypoints.within,
         waypoints.given,
         GAP * grid.step,
+        gates=gates,
     )
 
 
@@ -107,7 +112,7 @@ def in_least_time(start: Timed, backend: Backend, progress: Progress | None) -> 
     scaled = dataclasses.replace(passing, given=none, in_proportion=passing.given)
     fast = None
     with suppress(ScenarioError, SolverError):  # where nothing bounds the time
-        search = LeastTime(backend, progress)
+        search = LeastTime(backend, progress, steady=passing.is_scale_free)
         fast = search.around(dataclasses.replace(start, passing=scaled), _ROUGHLY)
     if fast is None:
         return start, np.inf
@@ -166,7 +171,7 @@ class WaypointTimes:
             )
             for each in self._given.vehicles
         )
-        return dataclasses.replace(self._given, vehicles=vehicles)
+        return self._given.with_vehicles(vehicles)
 
     def guesses(self) -> Iterator[Scenario]:
         """Yield the scenario with times that are optimal without obstacles and other vehicles.
@@ -225,8 +230,7 @@ class WaypointTimes:
     @cached_property
     def _without(self) -> Scenario:
         """The scenario without waypoints, with the cost of which times are found: the effort."""
-        vehicles = self._waypoints.placed(self._given.vehicles, None)
-        return dataclasses.replace(self._given, vehicles=vehicles, objective=Objective())
+        return dataclasses.replace(self._given.without_waypoints(), objective=Objective())
 
     @cached_property
     def _convex(self) -> Scenario:
@@ -236,7 +240,11 @@ class WaypointTimes:
     @cached_property
     def _first(self) -> Passing:
         """Waypoints at guesses of their times."""
-        return passing_of(self._waypoints, self._without, self._without.grid)
+        return passing_of(self._waypoints, self._without, self._without.grid, self._gates)
+
+    @cached_property
+    def _gates(self) -> Gates | None:
+        return Gates.of(self._given.requirements, self._given.vehicles)
 
     @cached_property
     def _allowed(self) -> AllowedTimes:

@@ -28,7 +28,9 @@ from drake_rho.planning.programs.backend import Backend
 from drake_rho.planning.programs.program import Answers, add_rows
 from drake_rho.planning.programs.solve import solve
 from drake_rho.planning.programs.sparse import SparseRows, scale_of, without_rows
+from drake_rho.scenario.convex_sets import Each
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
+from drake_rho.scenario.shapes.unbounded import Cone
 
 _INACTIVE = 1e-9
 """Multiplier of a set, relative to the largest one, up to which the set is inactive."""
@@ -218,6 +220,28 @@ class Cones:
         room = constraint.roundings[vehicles] - constraint.margin(times)
         constants = constants[limited] + room
         return cls(constraint, vehicles, times, matrices[limited], constants)
+
+    @classmethod
+    def of_gate(cls, gate: KeepInSets, motion: Motion) -> Self:
+        """Return the cones of velocities at a waypoint: of a ball, a value or a direction.
+
+        There are none for other sets.
+        """
+        cones = cls.of(gate, motion, gate.members)
+        sets = gate.sets
+        if not (isinstance(sets, Each) and isinstance(sets.set, Cone)) or sets.set.apex.any():
+            return cones
+        if gate.margin(gate.times).any():
+            return cones
+        count = len(gate.times)
+        matrices = np.tile(sets.set.matrix, (count, 1, 1))
+        who = np.full(count, gate.members[0])
+        return cls(gate, who, gate.times, matrices, np.zeros(count))
+
+    @property
+    def are_points(self) -> bool:
+        """Whether all are balls of radius zero, single values."""
+        return not self.matrices[:, 0].any() and not self.constants.any()
 
     def __len__(self) -> int:
         """Return the number of cones, R."""

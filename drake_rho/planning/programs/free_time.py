@@ -18,6 +18,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from drake_rho.motion.dynamics import Motion
 from drake_rho.planning.constraints.base import HalfSpaces
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs.backend import Backend
@@ -55,6 +56,8 @@ class FreeTimePrograms:
         cones = {each.key: Cones.of(each, motion, group) for each in sets}
         faces = [each.faces() for each in rates if len(cones[each.key]) == 0]
         self._cones = [each for each in cones.values() if len(each) > 0]
+        gates = [Cones.of_gate(each, motion) for each in problem.requirements if each.is_gate]
+        self._cones += [each for each in gates if len(each) > 0]
         self._boxes = [each.every_row(motion) for each in boxes]
         self._boxes += [each for each in faces if len(each) > 0]
         self._unit = self._limit() or float(problem.effort.changes.units.max())
@@ -87,6 +90,7 @@ class FreeTimePrograms:
         velocities: FloatArray,
         change: Change,
         resting: IntArray | None = None,
+        reference: Motion | None = None,
     ) -> FreeTime | None:
         """Return the solution subject to given rows; None if there is none.
 
@@ -96,6 +100,8 @@ class FreeTimePrograms:
             velocities: velocities of the reference at their times [m/s], shape (W, 3).
             change: bounds on the changes of times.
             resting: indices of the knots from which vehicles rest, shape (N,); None for the last.
+            reference: motion around which times of waypoints change; needed where rows move with
+                these times.
 
         Raises:
             SolverError: Clarabel fails numerically.
@@ -111,9 +117,13 @@ class FreeTimePrograms:
         written.add_times(change)
         if resting is not None:
             written.add_rests(resting)
-        written.add_limits()
-        for number in range(len(self._cones)):
-            written.add_cones(number)
+        moves = [] if reference is None else [passing.rates_of(each, reference) for each in limits]
+        written.add_limits(moves)
+        for number, cones in enumerate(self._cones):
+            if reference is not None and cones.constraint.moves:
+                written.add_cones(number, passing.rates_of(cones.axes, reference))
+            else:
+                written.add_cones(number)
         if len(passing) > 0:
             written.add_passing()
         solution = solve([written.program], self._backend)[0]

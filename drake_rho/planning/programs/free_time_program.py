@@ -17,6 +17,7 @@ from scipy.sparse import (
     eye_array,
     hstack,
     kron,
+    vstack,
 )
 
 from drake_rho.planning.constraints.base import HalfSpaces, about
@@ -28,6 +29,9 @@ from drake_rho.planning.programs.program import Solution
 from drake_rho.planning.programs.sparse import SparseRows, add_goal, scale_of
 from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.parts import Quantity
+
+Moves = tuple[IntArray, FloatArray]
+"""Waypoints with whose times rows move, and derivatives along the normals (`Passing.rates_of`)."""
 
 _BLOCK = 300
 """Number of variables in a block of the cost, whose Hessian is dense."""
@@ -59,7 +63,7 @@ class FreeTimeProgram:
         passing: Passing,
         velocities: FloatArray,
     ) -> None:
-        self._effort, self._scaling = effort, scaling
+        self._effort, self._scaling, self._limits = effort, scaling, limits
         self._cones, self._passing, self._velocities = cones, passing, velocities
         halves = [*limits, *(each.axes for each in cones)]
         parts = [*about(effort.motion, halves), passing.axes(effort)]
@@ -121,6 +125,11 @@ class FreeTimeProgram:
         allowed = np.clip(passing.allowed, passing.least, T - passing.least)
         earliest = np.maximum(-largest, np.minimum(allowed[:, 0] - passing.times, 0.0))
         latest = np.minimum(largest, np.maximum(allowed[:, 1] - passing.times, 0.0))
+        if (own := passing.in_steps).any():
+            step = self._effort.grid.step
+            begins = step * passing.steps(step) - passing.times
+            earliest[own] = np.maximum(earliest, np.minimum(begins, 0.0))[own]
+            latest[own] = np.minimum(latest, np.maximum(begins + step, 0.0))[own]
         program.AddBoundingBoxConstraint(earliest, latest, self._changes)
         if change.curvature > 0.0:
             curvatures = np.diag(change.curvature * passing.curvatures(T))
@@ -203,28 +212,59 @@ class FreeTimeProgram:
     def _variables(self) -> np.ndarray:
         return np.concatenate([self._x, self._time])
 
-    def add_limits(self) -> None:
-        """Add the hard rows."""
-        if (first := self._first) > 0:
-            above = np.full(first, np.inf)
-            matrix = csc_matrix(self._matrix[:first])
-            self.program.AddLinearConstraint(matrix, self._needed[:first], above, self._variables)
+    def add_limits(self, moves: Sequence[Moves] = ()) -> None:
+        """Add the hard rows.
 
-    def add_cones(self, number: int) -> None:
-        """Add the limits of a norm, norm(B z) <= a · z + c, with c scaled by y or s."""
+        Args:
+            moves: how the rows of each table move with waypoints; none if no row does.
+        """
+        if (first := self._first) == 0:
+            return
+        above, variables = np.full(first, np.inf), self._variables
+        matrix = self._matrix[:first]
+        if any(np.any(at >= 0) for at, _ in moves):
+            matrix = hstack([matrix, vstack(list(map(self._moved, self._limits, moves)))])
+            variables = np.concatenate([variables, self._changes])
+        self.program.AddLinearConstraint(csc_matrix(matrix), self._needed[:first], above, variables)
+
+    def _moved(self, rows: HalfSpaces, moves: Moves) -> csc_array:
+        """Return the coefficients of changes of times of waypoints in rows, shape (R, W)."""
+        (at, along), unit = moves, self._unit_of(rows.constraint.quantity)
+        r = np.flatnonzero(at >= 0)
+        return csc_array((along[r] / unit, (r, at[r])), (len(rows), len(self._changes)))
+
+    def add_cones(self, number: int, moves: Moves | None = None) -> None:
+        """Add the limits of a norm, norm(B z) <= a · z + c, with c scaled by y or s.
+
+        Args:
+            number: index of the cones.
+            moves: how their axes move with waypoints; None if they do not.
+        """
         cones, own = self._cones[number], self._parts[number]
         quantity, count = cones.constraint.quantity, len(cones)
         unit = self._unit_of(quantity)
         each = np.arange(count + 1)
+        matrix, variables = self._matrix[own], self._variables
+        if moves is not None:
+            matrix = csc_array(hstack([matrix, self._moved(cones.axes, moves)], format="csc"))
+            variables = np.concatenate([variables, self._changes])
+        if cones.are_points:
+            needed = self._needed[own]
+            self.program.AddLinearEqualityConstraint(csc_matrix(matrix), needed, variables)
+            return
         transform = bsr_array((cones.matrices, each[:-1], each))  # block-diagonal
         offsets = np.zeros((count, 4))
         offsets[:, 0] = cones.constants / unit
         grown = np.outer(offsets.reshape(-1), self._scaling.growth_of(cones.constraint))
-        matrix = transform @ self._matrix[own]
-        matrix = matrix + csc_array(hstack([csc_array((4 * count, len(self._x))), grown]))
         constant = offsets.reshape(-1) - grown.sum(axis=1) - transform @ self._needed[own]
+        empty = (
+            csc_array((4 * count, len(self._x))),
+            csc_array((4 * count, len(variables) - len(self._variables))),
+        )
+        matrix = transform @ matrix
+        matrix = matrix + csc_array(hstack([empty[0], grown, empty[1]]))
         boosts = bsr_array((boosts_of(cones), each[:-1], each))
-        self._add_lorentz(boosts @ matrix, boosts @ constant, self._variables)
+        self._add_lorentz(boosts @ matrix, boosts @ constant, variables)
 
     def add_passing(self) -> None:
         """Add the waypoint constraints."""

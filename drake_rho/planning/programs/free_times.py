@@ -8,7 +8,7 @@ limit C of accelerations is therefore y C, and one of velocities s C with s = sq
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -16,12 +16,14 @@ import numpy as np
 from drake_rho.motion.dynamics import Motion, roll_out
 from drake_rho.motion.smooth import SmoothMotion
 from drake_rho.planning.constraints.base import Constraint, HalfSpaces
+from drake_rho.planning.constraints.keep_in import KeepInSets
 from drake_rho.planning.constraints.rows import Form, Rows
 from drake_rho.planning.minimum_effort import MinimumEffort, TerminalState
 from drake_rho.planning.problem import Problem
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
-from drake_rho.scenario.parts import Quantity
-from drake_rho.scenario.records import Scenario
+from drake_rho.scenario.gates import Gates, is_scale_free
+from drake_rho.scenario.parts import Grid, Quantity
+from drake_rho.scenario.records import KeepIn, Scenario
 from drake_rho.scenario.smoothing import Smoothing
 
 
@@ -65,6 +67,8 @@ class Passing:
     only in the final time of the linearisation"""
     price: float = np.inf
     """penalty per metre for missing a free waypoint [m/s⁴]; infinite if all have to be passed"""
+    gates: Gates | None = None
+    """what else is required at waypoints and between them; None for nothing"""
 
     def __len__(self) -> int:
         """Return the number of waypoints, W."""
@@ -87,7 +91,109 @@ class Passing:
             np.broadcast_to(self.in_proportion, mask.shape)[mask],
             np.broadcast_to(self.allowed, (len(mask), 2))[mask],
             self.price,
+            self.gates and self.gates.of_vehicles(np.unique(self.vehicles[mask]).tolist()),
         )
+
+    @property
+    def is_scale_free(self) -> bool:
+        """Whether velocities at waypoints are required to have directions only."""
+        return self.gates is None or is_scale_free(self.gates.vehicles)
+
+    def required(self, grid: Grid, names: Sequence[str]) -> tuple[KeepIn, ...]:
+        """Return what is required at waypoints besides positions, as `Gates.required`."""
+        return () if self.gates is None else self.gates.required(self.times, grid, names)
+
+    @property
+    def ends(self) -> list[float]:
+        """Times at which waypoints with given times end, with any dwell [s]."""
+        dwells = np.zeros(len(self))
+        if self.gates is not None:
+            dwells[:] = [own.dwell for each in self.gates.vehicles for own in each.waypoints]
+        return list((self.times + dwells)[self.given].tolist())
+
+    @property
+    def in_steps(self) -> BoolArray:
+        """Mask of the waypoints whose times stay in their steps in one program, shape (W,).
+
+        These have velocities, whose derivatives jump at the knots.
+        """
+        if self.gates is None:
+            return np.zeros(len(self), dtype=bool)
+        every = [own for each in self.gates.vehicles for own in each.waypoints]
+        return np.array([each.velocity is not None for each in every]) & self.may_change
+
+    def steps(self, step: float) -> IntArray:
+        """Return the index of the step in which each waypoint may move, shape (W,).
+
+        Args:
+            step: step of the motion [s].
+        """
+        return np.floor(self.times / step + _AT_KNOT).astype(int)
+
+    def at_knots(self, step: float) -> IntArray:
+        """Return the indices of waypoints that stay in their steps and are at the end of one."""
+        off = self.times / step
+        near = np.abs(off - np.rint(off)) <= _AT_KNOT
+        return np.flatnonzero(near & self.in_steps)
+
+    def moved(self, w: int, by: float) -> Passing:
+        """Return the waypoints with one at another time, later by some seconds."""
+        times = self.times.copy()
+        times[w] += by
+        return dataclasses.replace(self, times=times)
+
+    def moved_with(self, vehicles: IntArray, times: FloatArray) -> IntArray:
+        """Return the index of the waypoint at which vehicles are at times [s]; -1 if at none, (R,).
+
+        Args:
+            vehicles: indices of vehicles, shape (R,).
+            times: since the first knot [s], shape (R,).
+        """
+        found = np.full(len(times), -1)
+        for w, (vehicle, time) in enumerate(zip(self.vehicles, self.times, strict=True)):
+            found[(vehicles == vehicle) & (np.abs(times - time) <= _AT_ONCE * self.least)] = w
+        return found
+
+    def rates_of(self, rows: HalfSpaces, motion: Motion) -> tuple[IntArray, FloatArray]:
+        """Return the waypoints with whose times rows move, and the derivatives of their values.
+
+        Args:
+            rows: rows of one constraint.
+            motion: motion around which times change.
+
+        Returns:
+            Indices of waypoints, and derivatives along the normals, of shape (R,) each. These are
+            zero for rows that do not move.
+        """
+        at = np.full(len(rows), -1)
+        rate = _RATES.get(rows.constraint.quantity)
+        if rows.constraint.moves and rate is not None:
+            at = self.moved_with(rows.vehicles, rows.times)
+        if rate is None or not np.any(at >= 0):
+            return at, np.zeros(len(rows))
+        times = self._inside(at, rows.times, rate, motion.step)
+        along = _values(motion, dataclasses.replace(rows, times=times), rate)
+        return at, np.where(at >= 0, along, 0.0)
+
+    def _inside(self, at: IntArray, times: FloatArray, rate: Quantity, step: float) -> FloatArray:
+        """Return times with those of waypoints in the middle of their steps, where rates jump."""
+        if rate != "acceleration":
+            return times
+        middles = (self.steps(step) + 0.5) * step
+        return np.where(at >= 0, middles[at], times)
+
+    def rates_at(self, sets: KeepInSets, motion: Motion) -> tuple[IntArray, FloatArray]:
+        """Return the same for all values of a constraint of one vehicle, (T,) and (T, 3)."""
+        rate, count = _RATES.get(sets.quantity), len(sets.times)
+        who = np.full(count, sets.members[0])
+        at = self.moved_with(who, sets.times)
+        if rate is None:
+            return at, np.zeros((count, 3))
+        times = self._inside(at, sets.times, rate, motion.step)
+        values = motion.each_at(rate, who, times)
+        if sets.partner is not None:
+            values = values - motion.each_at(rate, np.full(count, sets.partner), times)
+        return at, np.where(at[:, None] >= 0, values, 0.0)
 
     def farthest_from(self, positions: FloatArray) -> FloatArray:
         """Return the largest distance of a waypoint of each vehicle from a position [m], (N,).
@@ -206,6 +312,15 @@ _GROWTH: dict[Quantity, tuple[float, float]] = {
 }
 """Growth of limits with y and with s, except for those of jerks."""
 
+_AT_ONCE = 1e-3
+"""Part of the least time between waypoints in which rows are at a waypoint."""
+
+_AT_KNOT = 1e-6
+"""Part of a step within which a waypoint is at a knot."""
+
+_RATES: dict[Quantity, Quantity] = {"position": "velocity", "velocity": "acceleration"}
+"""Derivatives by time of quantities that are continuous."""
+
 _PART = 1e-6
 """Relative change of a time for finite differences of bounds."""
 
@@ -267,13 +382,13 @@ class TimeScaling:
 
     def growth_of(self, constraint: Constraint) -> tuple[float, float]:
         """Return the growth of a constraint's limit with y and with s."""
-        return self.growth[constraint.quantity]
+        return self.lower if constraint.is_gate else self.growth[constraint.quantity]
 
     def of_bounds(self, rows: HalfSpaces) -> FloatArray:
         """Return the derivatives of bounds on changes of motions by y and s, shape (R, 2)."""
         derivatives = np.outer(rows.bounds, self.growth_of(rows.constraint))
         if rows.constraint.quantity == "velocity":
-            above = rows.bounds > 0.0
+            above = (rows.bounds > 0.0) | rows.constraint.is_gate  # both sides of a value agree
             derivatives[above] = np.outer(rows.bounds[above], self.lower)
         derivatives[:, 0] += bound_rates(rows)
         for column, motion in enumerate((self.by_y, self.by_s)):
@@ -297,9 +412,9 @@ def _growth(problem: Problem, jerk: tuple[float, float]) -> Mapping[Quantity, tu
     return {**_GROWTH, "jerk": _GROWTH["acceleration"] if smooth else jerk}
 
 
-def _values(motion: Motion, rows: HalfSpaces) -> FloatArray:
-    """Return the values of a motion that rows bound, shape (R,)."""
-    quantity = rows.constraint.quantity
+def _values(motion: Motion, rows: HalfSpaces, quantity: Quantity | None = None) -> FloatArray:
+    """Return the values of a motion that rows bound, or of another quantity, shape (R,)."""
+    quantity = quantity or rows.constraint.quantity
     values = motion.each_at(quantity, rows.vehicles, rows.times)
     if rows.constraint.coupled:
         values = values - motion.each_at(quantity, rows.partners, rows.times)

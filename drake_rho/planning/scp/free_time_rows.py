@@ -6,6 +6,7 @@ the new final time: positions, velocities and accelerations are scaled by powers
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterable, Sequence
 
 import numpy as np
@@ -13,8 +14,9 @@ import numpy as np
 from drake_rho.motion.dynamics import Motion, roll_out
 from drake_rho.planning.constraints.base import VIOLATED, Constraint, HalfSpaces
 from drake_rho.planning.constraints.boxes import QUANTITIES
+from drake_rho.planning.constraints.keep_in import KeepInSets
 from drake_rho.planning.problem import Problem
-from drake_rho.planning.programs.free_times import FreeTime, bound_rates, powers
+from drake_rho.planning.programs.free_times import FreeTime, Passing, bound_rates, powers
 from drake_rho.scenario.parts import Quantity
 
 _NEAR = 0.1
@@ -22,7 +24,11 @@ _NEAR = 0.1
 
 
 def violated_rows(
-    constraints: Sequence[Constraint], found: FreeTime, problem: Problem
+    constraints: Sequence[Constraint],
+    found: FreeTime,
+    problem: Problem,
+    passing: Passing,
+    reference: Motion,
 ) -> list[HalfSpaces]:
     """Return the rows that a solution violates at the knots or, if there are none, between them.
 
@@ -30,18 +36,54 @@ def violated_rows(
         constraints: constraints around the reference.
         found: solution of the program.
         problem: problem of the program.
+        passing: the waypoints.
+        reference: motion that the program is linearised around.
     """
     motions = {each: _in_its_time(found, problem, each) for each in QUANTITIES}
     every = np.arange(len(problem))
+    gates = _at_gates(found, problem)
+    constraints = [_shifted(each, found, problem, passing, reference) for each in constraints]
     for between in (False, True):
         rows = [
-            each.violated_rows(motions[each.quantity], every, between=between)
+            each.violated_rows(
+                gates if each.is_gate else motions[each.quantity], every, between=between
+            )
             for each in constraints
             if not between or each.searches > 0
         ]
         if more := [rest for each in rows if len(rest := _still_violated(each, found, problem))]:
             return more
     return []
+
+
+def _shifted(
+    constraint: Constraint, found: FreeTime, problem: Problem, passing: Passing, reference: Motion
+) -> Constraint:
+    """Return a constraint with the values at the changed times of waypoints, to first order."""
+    if not (constraint.moves and isinstance(constraint, KeepInSets)) or len(passing) == 0:
+        return constraint
+    at, rates = passing.rates_at(constraint, reference)
+    divisor = _divisor(constraint, found, problem)
+    return dataclasses.replace(constraint, shift=found.changes[at][:, None] * rates / divisor)
+
+
+def _divisor(constraint: Constraint, found: FreeTime, problem: Problem) -> float:
+    """Return what values are divided by in the final time of a solution.
+
+    Velocities at waypoints are divided by the root of y as linearised in the program, so that both
+    sides of a single value agree.
+    """
+    if constraint.is_gate:
+        return float((1.0 + found.factor) / 2.0)
+    return float(found.factor ** powers(problem.scenario)[constraint.quantity])
+
+
+def _at_gates(found: FreeTime, problem: Problem) -> Motion:
+    """Return a solution as a motion with the program's step, scaled for velocities at waypoints."""
+    motion, root = _in_its_time(found, problem, "position"), (1.0 + found.factor) / 2.0
+    return dataclasses.replace(
+        motion, velocities=motion.velocities / root, accelerations=motion.accelerations / root
+    )
 
 
 def _still_violated(rows: HalfSpaces, found: FreeTime, problem: Problem) -> HalfSpaces:
@@ -63,6 +105,8 @@ def near_rows(rows: Iterable[HalfSpaces], found: FreeTime, problem: Problem) -> 
     """Return the nearly active rows of a solution, for the next program."""
     near = list[HalfSpaces]()
     for each in rows:
+        if each.constraint.moves:  # to other instants
+            continue
         quantity = each.constraint.quantity
         margins = each.margins(_in_its_time(found, problem, quantity))
         scale = problem.scenario.fleet.scale(quantity)[each.vehicles]

@@ -30,6 +30,12 @@ from drake_rho.planning.scp.timed import Timed
 from drake_rho.planning.scp.working_set import RowKeys, WorkingSet
 from drake_rho.scenario.errors import Description, ScenarioError
 
+_BEYOND = 20
+"""Largest number of times that a waypoint with a velocity moves on to the next step or the last."""
+
+_LONGER = 1.05
+"""Multiple of the final time in which it does so at first."""
+
 _ROUNDS = 60
 """Largest number of programs around one motion; each adds the rows that the last one violated."""
 
@@ -111,6 +117,36 @@ class LeastTime:
         best = self._with_same_times(timed)
         if best is None:
             return None
+        best = self._improved(best, tolerance, reach)
+        with self.or_cut():
+            for _ in range(_BEYOND):
+                others = (self._improved(each, tolerance, reach) for each in self._beside(best))
+                after = next((each for each in others if self._fall(best, each) > tolerance), None)
+                if after is None:
+                    break
+                best = after
+        return best
+
+    def _beside(self, best: Timed) -> Iterator[Timed]:
+        """Yield motions with a waypoint, if its velocity stops it at a knot, beside this knot.
+
+        The derivatives of velocities jump there, so that the final time has local minima.
+        """
+        longer = _LONGER if self._final_time else 1.0
+        for w in best.passing.at_knots(best.step):
+            for by in (-0.5, 0.5):
+                slower = best.lasting(longer * best.duration)
+                passing = slower.passing.moved(w, by * slower.step)
+                if passing.is_in_order and 0.0 < passing.times[w] < slower.duration:
+                    beside = dataclasses.replace(slower, passing=passing)
+                    if (found := self._tried(beside, self._same_times)) is not None:
+                        yield found
+
+    def _improved(self, best: Timed, tolerance: float, reach: float) -> Timed:
+        """Return the minimum-time motion found from one that meets every constraint.
+
+        Arguments are those of `around`.
+        """
         moves = not self._steady or len(best.passing) > 0
         converged, curvature = False, 1.0 if self._final_time else 0.0
         with self.or_cut():
@@ -335,13 +371,14 @@ class LeastTime:
         def solve() -> None:
             nonlocal found, more
             rows = list(working.rows.values())
-            found, more = programs.solve(rows, passing, velocities, change, timed.resting), []
+            found = programs.solve(rows, passing, velocities, change, timed.resting, timed.motion)
+            more = []
             if found is None:
                 self.statistics += Statistics(programs=1)
                 return
             if change.final[0] == change.final[1]:  # solvers satisfy it only to their tolerance
                 found = dataclasses.replace(found, factor=change.final[0])
-            more = violated_rows(constraints, found, problem)
+            more = violated_rows(constraints, found, problem, passing, timed.motion)
             self.statistics += Statistics(
                 programs=1,
                 rows=sum(map(len, more)),

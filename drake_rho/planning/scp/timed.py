@@ -54,8 +54,11 @@ class Timed:
 
     @cached_property
     def problem(self) -> Problem:
-        """Problem in the final time of the motion."""
-        return Problem.of(self.scenario.ending_with(self.grid))
+        """Problem in the final time of the motion, with what is required at its waypoints."""
+        scenario = self.scenario.ending_with(self.grid)
+        if more := self.passing.required(self.grid, scenario.names):
+            scenario = scenario.derived(requirements=(*scenario.requirements, *more))
+        return Problem.of(scenario)
 
     @property
     def grid(self) -> Grid:
@@ -192,6 +195,6 @@ def latest(scenario: Scenario, passing: Passing) -> float:
         passing: its waypoints.
     """
     before_end = [each.active[1] for each in scenario.requirements if each.active]
-    ends = [*passing.times[passing.given], *(end - scenario.grid.start for end in before_end)]
+    ends = [*passing.ends, *(end - scenario.grid.start for end in before_end)]
     after = _AFTER / (scenario.grid.knots - 1)  # as a part of the final time
     return max([0.0, *map(float, ends)]) / (1.0 - after)

@@ -247,3 +247,11 @@ def check_writable(scenario: Scenario) -> None:
             conic_of(requirement.set).tightened(requirement.deviation)
         except ScenarioError as error:
             raise error.inside(f"requirements[{index}]") from None
+    for i, vehicle in enumerate(scenario.vehicles):
+        for k, waypoint in enumerate(vehicle.waypoints):
+            if waypoint.velocity is not None and not isinstance(waypoint.velocity, np.ndarray):
+                try:
+                    conic_of(waypoint.velocity)
+                except ScenarioError as error:
+                    where = f"vehicles[{i}].waypoints[{k}].velocity"
+                    raise ScenarioError(where, error.value, error.expected) from None

@@ -119,6 +119,13 @@ class Cone:
         """A unit vector orthogonal to the axis, shape (3,)."""
         return unit_across(self._along)
 
+    @property
+    def matrix(self) -> FloatArray:
+        """Matrix with a row a above B, such that norm(B (x - apex)) <= a · (x - apex), (4, 3)."""
+        onto = np.eye(3) - np.outer(self._along, self._along)
+        up, beside = np.sin(self.half_angle) * self._along, np.cos(self.half_angle) * onto
+        return np.vstack([up, beside])
+
     def support(self, n: FloatArray) -> FloatArray:
         """Return n · apex where n points away from the cone, else infinity, shape (...).
 
