@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 import pytest
@@ -227,3 +228,33 @@ def test_retries_go_to_another_solver(solver: SolverInterface) -> None:
         (found,) = solve.solve([nearest(2.0)], Backend(solver, others_first=again))
         assert value_of(found) == pytest.approx(2.0, rel=INDEX)
         assert (found.solver == given) == (not again)
+
+
+def test_options_reach_the_chosen_solver() -> None:
+    """With one iteration the solver fails, and another finds the plan."""
+    scenario = single(limits=rho.Limits(velocity=box(1.5)))
+    for solver, option in (("clarabel", "max_iter"), ("osqp", "max_iter")):
+        name = {"clarabel": "Clarabel", "osqp": "OSQP"}[solver]
+        chosen: Any = solver
+        assert rho.plan(scenario, solver=chosen).statistics.solver == name
+        few = rho.Options(solver_options={option: 1})
+        for planner in (rho.plan, rho.plan_convex):
+            plan = planner(scenario, solver=chosen, options=few)
+            assert plan.statistics.solver != name
+            assert rho.verify(plan).ok
+        many = rho.Options(solver_options={option: 40_000})
+        assert rho.plan(scenario, solver=chosen, options=many).statistics.solver == name
+
+
+@pytest.mark.parametrize(
+    ("solver", "options", "text"),
+    [
+        ("clarabel", {"iterations": 3}, "options of Clarabel; .*iterations"),
+        ("osqp", {"max_iter": "many"}, "options of OSQP"),
+        ("daqp", {"primal_tol": 1e-9}, "none beside DAQP"),
+        (None, {"max_iter": 2.5}, "options of Clarabel"),
+    ],
+)
+def test_unknown_options_are_refused(solver: Any, options: dict[str, Any], text: str) -> None:
+    with pytest.raises(ValueError, match=f"options.solver_options: got .*expected {text}"):
+        rho.plan(single(), solver=solver, options=rho.Options(solver_options=options))

@@ -105,6 +105,7 @@ def plan_minimum_time(
     grid = scenario.grid
     if knots is not None:
         grid = Grid(grid.duration / max(knots - 1, 1), knots, grid.start)
-    each, backend = arrival == "each", Backend.of(solver)
-    search = TimeSearch(scenario, grid, backend, progress, options or DEFAULTS, each=each)
+    each, options = arrival == "each", options or DEFAULTS
+    backend = Backend.of(solver, options=options.solver_options)
+    search = TimeSearch(scenario, grid, backend, progress, options, each=each)
     return search.plan()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+from collections.abc import Mapping
 from typing import Annotated
 
 from pydantic import Field
@@ -57,6 +59,11 @@ class Options:
     max_memory: Annotated[float, Field(ge=1e7)] = 1e9
     """memory that a path search may use [bytes]. Grids are made coarser until they fit; if none
     fits, the search reports it"""
+
+    solver_options: Mapping[str, int | float | str] = dataclasses.field(default_factory=dict)
+    """options of the planner's solver by its own names, as `{"max_iter": 500}`, in place of this
+    package's; which there are is in the solver's documentation. Other solvers that follow after a
+    failure do not get them"""
 
     time_limit: Annotated[float, Field(gt=0.0)] | None = None
     """seconds after which the best plan so far is returned (`statistics.cut`), or `OutOfTimeError`

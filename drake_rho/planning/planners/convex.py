@@ -46,7 +46,7 @@ def plan_convex(
             plan has the chosen one in `scenario.grid`, and all that were tried in
             `statistics.steps_tried`.
         solver: `"clarabel"`, `"daqp"` or `"osqp"`, or a Drake solver; Clarabel if not given.
-        options: only `time_limit` is used; `Options()` if not given.
+        options: only `time_limit` and `solver_options` are used; `Options()` if not given.
 
     Returns:
         A plan that meets every constraint of the scenario.
@@ -55,7 +55,8 @@ def plan_convex(
         InfeasibleError: no step has a solution; the error names the conflicting constraints.
         OutOfTimeError: `options.time_limit` was over before there was a plan.
         SolverError: the solvers fail numerically.
-        ValueError: a step does not divide the duration, or the reference does not fit.
+        ValueError: a step does not divide the duration, the reference does not fit, or the solver
+            does not know an option.
 
     Examples:
         >>> rho.plan_convex(rho.load_scenario("paper"))
@@ -64,7 +65,7 @@ def plan_convex(
     others = [_grid(step, scenario.grid) for step in steps]
     if reference is not None and others:
         raise ValueError("steps: got some beside a reference, expected none: it has one step")
-    backend = Backend.of(solver)
+    backend = Backend.of(solver, options=options.solver_options if options else None)
     failures: list[InfeasibleError] = []
     statistics = Statistics()
     steps_tried: tuple[float, ...] = ()

@@ -84,8 +84,8 @@ def plan(
         ScenarioError: a limit is soft, and a waypoint has no time.
         SolverError: the solvers fail numerically.
         TypeError: an argument has the wrong type.
-        ValueError: the solver is not available, or the reference has other vehicles or another
-            grid.
+        ValueError: the solver is not available or does not know an option, or the reference has
+            other vehicles or another grid.
 
     Examples:
         >>> plan = rho.plan(rho.load_scenario("paper"))
@@ -96,8 +96,9 @@ def plan(
     if isinstance(coupling, str):
         coupling = COUPLINGS[coupling]
     coupling = coupling or coupling_for(scenario, options)
-    search = FirstPlan(Backend.of(solver, executor), progress, options)
-    times = WaypointTimes(scenario, Backend.of(solver), progress)
+    backend = Backend.of(solver, executor, options.solver_options)
+    search = FirstPlan(backend, progress, options)
+    times = WaypointTimes(scenario, backend.here(), progress)
     if times.any_free:
         check_no_penalties(scenario.penalties, NO_TIMES)
         return _with_free_times(times, reference, coupling, search)

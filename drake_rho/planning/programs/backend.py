@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
 from typing import Literal, TypeAlias
 
 import numpy as np
-from pydrake.solvers import ClarabelSolver, MathematicalProgram, OsqpSolver, SolverInterface
+from pydrake.solvers import (
+    ClarabelSolver,
+    MathematicalProgram,
+    OsqpSolver,
+    SolverInterface,
+    SolverOptions,
+)
 
 from drake_rho.planning.programs.daqp import Daqp
 
@@ -46,10 +52,15 @@ class Backend:
     """required accuracy"""
     others_first: bool = False
     """whether other solvers come first, because solutions of `solver` violated their rows"""
+    options: Mapping[str, int | float | str] = dataclasses.field(default_factory=dict)
+    """options of the solver by its own names, in place of this package's"""
 
     @classmethod
     def of(
-        cls, solver: Solver | SolverName | None = None, executor: Executor | None = None
+        cls,
+        solver: Solver | SolverName | None = None,
+        executor: Executor | None = None,
+        options: Mapping[str, int | float | str] | None = None,
     ) -> Backend:
         """Return the backend for a solver given as an object or by name.
 
@@ -58,9 +69,13 @@ class Backend:
 
         Raises:
             NotInstalledError: the solver is DAQP, and its package is not installed.
-            ValueError: the solver is not available, or does not solve quadratic programs.
+            ValueError: the solver is not available, does not solve quadratic programs, or does not
+                know an option.
         """
-        return cls(None if solver is None else _checked(solver), executor)
+        chosen = None if solver is None else _checked(solver)
+        if options:
+            _check_options(chosen or DEFAULT(), options)
+        return cls(chosen, executor, options=dict(options or {}))
 
     @property
     def first(self) -> Solver:
@@ -93,13 +108,36 @@ def _checked(solver: Solver | SolverName) -> Solver:
     return made
 
 
-def _is_for_quadratic_programs(solver: SolverInterface) -> bool:
-    """Return whether a solver solves a small quadratic program; Drake cannot tell."""
+def _check_options(solver: Solver, options: Mapping[str, int | float | str]) -> None:
+    """Check that a solver knows options and the types of their values.
+
+    Raises:
+        ValueError: it does not.
+    """
+    name, got = name_of(solver), f"options.solver_options: got {dict(options)}"
+    if isinstance(solver, Daqp):
+        raise ValueError(f"{got}, expected none beside {name}")
+    chosen = SolverOptions()
+    try:
+        for key, value in options.items():
+            chosen.SetOption(solver.solver_id(), key, value)
+        solver.Solve(_small_program(), None, chosen)
+    except (RuntimeError, TypeError, ValueError) as error:
+        reason = str(error).removeprefix(f"{name}: ")
+        raise ValueError(f"{got}, expected options of {name}; {reason}") from None
+
+
+def _small_program() -> MathematicalProgram:
     program = MathematicalProgram()
     x = program.NewContinuousVariables(2)
     program.AddQuadraticCost(np.eye(2), np.zeros(2), x, is_convex=True)
     program.AddLinearConstraint(np.ones((1, 2)), np.ones(1), np.full(1, np.inf), x)
+    return program
+
+
+def _is_for_quadratic_programs(solver: SolverInterface) -> bool:
+    """Return whether a solver solves a small quadratic program; Drake cannot tell."""
     try:
-        return bool(solver.Solve(program, None, None).is_success())
+        return bool(solver.Solve(_small_program(), None, None).is_success())
     except (RuntimeError, ValueError):  # a solver of other programs
         return False

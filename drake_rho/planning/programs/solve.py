@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future
 from contextvars import copy_context
 from functools import partial
@@ -36,7 +36,7 @@ from drake_rho.system.threads import single_threaded_blas, thread_pool
 
 keep_to_news()
 
-_Options = dict[str, float | int]
+_Options = Mapping[str, float | int | str]
 
 _CLARABEL: _Options = {"tol_gap_abs": 1e-10, "tol_gap_rel": 1e-10, "tol_feas": 1e-10}
 """One to two digits tighter than Drake's defaults, so that a row satisfied for the solver is
@@ -86,6 +86,8 @@ def solve(programs: Sequence[Program], backend: Backend | None = None) -> list[S
     solutions: dict[int, Solution] = {}
     inexact: dict[int, Solution] = {}
     attempts: Iterable[tuple[Solver, _Options]] = _attempts(backend)
+    if backend.options:
+        attempts = _with_options(attempts, backend)
     if backend.others_first:
         own = name_of(backend.first)
         attempts = sorted(attempts, key=lambda attempt: name_of(attempt[0]) == own)
@@ -157,6 +159,15 @@ def _attempts(backend: Backend) -> Iterator[tuple[Solver, _Options]]:
     if name in ("Clarabel", "DAQP"):
         yield OsqpSolver(), _OSQP
         yield ClpSolver(), {}
+
+
+def _with_options(
+    attempts: Iterable[tuple[Solver, _Options]], backend: Backend
+) -> Iterator[tuple[Solver, _Options]]:
+    """Yield attempts of which those of the chosen solver have its options."""
+    own = name_of(backend.first)
+    for solver, options in attempts:
+        yield solver, {**options, **backend.options} if name_of(solver) == own else options
 
 
 def _accepts(name: str, program: Program) -> bool:
