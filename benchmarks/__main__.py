@@ -41,6 +41,7 @@ DRAWN = {
     "flight_windy_rooms": 200,
     "objective_convex": 60,
     "objective_obstacles": 60,
+    "objective_mixed": 1000,
     "mixed_scenes": 5000,
     "mixed_windows": 1200,
     "damaged_files": 4000,
@@ -108,7 +109,7 @@ TIMES = (
 """Benchmarks of least times; those that are in no `DRAWN` or `MISSIONS` are `run() -> Table`."""
 
 
-OBJECTIVE = ("objective_convex", "objective_known", "objective_obstacles")
+OBJECTIVE = ("objective_convex", "objective_known", "objective_obstacles", "objective_mixed")
 """Benchmarks of costs; those that are in no `DRAWN` are `run() -> Table`."""
 
 

@@ -51,14 +51,24 @@ class Outcome:
 def run(seeds: int) -> Table:
     """Plan scenes, as many as given, on all cores."""
     found = on_all_cores(outcomes, range(_FIRST, _FIRST + seeds), "scenes")
-    return _table([each for some in found for each in some])
+    return table_of(
+        [each for some in found for each in some],
+        "mixed_scenes",
+        "Random scenes that mix every kind of requirement",
+    )
 
 
 def outcomes(seed: int) -> list[Outcome]:
     """Return what the planners made of a scene: those of less work at each, others at some."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", rho.DrakeRhoWarning)
-        scene = mixed(seed)
+        return outcomes_of(mixed(seed), seed)
+
+
+def outcomes_of(scene: Mixed, seed: int) -> list[Outcome]:
+    """Return what the planners made of a scene with this seed."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", rho.DrakeRhoWarning)
         return [
             _outcome(name, each, scene, seed)
             for name, (every, each) in PLANNERS.items()
@@ -103,7 +113,8 @@ def _outcome(
             fault = "proved" if proved else "missed" * (name in _COMPLETE)
     except rho.ScenarioError as error:
         unbounded = name == "plan_minimum_time" and "bounds" in str(error)
-        fault, text = "" if unbounded else "error", str(error)
+        refused = any(word in error.field for word in _REFUSED)
+        fault, text = "" if unbounded or refused else "error", str(error)
     except Exception as error:  # every other one is a fault, whatever it is
         where = traceback.extract_tb(error.__traceback__)[-1]
         fault, text = "error", f"{type(error).__name__}: {error} ({where.filename}:{where.lineno})"
@@ -124,29 +135,32 @@ def _judged(planned: rho.Plan | rho.Flight, name: str, scene: Mixed) -> tuple[st
     return "", ""
 
 
+_REFUSED = ("objective", "penalty")
+"""Words of fields that planners of least time, and of free waypoint times, refuse."""
+
 _FAULTS = ("refused", "sampled", "error", "proved", "missed", "longer")
 
 
-def _table(found: list[Outcome]) -> Table:
+def table_of(found: list[Outcome], name: str, title: str) -> Table:
     """Return the table of outcomes."""
     counts = {
-        name: [sum(each.fault == f for each in found if each.planner == name) for f in _FAULTS]
-        for name in PLANNERS
+        planner: [sum(e.fault == f for e in found if e.planner == planner) for f in _FAULTS]
+        for planner in PLANNERS
     }
     rows = list[tuple[Cell, ...]]()
-    for name, counted in counts.items():
-        seconds = sorted(each.seconds for each in found if each.planner == name)
+    for planner, counted in counts.items():
+        seconds = sorted(each.seconds for each in found if each.planner == planner)
         if seconds:
             middle = seconds[len(seconds) // 2]
-            rows.append((name, len(seconds), *counted, round(middle, 3), round(seconds[-1], 1)))
+            rows.append((planner, len(seconds), *counted, round(middle, 3), round(seconds[-1], 1)))
     total = {f: sum(each.fault == f for each in found) for f in _FAULTS}
     searched = sum(each.planner in _COMPLETE for each in found)
     faults = [
         f"- {each.planner}, {each.seed}: {each.fault}: {each.text}" for each in found if each.fault
     ]
     return Table(
-        name="mixed_scenes",
-        title="Random scenes that mix every kind of requirement",
+        name=name,
+        title=title,
         columns=("planner", "scenes", *_FAULTS, "median_seconds", "worst_seconds"),
         rows=tuple(rows),
         notes=(_ABOUT, "\n".join(faults) or "No faults."),

@@ -99,11 +99,24 @@ def _goals(plan: rho.Plan) -> Iterator[str]:
     """Judge that plans end at their goals."""
     end = np.array([plan.scenario.grid.duration])
     stepwise = plan.stepwise() if plan.scenario.smoothing else plan
-    for of, goal in (("position", "position"), ("velocity", "velocity")):
-        wanted = np.array([getattr(each.goal, goal) for each in plan.scenario.vehicles])
+    for of in ("position", "velocity"):
+        if getattr(plan.scenario.objective, f"terminal_{of}") > 0.0:
+            continue  # it may be missed at a price
         reached = flown(stepwise, end)[:, -1] if of == "position" else stepwise.velocities[:, -1]
         scale = _scale(plan, of) + 1e5 * _coordinates(plan)
-        yield from _line(f"goal {of}", np.abs(reached - wanted), scale)
+        for i, vehicle in enumerate(plan.scenario.vehicles):
+            wanted = None if vehicle.goal is None else getattr(vehicle.goal, of, vehicle.goal)
+            if of == "velocity" and _is_set(vehicle.goal):
+                wanted = np.zeros(3)  # a set of positions is reached at rest
+            if _is_set(wanted):
+                off = wanted.signed_distance(reached[i])
+            else:
+                off = 0.0 if wanted is None else np.abs(reached[i] - wanted).max()
+            yield from _line(f"{vehicle.name} goal {of}", off, scale)
+
+
+def _is_set(value: object) -> bool:
+    return hasattr(value, "signed_distance")
 
 
 def _limits(plan: rho.Plan) -> Iterator[str]:
@@ -150,10 +163,12 @@ def _jerks(plan: rho.Plan) -> Array:
             known.insert(0, vehicle.start.acceleration[None])
         elif not np.any(vehicle.start.velocity):
             known.insert(0, np.zeros((1, 3)))
-        if vehicle.goal.acceleration is not None:
-            known.append(vehicle.goal.acceleration[None])
-        elif not np.any(vehicle.goal.velocity):
-            known.append(np.zeros((1, 3)))
+        goal = vehicle.goal
+        velocity = np.zeros(3) if _is_set(goal) else getattr(goal, "velocity", None)
+        if getattr(goal, "acceleration", None) is not None:
+            known.append(goal.acceleration[None])
+        elif isinstance(velocity, np.ndarray) and not np.any(velocity):
+            known += [np.zeros((1, 3))] * (plan.scenario.objective.terminal_velocity == 0.0)
         jerks = np.diff(np.concatenate(known), axis=0) / plan.scenario.grid.step
         rows.append(np.pad(jerks, ((0, len(a) + 1 - len(jerks)), (0, 0))))
     return np.array(rows)
@@ -169,9 +184,21 @@ def _waypoints(plan: rho.Plan) -> Iterator[str]:
                 continue
             x = flown(plan, _averaged_over(plan, way.time - start))[i].mean(axis=0)
             off = float(np.linalg.norm(x - way.position)) - way.within
-            yield from _line(
-                f"{vehicle.name} waypoint {number}", off, _scale(plan) + 1e5 * _coordinates(plan)
-            )
+            scale = _scale(plan) + 1e5 * _coordinates(plan)
+            if way.penalty is None:
+                yield from _line(f"{vehicle.name} waypoint {number}", off, scale)
+            if way.velocity is not None and _is_plain(plan):
+                v = _at(plan, "velocity", np.array([way.time - start]))[i, 0]
+                given = way.velocity
+                over = given.signed_distance(v) if _is_set(given) else np.linalg.norm(v - given)
+                clock = 4e-16 * abs(way.time) * 1e5 * float(np.abs(plan.accelerations).max())
+                limit = _scale(plan, "velocity") + clock
+                yield from _line(f"{vehicle.name} velocity at waypoint {number}", over, limit)
+
+
+def _is_plain(plan: rho.Plan) -> bool:
+    """Return whether a plan is flown as it is, without averages."""
+    return plan.scenario.smoothing is None
 
 
 def _averaged_over(plan: rho.Plan, time: float) -> Array:
@@ -195,6 +222,8 @@ def _obstacles(plan: rho.Plan) -> Iterator[str]:
     x = _at(plan, "position", elapsed)
     for number, body in enumerate(scenario.bodies, start=1):
         if body.known_from > max(scenario.grid.start, 0.0):
+            continue
+        if body.penalty is not None:
             continue
         first, last = body.active or (-np.inf, np.inf)
         due = (clock >= first) & (clock <= last)
@@ -232,10 +261,14 @@ def _requirements(plan: rho.Plan) -> Iterator[str]:
     scenario = plan.scenario
     grid, names = scenario.grid, list(scenario.names)
     for number, asked in enumerate(scenario.requirements, start=1):
+        if asked.penalty is not None:
+            continue
         first, last = asked.active or (grid.start, grid.end)
         members = asked.vehicles or tuple(n for n in names if n != asked.relative_to)
         for name in members:
             who = names.index(name)
+            if asked.between is not None:
+                first, last = _leg(plan, who, asked.between)
             partner = names.index(asked.relative_to) if isinstance(asked.relative_to, str) else None
             if asked.of == "jerk":
                 if scenario.smoothing is not None:
@@ -264,6 +297,17 @@ def _requirements(plan: rho.Plan) -> Iterator[str]:
             if due.any():
                 distance = asked.set.signed_distance(own[due])
                 yield from _line(f"{name} requirement {number}", distance, size + off)
+
+
+def _leg(plan: rho.Plan, vehicle: int, between: tuple[str, str]) -> tuple[float, float]:
+    """Return the times of the two ends of a leg [s]."""
+    grid = plan.scenario.grid
+    ways = {each.name: each.time for each in plan.scenario.vehicles[vehicle].waypoints}
+    times = {"start": grid.start, "goal": grid.end} | ways
+    first, last = (times[name] for name in between)
+    assert first is not None
+    assert last is not None
+    return float(first), float(last)
 
 
 def _jerks_inside(plan: rho.Plan) -> Array:

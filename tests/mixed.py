@@ -58,14 +58,14 @@ def mixed(seed: int, *, leave_out: tuple[str, ...] = (), most: int = 7) -> Mixed
     drawn = rng.permutation(names)[: int(rng.integers(1, most + 1))]
     for name in sorted(drawn, key=names.index):
         for _ in range(3):
-            tried = _with(scene, KINDS[str(name)], rng)
+            tried = with_one(scene, KINDS[str(name)], rng)
             if tried is not None:
                 scene = tried
                 break
     return scene
 
 
-def _with(scene: Mixed, add: Callable[[Rng, Mixed], Any], rng: Rng) -> Mixed | None:
+def with_one(scene: Mixed, add: Callable[[Rng, Mixed], Any], rng: Rng) -> Mixed | None:
     """Return the scene with one more kind, if its motion keeps it, else None."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", rho.DrakeRhoWarning)
@@ -308,7 +308,7 @@ def _interval(rng: Rng, grid: rho.Grid) -> tuple[float, float]:
 def _requirements(rng: Rng, scene: Mixed) -> rho.Scenario:
     """Return the scenario with one to three more convex sets."""
     for _ in range(int(rng.integers(1, 4))):
-        scene = _with(scene, _requirement, rng) or scene
+        scene = with_one(scene, _requirement, rng) or scene
     return scene.scenario
 
 
