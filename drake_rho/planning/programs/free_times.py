@@ -120,7 +120,7 @@ class Passing:
         if self.gates is None:
             return np.zeros(len(self), dtype=bool)
         every = [own for each in self.gates.vehicles for own in each.waypoints]
-        return np.array([each.velocity is not None for each in every]) & self.may_change
+        return np.array([each.velocity is not None for each in every], dtype=bool) & self.may_change
 
     def steps(self, step: float) -> IntArray:
         """Return the index of the step in which each waypoint may move, shape (W,).
