@@ -15,6 +15,7 @@ from pydantic import TypeAdapter, ValidationError
 from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.context import Context
 from drake_rho.scenario.errors import Description, ScenarioError
+from drake_rho.scenario.goals import is_storable
 from drake_rho.scenario.maps.map import Map
 from drake_rho.scenario.records import Scenario
 from drake_rho.scenario.refusals import scenario_error
@@ -183,8 +184,12 @@ def _check_storable(scenario: Scenario) -> None:
     """Check that a file can hold a scenario.
 
     Raises:
-        ScenarioError: a requirement has a user's own set.
+        ScenarioError: a requirement or a goal has a user's own set.
     """
+    for index, vehicle in enumerate(scenario.vehicles):
+        if not is_storable(vehicle.goal):
+            expected = "one of the package's sets: functions of one's own cannot be in a file"
+            raise ScenarioError(f"vehicles[{index}].goal", vehicle.goal, expected)
     for index, each in enumerate(scenario.requirements):
         try:
             each.check_storable()

@@ -97,7 +97,7 @@ def _along(root: type, location: tuple[int | str, ...]) -> tuple[list[type], lis
         if of_this_name:
             kinds = of_this_name
             continue
-        if part == _PROTOCOL:
+        if part in _TAGS:
             continue
         names.append(part)
         fields = [getattr(kind, "__pydantic_fields__", {}) for kind in kinds]
@@ -107,8 +107,9 @@ def _along(root: type, location: tuple[int | str, ...]) -> tuple[list[type], lis
     return kinds, names
 
 
-_PROTOCOL = "ConvexSet"
-"""Tag of objects that are no records, such as a user's own set (`drake_rho.scenario.sets`)."""
+_TAGS = ("ConvexSet", "AnySet", "Vector", "None")
+"""Tags of values that are no records, such as a user's own set (`drake_rho.scenario.sets`) and the
+values of goals (`drake_rho.scenario.goals`)."""
 
 
 def _words_of(kind: type) -> list[object]:

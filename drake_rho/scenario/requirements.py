@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
+from functools import cached_property
 from typing import TYPE_CHECKING, Annotated, Literal, Self
 
 import numpy as np
@@ -21,8 +22,9 @@ from drake_rho.scenario.fields import (
     unchecked,
 )
 from drake_rho.scenario.fleet import Fleet
+from drake_rho.scenario.goals import Goal, set_in
 from drake_rho.scenario.limits import GRAVITY
-from drake_rho.scenario.parts import UNITS, Grid, Quantity
+from drake_rho.scenario.parts import UNITS, Grid, Quantity, Vehicle
 from drake_rho.scenario.sets import AnySet, is_own
 from drake_rho.scenario.shapes.quadrics import Sphere
 from drake_rho.scenario.times import EXACT, Clock
@@ -106,8 +108,15 @@ class KeepIn:
             raise ScenarioError("active", list(self.active), expected)
         return self
 
+    @cached_property
+    def is_goal(self) -> bool:
+        """Whether it is a goal (`goal_sets`), which reports call by its name alone."""
+        return False
+
     def called(self, number: int) -> str:
         """Return how reports refer to it: by its number from 1, and its name if any."""
+        if self.is_goal:
+            return str(self.name)
         return f"requirement {number}" + (f" ({self.name})" if self.name else "")
 
     def check_storable(self) -> None:
@@ -241,7 +250,8 @@ class KeepIn:
         """Return the requirement with an interval, if any, longer by a time on both sides [s]."""
         if self.active is None:
             return self
-        return unchecked(self, active=(self.active[0] - time, self.active[1] + time))
+        longer = (self.active[0] - time, self.active[1] + time)
+        return unchecked(self, active=longer, is_goal=self.is_goal)
 
     def since(self, grid: Grid) -> Self:
         """Return the requirement on a clock that is 0 at a grid's first knot."""
@@ -249,7 +259,7 @@ class KeepIn:
         relative_to = self.relative_to
         if isinstance(relative_to, Track):
             relative_to = unchecked(relative_to, times=read_only(relative_to.times - grid.start))
-        return unchecked(self, active=active, relative_to=relative_to)
+        return unchecked(self, active=active, relative_to=relative_to, is_goal=self.is_goal)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -293,6 +303,21 @@ def linked_groups(requirements: Sequence[KeepIn], names: Sequence[str], grid: Gr
             met = labels[np.append(each.members(names), partner)]
             labels[np.isin(labels, met)] = met.min()
     return labels
+
+
+def goal_sets(vehicles: Sequence[Vehicle], grid: Grid) -> tuple[KeepIn, ...]:
+    """Return the goals that are convex sets, as requirements at the last knot."""
+    return tuple(
+        unchecked(
+            KeepIn(wanted, of=quantity, vehicles=vehicle.name, active=(grid.end, grid.end)),
+            name=f"goal of {vehicle.name}",
+            is_goal=True,
+        )
+        for vehicle in vehicles
+        if isinstance(vehicle.goal, Goal)
+        for quantity in ("position", "velocity")
+        if (wanted := set_in(getattr(vehicle.goal, quantity))) is not None
+    )
 
 
 def parts_for(requirements: Sequence[KeepIn], names: Sequence[str]) -> tuple[KeepIn, ...]:

@@ -18,9 +18,9 @@ from drake_rho.verification.trajectory import PiecewiseTrajectory
 
 
 def check_requirements(trajectory: PiecewiseTrajectory) -> Iterator[Column]:
-    """Yield the checks of every requirement that is active in the flight."""
+    """Yield the checks of every requirement that is active in the flight, and of sets as goals."""
     scenario = trajectory.scenario
-    for number, required in enumerate(scenario.requirements, start=1):
+    for number, required in enumerate(scenario.required, start=1):
         if required.interval(scenario.grid) is None:
             yield _expired(trajectory, number, required)
         elif required.quantity == "position":
@@ -37,7 +37,7 @@ def check_positions(trajectory: PiecewiseTrajectory, number: int) -> Iterator[Co
         trajectory: trajectory of all vehicles.
         number: number of the requirement, from 1; it is active in the flight.
     """
-    quantity = _constrained(trajectory, trajectory.scenario.requirements[number - 1])
+    quantity = _constrained(trajectory, trajectory.scenario.required[number - 1])
     yield _column(quantity, number, quantity.at_knots(), AT_KNOTS)
     yield _column(quantity, number, quantity.greatest(), AT_ALL_TIMES)
 
@@ -76,12 +76,12 @@ def _constrained(trajectory: PiecewiseTrajectory, required: KeepIn) -> Constrain
 def _column(quantity: Constrained, number: int, worst: Highest, when: str) -> Column:
     """Return the checks of the vehicles concerned at their worst instants."""
     scenario = quantity.trajectory.scenario
-    required, count = scenario.requirements[number - 1], len(scenario.vehicles)
+    required, count = scenario.required[number - 1], len(scenario.vehicles)
     times, values, errors, tolerances = whole = np.zeros((4, count))
     own = required.tolerances(scenario.fleet, scenario.names)
     whole[:, quantity.members] = worst.times, worst.values, worst.errors, own
     return Column(
-        kind="requirements",
+        kind="goals" if required.is_goal else "requirements",
         constraint=required.called(number),
         parts=[" ".join(filter(None, (_about(required), when)))] * count,
         times=scenario.grid.start + times,

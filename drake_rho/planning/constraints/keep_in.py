@@ -229,7 +229,7 @@ class KeepInSets(Constraint):
             places: places of the sets, in the quantity's unit, shape (R, 3).
         """
         supports = self.sets.support(who, outward) + np.vecdot(outward, places)
-        return HalfSpaces(
+        rows = HalfSpaces(
             self,
             vehicles=who,
             partners=who if self.partner is None else np.full(len(who), self.partner),
@@ -239,6 +239,7 @@ class KeepInSets(Constraint):
             bounds=self.margin(times) - supports - self.roundings[who],
             tolerances=self.sets.tolerances[who],
         )
+        return rows if self.given_end is None else self.given_end.without(rows)
 
     @property
     def is_own_rate(self) -> bool:

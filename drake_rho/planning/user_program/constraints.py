@@ -83,7 +83,8 @@ def add_goals(draft: Draft) -> None:
         "velocity": fleet.goal_velocities,
     }
     for quantity, values in goals.items():
-        for vehicle, goal in enumerate(values):
+        for vehicle in np.flatnonzero(fleet.fixed(quantity)).tolist():
+            goal = values[vehicle]
             x = draft.values.at(quantity, vehicle, T)
             binding = draft.prog.AddLinearEqualityConstraint(x.matrix, goal - x.offset, x.variables)
             draft.note(GOAL, vehicle, binding, T)
