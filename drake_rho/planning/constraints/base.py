@@ -165,8 +165,12 @@ class GivenEnd:
 
     def without(self, rows: HalfSpaces) -> HalfSpaces:
         """Return the rows that are not about given values alone."""
-        given = self.vehicles[rows.vehicles] & self.vehicles[rows.partners]
-        return rows.select(~(given & (rows.times >= self.since)))
+        return rows.select(~self.includes(rows.vehicles, rows.partners, rows.times))
+
+    def includes(self, vehicles: IntArray, partners: IntArray, times: FloatArray) -> BoolArray:
+        """Return whether values of vehicles and of their partners at times are given, (R,)."""
+        given = self.vehicles[vehicles] & self.vehicles[partners]
+        return np.asarray(given & (times >= self.since))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -132,6 +132,10 @@ class KeepInSets(Constraint):
             motion = motion.subdivided(self.margins.pieces)
             values = motion.values(self.quantity)[own, self.knots].reshape(-1, 3)
         local = self._placed(who, times, values)
+        if self.given_end is not None:
+            own = local.vehicles
+            partners = own if self.partner is None else np.full(len(own), self.partner)
+            local = local.select(~self.given_end.includes(own, partners, local.times))
         if self.quantity != "jerk":
             return local
         return local.select(~np.isnan(values[:, 0]))  # unknown ones are not limited
