@@ -390,8 +390,8 @@ def _check_given_states(
     )
     ends, passed, exactly = list[_Given](), list[_Given](), np.zeros(len(names))
     for end, quantity, values in states[2 * under_way :]:
-        at = grid.start if end == "start" else grid.end
-        times = np.where(np.isnan(values[:, 0]), np.nan, at)
+        time = grid.start if end == "start" else grid.end
+        times = np.where(np.isnan(values[:, 0]), np.nan, time)
         ends.append(_Given(f"{end}.{quantity}", quantity, values, times, exactly))
     if requirement.leader is None:
         for index, each in enumerate(fleet.waypoints):
