@@ -210,7 +210,7 @@ def test_plans_among_obstacles_cost_no_more_than_those_to_sampled_goals() -> Non
                 continue
             vehicle = dataclasses.replace(scenario.vehicles[0], goal=goal)
             try:
-                exact = rho.plan(dataclasses.replace(scenario, vehicles=[vehicle]))
+                exact = rho.plan(dataclasses.replace(scenario, vehicles=(vehicle,)))
             except (rho.InfeasibleError, rho.ScenarioError):  # it is inside an obstacle
                 continue
             assert cost <= exact.cost * (1.0 + 1e-6)
