@@ -178,7 +178,7 @@ class Rest:
                 goal; such vehicles do not count if there is no flight yet.
         """
         changes = any(not each.is_steady for each in scenario.bodies) or scenario.requirements
-        given, held = scenario.fleet.given_positions, scenario.held
+        given, held = scenario.fleet.fixed_positions, scenario.held
         if ends is None:
             held = tuple(each for each in held if given[each])
         if not held or (scenario.disturbance is None and not changes):
