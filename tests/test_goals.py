@@ -291,6 +291,14 @@ def test_vehicles_hold_where_their_plans_end() -> None:
 PAD_OBSTACLE = rho.Sphere([2.0, 0.6, 1.1], 0.5)
 
 
+@pytest.mark.parametrize("kind", ["state", "ball", "anywhere at rest"])
+def test_windows_with_a_free_final_time_end_at_rest_in_sets(kind: str) -> None:
+    flown = rho.plan_rho(flight(GOALS[kind]), free_final_time=True)
+    assert rho.verify(flown).ok
+    with pytest.raises(rho.ScenarioError, match=r"vehicles\[0\].goal.velocity"):
+        rho.plan_rho(flight(rho.Goal(PAD, velocity=None)), free_final_time=True)
+
+
 @pytest.mark.parametrize("kind", ["free velocity", "ball", "box with any velocity", "velocities"])
 def test_the_least_time_is_that_of_bisected_final_times(kind: str) -> None:
     scenario = flight(GOALS[kind])

@@ -23,7 +23,7 @@ def check_requirements(trajectory: PiecewiseTrajectory) -> Iterator[Column]:
     for number, required in enumerate(scenario.required, start=1):
         if required.interval(scenario.grid) is None:
             yield _expired(trajectory, number, required)
-        elif required.quantity == "position":
+        elif required.quantity == "position" and not required.is_goal:
             yield from check_positions(trajectory, number)
         else:
             quantity = _constrained(trajectory, required)
@@ -99,6 +99,8 @@ def _column(quantity: Constrained, number: int, worst: Highest, when: str) -> Co
 
 def _about(required: KeepIn) -> str:
     """Return the name of the constrained quantity, unless it is the position itself."""
+    if required.is_goal:
+        return required.of
     of = "" if required.of == "position" else f"of {required.of}"
     other = required.leader or ("a moving point" if required.track is not None else "")
     return " ".join(filter(None, (of, other and f"relative to {other}")))
