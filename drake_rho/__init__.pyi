@@ -81,6 +81,7 @@ from .scenario.records import Cone as Cone
 from .scenario.records import Cylinder as Cylinder
 from .scenario.records import Disturbance as Disturbance
 from .scenario.records import Ellipsoid as Ellipsoid
+from .scenario.records import Goal as Goal
 from .scenario.records import Grid as Grid
 from .scenario.records import HalfSpace as HalfSpace
 from .scenario.records import KeepIn as KeepIn

@@ -7,6 +7,7 @@ the smooth motion of plans with a smoothing.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 
@@ -108,11 +109,15 @@ def _goals(plan: rho.Plan) -> Iterator[str]:
             wanted = None if vehicle.goal is None else getattr(vehicle.goal, of, vehicle.goal)
             if of == "velocity" and _is_set(vehicle.goal):
                 wanted = np.zeros(3)  # a set of positions is reached at rest
-            if _is_set(wanted):
-                off = wanted.signed_distance(reached[i])
-            else:
-                off = 0.0 if wanted is None else np.abs(reached[i] - wanted).max()
+            off = 0.0 if wanted is None else _beyond(wanted, reached[i])
             yield from _line(f"{vehicle.name} goal {of}", off, scale)
+
+
+def _beyond(wanted: Any, value: Array) -> float:
+    """Return how far a value is outside of a set, or from a point."""
+    if _is_set(wanted):
+        return float(wanted.signed_distance(value))
+    return float(np.abs(value - wanted).max())
 
 
 def _is_set(value: object) -> bool:
@@ -189,8 +194,7 @@ def _waypoints(plan: rho.Plan) -> Iterator[str]:
                 yield from _line(f"{vehicle.name} waypoint {number}", off, scale)
             if way.velocity is not None and _is_plain(plan):
                 v = _at(plan, "velocity", np.array([way.time - start]))[i, 0]
-                given = way.velocity
-                over = given.signed_distance(v) if _is_set(given) else np.linalg.norm(v - given)
+                over = _beyond(way.velocity, v)
                 clock = 4e-16 * abs(way.time) * 1e5 * float(np.abs(plan.accelerations).max())
                 limit = _scale(plan, "velocity") + clock
                 yield from _line(f"{vehicle.name} velocity at waypoint {number}", over, limit)

@@ -20,7 +20,7 @@ from tests.requirements import random_set
 def chosen(seed: int) -> Mixed:
     """Return one scene; the same seed gives the same one."""
     scene, rng = mixed(seed, most=4), np.random.default_rng([48, seed])
-    for add in (_gates, _leg, _soft, _objective):
+    for add in (_goals, _gates, _leg, _soft, _objective):
         if rng.random() < 0.6:
             for _ in range(3):
                 tried = with_one(scene, add, rng)

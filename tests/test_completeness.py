@@ -263,6 +263,36 @@ def test_every_quantity_is_required_of_one_or_of_two(of: str, relative: bool) ->
     assert "requirements" in {each.kind for each in _columns_in_windows(wild) if not each.holds}
 
 
+_GOALS: dict[str, Any] = {
+    "free velocity": rho.State([10.0, 4.0, -2.0], None),
+    "position": rho.Sphere([10.0, 4.0, -2.0], 1.0),
+    "velocity": rho.Goal([10.0, 4.0, -2.0], velocity=rho.Sphere([1.0, 0.0, 0.0], 0.3)),
+    "both": rho.Goal(rho.Sphere([10.0, 4.0, -2.0], 1.0), velocity=rho.Sphere([1.0, 0.0, 0.0], 0.3)),
+    "anywhere": rho.Goal(None),
+    "free": None,
+}
+
+
+@pytest.mark.parametrize("kind", _GOALS)
+def test_every_kind_of_goal_is_planned_for_verified_and_written_in_the_program(kind: str) -> None:
+    vehicle = rho.Vehicle("solo", rho.State([0.0, 0.0, 0.0], [0.5, 0.0, 0.0]), _GOALS[kind])
+    scenario = dataclasses.replace(single(obstacles=[SPHERE]), vehicles=(vehicle,))
+    plan = rho.plan(scenario)
+    assert rho.verify(plan).ok
+    assert rho.verify(rho.plan_rho(scenario)).ok
+    assert rho.certify(plan).lower_bound <= plan.cost * (1.0 + 1e-6) + 1e-9
+    names = {each.name for each in Problem.of(scenario).linearized(plan, rho.coupled)}
+    own = {each for each in names if each.startswith("goal of")}
+    assert own == ({"goal of solo"} if scenario.goal_sets else set())
+    equal = {"goal"} if not scenario.fleet.open_end or kind not in ("both", "free") else set()
+    assert set(rho.program(scenario).bindings) == {"effort"} | equal | names
+    rng = np.random.default_rng(0)
+    wild = rho.Plan.from_accelerations(scenario, 40.0 * rng.standard_normal((1, 16, 3)))
+    broken = {each.kind for each in _columns_in_windows(wild) if not each.holds}
+    assert ("goals" in broken) == (kind != "free")
+    assert ("goals" in {each.kind for each in rho.verify(wild).violations}) == (kind != "free")
+
+
 def _is_late(scenario: rho.Scenario) -> bool:
     """Return whether an obstacle is not known at the start, so that plans need not avoid it."""
     return any(each.known_from > 0.0 for each in scenario.bodies)

@@ -21,6 +21,7 @@ from drake_rho.planning.programs.free_times import Passing
 from drake_rho.planning.scp.least_time import CONVERGED, ROUGH, LeastTime
 from drake_rho.planning.scp.timed import Timed
 from drake_rho.scenario.errors import Description, ScenarioError
+from drake_rho.scenario.fields import FloatArray, unchecked
 from drake_rho.scenario.gates import Gates
 from drake_rho.scenario.records import Grid, Scenario, State
 from drake_rho.scenario.waypoints import AllWaypoints
@@ -125,7 +126,7 @@ class TimesAlone:
         for longer in _LATER:
             grid = dataclasses.replace(free.grid, step=longer * free.grid.step)
             passing = passing_of(self._waypoints, free, grid, self._gates)
-            accelerations = Problem.of(free.ending_with(grid)).effort.motion.accelerations
+            accelerations = first_guess(free.ending_with(grid))
             starts.append(Timed(free, grid.step, accelerations, passing))
             if longer == _LATER[0] and not self._requires_slowness:
                 LeastTime(ROUGH).check_bounded(starts[0])
@@ -172,17 +173,16 @@ class TimesAlone:
         """
         least = LeastTime(ROUGH, self._progress, steady=passing.is_scale_free)
         grid, count = scenario.grid, len(passing)
-        effort = Problem.of(scenario).effort
-        if effort.unreachable.any():
+        if Problem.of(scenario).effort.unreachable.any():
             return None
-        if count == 0 and not effort.motion.accelerations.any():  # it stays where it is
+        accelerations = first_guess(scenario)
+        if count == 0 and not accelerations.any():  # it stays where it is
             step = grid.step * _AT_ONCE
-            return Timed(scenario, step, effort.motion.accelerations, passing, converged=True)
+            return Timed(scenario, step, accelerations, passing, converged=True)
         ratio = coarsening(grid.knots - 1, 1 + count)
         coarse = Grid(grid.step * ratio, (grid.knots - 1) // ratio + 1, grid.start)
         rough = scenario.ending_with(coarse)
-        accelerations = Problem.of(rough).effort.motion.accelerations
-        start = Timed(rough, coarse.step, accelerations, passing)
+        start = Timed(rough, coarse.step, first_guess(rough), passing)
         found = least.around(start, _ROUGHLY if ratio > 1 else CONVERGED)
         if found is not None and ratio > 1:
             found = least.around(found.refined(scenario), reach=_REFINED)
@@ -197,11 +197,25 @@ class TimesAlone:
         return found
 
 
+def first_guess(scenario: Scenario) -> FloatArray:
+    """Return accelerations of least effort to the goals, or to nominal ones, (N, K-1, 3)."""
+    fleet = scenario.fleet
+    if fleet.given_positions.all():
+        return Problem.of(scenario).effort.motion.accelerations
+    vehicles = tuple(
+        unchecked(each, goal=State(position, velocity if each.goal.velocity is not None else None))
+        for each, position, velocity in zip(
+            scenario.vehicles, fleet.goal_positions, fleet.goal_velocities, strict=True
+        )
+    )
+    return Problem.of(scenario.derived(vehicles=vehicles)).effort.motion.accelerations
+
+
 def at_rest(scenario: Scenario) -> Scenario:
     """Return a scenario with starts and goals at rest; its least time is a guess."""
     vehicles = tuple(
-        dataclasses.replace(each, start=State(each.start.position), goal=State(each.goal.position))
-        for each in scenario.vehicles
+        dataclasses.replace(each, start=State(each.start.position), goal=State(goal))
+        for each, goal in zip(scenario.vehicles, scenario.fleet.goal_positions, strict=True)
     )
     return dataclasses.replace(scenario, vehicles=vehicles)
 

@@ -18,6 +18,7 @@ from drake_rho.planning.minimum_effort import MinimumEffort
 from drake_rho.planning.planners.assignment import assign_goals, assignment
 from drake_rho.scenario.files import save_scenario
 from drake_rho.scenario.records import Scenario
+from drake_rho.verification.summary import least_effort
 
 
 @dataclasses.dataclass(frozen=True)
@@ -29,7 +30,7 @@ class AssignedGoal:
     goal_of: str
     """name of the vehicle that had this goal before"""
     goal_m: list[float]
-    """position of the goal: x, y and z"""
+    """position of the goal: x, y and z; of a set, the point nearest to the vehicle's start"""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -71,8 +72,10 @@ def assign(
         effort=_effort(better),
         effort_before=_effort(problem),
         vehicles=[
-            AssignedGoal(vehicle.name, other.name, other.goal.position.tolist())
-            for vehicle, other in zip(problem.vehicles, others, strict=True)
+            AssignedGoal(vehicle.name, other.name, goal.tolist())
+            for vehicle, other, goal in zip(
+                problem.vehicles, others, better.fleet.goal_positions, strict=True
+            )
         ],
         file=output,
     )
@@ -84,6 +87,8 @@ def assign(
 
 def _effort(scenario: Scenario) -> float:
     """Return the least cost of all motions from the starts to the goals [m²/s⁴]."""
+    if scenario.goal_sets:
+        return least_effort(scenario)
     return cost_of(scenario, MinimumEffort.of(scenario).motion)
 
 

@@ -154,10 +154,14 @@ class Plan(ShownInNotebooks, metaclass=Described):
     def arrivals(self) -> FloatArray:
         """Times from which vehicles stay at their goals [s], shape (N,); NaN where one is missed.
 
-        A vehicle that moves at its goal arrives at the last knot.
+        A vehicle that moves at its goal arrives at the last knot, and one without an exact position
+        as its goal stays where it ends.
         """
         fleet, grid = self.scenario.fleet, self.scenario.grid
-        away = np.linalg.norm(self.positions - fleet.goal_positions[:, None], axis=2)
+        goals = np.where(
+            fleet.given_positions[:, None], fleet.goal_positions, self.positions[:, -1]
+        )
+        away = np.linalg.norm(self.positions - goals[:, None], axis=2)
         there = away <= TOLERANCE * fleet.lengths[:, None]
         stays = np.logical_and.accumulate(there[:, ::-1], axis=1)[:, ::-1]
         first = np.argmax(stays, axis=1)

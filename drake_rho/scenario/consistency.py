@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple, TypeVar
 
 import numpy as np
@@ -11,12 +11,15 @@ from drake_rho.scenario.clock import clock_time
 from drake_rho.scenario.errors import ScenarioError, one_of
 from drake_rho.scenario.fields import FloatArray, unchecked
 from drake_rho.scenario.fleet import Fleet
+from drake_rho.scenario.goals import Goal
 from drake_rho.scenario.maps.map import Map
+from drake_rho.scenario.nominal_goals import nearest_in
 from drake_rho.scenario.obstacles import AnyObstacle, Obstacle
 from drake_rho.scenario.pairs import check_separation
 from drake_rho.scenario.parts import UNITS, Grid, Quantity, Separation, State, Vehicle
 from drake_rho.scenario.requirements import KeepIn
-from drake_rho.scenario.sets import set_text
+from drake_rho.scenario.sets import ConvexSet, set_text
+from drake_rho.scenario.shapes.base import TOLERANCE
 from drake_rho.scenario.times import END_MARGIN
 from drake_rho.scenario.waypoints import is_during_flight
 
@@ -111,7 +114,7 @@ def check_ends(
     margin, lead = smoothing
     ends = (
         ("start", fleet.start_positions, grid.start, -lead),
-        ("goal", fleet.goal_positions, grid.end, lead),
+        ("goal", fleet.given_goals("position"), grid.end, lead),
     )
     for end, positions, time, longer in ends[under_way:]:
         for at in np.linspace(time, time + longer, _RESTING if lead > 0.0 else 1):
@@ -119,7 +122,8 @@ def check_ends(
             moved = 0.0 if at == time else margin
             check_outside(fleet, obstacles, f"{end}.position", positions, times, moved)
         if separation is not None:
-            check_separation(separation, vehicles, f"{end}.position", positions)
+            known = np.flatnonzero(np.isfinite(positions[:, 0]))
+            check_separation(separation, vehicles, f"{end}.position", positions, known)
 
 
 def check_goals_at_rest(
@@ -137,10 +141,12 @@ def check_goals_at_rest(
     """
     for index, each in enumerate(vehicles):
         if not each.goal.is_at_rest:
-            moving = each.goal.velocity.any()
-            field = "velocity" if moving else "acceleration"
-            value = (each.goal.velocity if moving else each.goal.acceleration_outside).tolist()
-            raise ScenarioError(f"vehicles[{index}].goal.{field}", value, expected)
+            velocity = each.goal.velocity
+            at_rest = isinstance(velocity, np.ndarray) and not velocity.any()
+            field = "acceleration" if at_rest else "velocity"
+            value = each.goal.acceleration_outside if at_rest else velocity
+            plain = value.tolist() if isinstance(value, np.ndarray) else value
+            raise ScenarioError(f"vehicles[{index}].goal.{field}", plain, expected)
 
 
 def check_limits(fleet: Fleet, vehicles: Sequence[Vehicle], *, under_way: bool = False) -> None:
@@ -160,8 +166,8 @@ def check_limits(fleet: Fleet, vehicles: Sequence[Vehicle], *, under_way: bool =
         ("start", "acceleration", _given_accelerations([each.start for each in vehicles])),
     )
     goals: tuple[tuple[str, Quantity, FloatArray], ...] = (
-        ("goal", "position", fleet.goal_positions),
-        ("goal", "velocity", fleet.goal_velocities),
+        ("goal", "position", fleet.given_goals("position")),
+        ("goal", "velocity", fleet.given_goals("velocity")),
         ("goal", "acceleration", _given_accelerations([each.goal for each in vehicles])),
     )
     for end, quantity, values in goals if under_way else (*starts, *goals):
@@ -173,10 +179,58 @@ def check_limits(fleet: Fleet, vehicles: Sequence[Vehicle], *, under_way: bool =
                 limit.check(f"{end}.{quantity}", values)
 
 
-def _given_accelerations(states: Sequence[State]) -> FloatArray:
+def _given_accelerations(states: Sequence[State | Goal]) -> FloatArray:
     """Return the given accelerations [m/s²], shape (N, 3); NaN where none is given."""
-    given = [each.acceleration for each in states]
+    given = [each.acceleration if isinstance(each, State) else None for each in states]
     return np.array([np.full(3, np.nan) if each is None else each for each in given])
+
+
+def check_goal_sets(goals: Sequence[KeepIn], names: Sequence[str], fleet: Fleet) -> None:
+    """Check that goals that are sets have values within the limits of their vehicles.
+
+    Raises:
+        ScenarioError: a plane separates a set from a box or from the ball of a norm's limit.
+    """
+    for goal in goals:
+        (i,) = goal.members(names).tolist()
+        quantity = goal.quantity
+        if (bounds := fleet.bounds(quantity)) is not None:
+            lower, upper = bounds.lower[i], bounds.upper[i]
+            tolerance = float(bounds.tolerances[i].max())
+            near = np.clip(np.zeros(3), lower, upper)
+            box = fleet.projection(quantity, i)
+            if _are_apart(goal.set, box, near, tolerance):
+                expected = f"a set that meets the {quantity} box"
+                raise ScenarioError(f"vehicles[{i}].goal.{quantity}", goal.set, expected)
+        for limit in fleet.norms.values():
+            if limit.kind.quantity == quantity and np.isfinite(limit.limits[i]):
+                most = float(limit.limits[i])
+
+                def ball(x: FloatArray, most: float = most) -> FloatArray:
+                    lengths = np.linalg.norm(x, axis=-1, keepdims=True)
+                    return np.asarray(x * np.minimum(1.0, most / np.maximum(lengths, most)))
+
+                if _are_apart(goal.set, ball, np.zeros(3), TOLERANCE * most):
+                    expected = f"a set that meets the {limit.kind.name}, {most:g} {goal.unit}"
+                    raise ScenarioError(f"vehicles[{i}].goal.{quantity}", goal.set, expected)
+
+
+def _are_apart(
+    convex_set: ConvexSet,
+    limit: Callable[[FloatArray], FloatArray],
+    near: FloatArray,
+    tolerance: float,
+) -> bool:
+    """Return whether a plane separates a set from a limit, which has a projection."""
+    inside, within = nearest_in(convex_set, limit, near)
+    apart = inside - within
+    distance = float(np.linalg.norm(apart))
+    if distance <= tolerance:
+        return False
+    normal = apart / distance  # from the limit to the set
+    # the limit is on the near side of the plane through its nearest point, but for rounding
+    beyond = -float(convex_set.support(-normal)) - float(normal @ within)
+    return bool(beyond > max(tolerance, 0.5 * distance))
 
 
 def check_waypoints(
@@ -343,12 +397,13 @@ def _check_given_states(
     states: tuple[tuple[str, Quantity, FloatArray], ...] = (
         ("start", "position", fleet.start_positions),
         ("start", "velocity", fleet.start_velocities),
-        ("goal", "position", fleet.goal_positions),
-        ("goal", "velocity", fleet.goal_velocities),
+        ("goal", "position", fleet.given_goals("position")),
+        ("goal", "velocity", fleet.given_goals("velocity")),
     )
     ends, passed, exactly = list[_Given](), list[_Given](), np.zeros(len(names))
     for end, quantity, values in states[2 * under_way :]:
-        times = np.full(len(names), grid.start if end == "start" else grid.end)
+        time = grid.start if end == "start" else grid.end
+        times = np.where(np.isnan(values[:, 0]), np.nan, time)
         ends.append(_Given(f"{end}.{quantity}", quantity, values, times, exactly))
     if requirement.leader is None and requirement.penalty is None:
         for each in fleet.waypoints:

@@ -18,12 +18,15 @@ from drake_rho.scenario.errors import Description
 _Class = TypeVar("_Class")
 
 _PLAIN_NAMES = {
+    "Aimed": "x, y, z | ConvexSet | None",
+    "AnyGoal": "State | Goal",
     "AnyObstacle": "Shape | Obstacle",
     "AnySet": "ConvexSet",
     "ConvexShape": "Shape",
     "Count": "int",
     "Finite": "float",
     "FloatArray": "array",
+    "FreeOrVector": "x, y, z | None",
     "IntArray": "array",
     "BoolArray": "array",
     "Margin": "float",

@@ -15,9 +15,11 @@ from pydantic import TypeAdapter, ValidationError
 from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.context import Context
 from drake_rho.scenario.errors import Description, ScenarioError
+from drake_rho.scenario.goals import is_storable
 from drake_rho.scenario.maps.map import Map
 from drake_rho.scenario.records import KeepIn, Scenario, Waypoint
 from drake_rho.scenario.refusals import scenario_error
+from drake_rho.scenario.sets import PACKAGE_SET
 from drake_rho.scenario.written_maps import with_numbers, with_references
 from drake_rho.system.files import atomic_write, read_text, reason_of
 
@@ -185,12 +187,14 @@ def _check_storable(scenario: Scenario) -> None:
     """Check that a file can hold a scenario.
 
     Raises:
-        ScenarioError: a requirement or a waypoint has a user's own set.
+        ScenarioError: a requirement, a waypoint or a goal has a user's own set.
     """
     storable: list[tuple[str, KeepIn | Waypoint]] = [
         (f"requirements[{k}]", each) for k, each in enumerate(scenario.requirements)
     ]
     for i, vehicle in enumerate(scenario.vehicles):
+        if not is_storable(vehicle.goal):
+            raise ScenarioError(f"vehicles[{i}].goal", vehicle.goal, PACKAGE_SET)
         storable += [
             (f"vehicles[{i}].waypoints[{k}]", each) for k, each in enumerate(vehicle.waypoints)
         ]

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from functools import cached_property
+from collections.abc import Callable, Sequence
+from functools import cached_property, partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from drake_rho.scenario.bounds import Bounds
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray, read_only
+from drake_rho.scenario.goals import set_in
 from drake_rho.scenario.limits import Limits
+from drake_rho.scenario.nominal_goals import nearest_in, nominal_position
 from drake_rho.scenario.norms import NORMS, Norm, NormLimit
 from drake_rho.scenario.parts import Grid, Quantity, Vehicle
 from drake_rho.scenario.shapes.base import TOLERANCE, Shape, Solid
@@ -23,6 +25,15 @@ if TYPE_CHECKING:
 _ROUNDINGS = 8.0
 """Roundings of a coordinate, per knot, that a tolerance allows for: twice as many as accumulate in
 sums of two terms per knot."""
+
+
+def _last_place(vehicle: Vehicle) -> FloatArray:
+    """Return the position of a vehicle's last waypoint, or of its start without waypoints [m]."""
+    if not vehicle.waypoints:
+        return vehicle.start.position
+    times = [np.inf if each.time is None else each.time for each in vehicle.waypoints]
+    last = max(range(len(times)), key=lambda index: (times[index], index))
+    return vehicle.waypoints[last].position
 
 
 class Fleet:
@@ -98,28 +109,108 @@ class Fleet:
 
     @cached_property
     def goal_positions(self) -> FloatArray:
-        """Goal positions p[K] [m], shape (N, 3)."""
-        return np.array([vehicle.goal.position for vehicle in self._vehicles])
+        """Goal positions p[K] [m], shape (N, 3); nominal ones where `given_positions` is false.
+
+        A nominal goal is the point of a set that is nearest to the last waypoint, or to the start
+        without one. It is in the position box and, if possible, clear of obstacles and other goals.
+        """
+        if self.given_positions.all():
+            return np.array([vehicle.goal.position for vehicle in self._vehicles])
+        goals = np.full((len(self._vehicles), 3), np.nan)
+        for i in np.flatnonzero(self.given_positions).tolist():
+            goals[i] = self._vehicles[i].goal.position
+        for i in np.flatnonzero(~self.given_positions).tolist():
+            vehicle, box = self._vehicles[i], self.projection("position", i)
+            towards = _last_place(vehicle)
+            goals[i] = nominal_position(
+                set_in(vehicle.goal.position),
+                box,
+                towards,
+                float(np.linalg.norm(towards - vehicle.start.position)) or 1.0,
+                partial(self._is_clear, vehicle=i, goals=goals),
+            )
+        return goals
 
     @cached_property
     def goal_velocities(self) -> FloatArray:
-        """Goal velocities v[K] [m/s], shape (N, 3)."""
-        return np.array([vehicle.goal.velocity for vehicle in self._vehicles])
+        """Goal velocities v[K] [m/s], shape (N, 3); nominal ones where they are not given.
+
+        A nominal velocity is the least one of a set.
+        """
+        if self.given_velocities.all():
+            return np.array([vehicle.goal.velocity for vehicle in self._vehicles])
+        goals = np.zeros((len(self._vehicles), 3))
+        for i, vehicle in enumerate(self._vehicles):
+            velocity = vehicle.goal.velocity
+            if self.given_velocities[i]:
+                goals[i] = velocity
+            elif velocity is not None:
+                goals[i], _ = nearest_in(velocity, self.projection("velocity", i), np.zeros(3))
+        return goals
+
+    @cached_property
+    def given_positions(self) -> BoolArray:
+        """Mask of the vehicles with a goal at one position, shape (N,)."""
+        return self._given("position")
+
+    @cached_property
+    def given_velocities(self) -> BoolArray:
+        """Mask of the vehicles with one velocity at their goals, shape (N,)."""
+        return self._given("velocity")
+
+    def _given(self, quantity: Quantity) -> BoolArray:
+        values = [getattr(vehicle.goal, quantity) for vehicle in self._vehicles]
+        return np.array([isinstance(each, np.ndarray) for each in values])
+
+    def given_goals(self, quantity: Quantity) -> FloatArray:
+        """Return goals' positions or velocities, shape (N, 3); NaN where not one value is given."""
+        position = quantity == "position"
+        goals = self.goal_positions if position else self.goal_velocities
+        given = self.given_positions if position else self.given_velocities
+        return goals if given.all() else np.where(given[:, None], goals, np.nan)
 
     @cached_property
     def fixed_positions(self) -> BoolArray:
         """Mask of the vehicles that have to reach a position at the last knot, shape (N,)."""
-        return np.full(len(self._vehicles), not self._missed[0])
+        return self.given_positions & (not self._missed[0])
 
     @cached_property
     def fixed_velocities(self) -> BoolArray:
         """Mask of the vehicles that have to reach a velocity at the last knot, shape (N,)."""
-        return np.full(len(self._vehicles), not self._missed[1])
+        return self.given_velocities & (not self._missed[1])
+
+    def projection(self, quantity: Quantity, vehicle: int) -> Callable[[FloatArray], FloatArray]:
+        """Return the function that projects values (..., 3) onto the box of one vehicle."""
+        if quantity not in self._sides:
+            self._sides[quantity] = self._make_sides(quantity)
+        sides = self._sides[quantity]
+        if sides is None:
+            return np.asarray
+        lower, upper = (each[vehicle] for each in sides)
+        return lambda x: np.clip(x, lower, upper)
+
+    def _is_clear(self, x: FloatArray, vehicle: int, goals: FloatArray) -> BoolArray:
+        """Return whether a vehicle could end at positions (M, 3), among obstacles and goals."""
+        clear, end = np.ones(len(x), dtype=bool), np.array([self._grid.duration])
+        for body in self._bodies:
+            clear &= body.distances(x, end) >= self.radii[vehicle] + body.deviation
+        if self._separation > 0.0:
+            others = np.linalg.norm(x[:, None] - goals, axis=2)
+            clear &= ~np.any(others < self._separation, axis=1)  # false for NaN
+        return clear
 
     @cached_property
     def open_end(self) -> bool:
         """Whether a position or a velocity at the last knot is free."""
         return not (self.fixed_positions.all() and self.fixed_velocities.all())
+
+    def fixed(self, quantity: Quantity) -> BoolArray:
+        """Return the mask of the vehicles that have to reach a value at the last knot, (N,)."""
+        if quantity == "position":
+            return self.fixed_positions
+        if quantity == "velocity":
+            return self.fixed_velocities
+        return np.zeros(len(self._vehicles), dtype=bool)
 
     def missed(self, quantity: Quantity, last: FloatArray) -> FloatArray:
         """Return differences from goals, shape (N, 3); zero where the goal need not be reached.
@@ -128,11 +219,8 @@ class Fleet:
             quantity: position or velocity.
             last: its values at the last knot, shape (N, 3).
         """
-        if quantity == "position":
-            goals, fixed = self.goal_positions, self.fixed_positions
-        else:
-            goals, fixed = self.goal_velocities, self.fixed_velocities
-        return np.where(fixed[:, None], last - goals, 0.0)
+        goals = self.goal_positions if quantity == "position" else self.goal_velocities
+        return np.where(self.fixed(quantity)[:, None], last - goals, 0.0)
 
     @property
     def rest_at_goals(self) -> BoolArray:

@@ -44,7 +44,7 @@ def kinds_of(scenario: Scenario) -> set[str]:
     fleet, bodies = scenario.fleet, scenario.bodies
     has = {
         "waypoints": bool(fleet.waypoints),
-        "requirements": bool(scenario.required),
+        "requirements": any(not each.is_goal for each in scenario.required),
         "obstacles": bool(bodies),
         "moving obstacles": any(each.moves for each in bodies),
         "late obstacles": any(each.known_from > 0.0 for each in bodies),

@@ -271,6 +271,13 @@ def check_objective(
                 got = Description(f"from {track.times[0]:g} to {track.times[-1]:g} s")
                 expected = f"a path from {grid.start:g} to {grid.end:g} s, or `after`"
                 raise ScenarioError(f"objective.reference[{number}].times", got, expected)
+    for term, missed in zip(("position", "velocity"), objective.misses_goals, strict=True):
+        given = fleet.given_positions if term == "position" else fleet.given_velocities
+        if missed and not given.all():
+            which = int(np.argmin(given))
+            expected = f"0: the goal of {vehicles[which].name} has no single {term} to miss"
+            value = getattr(objective, f"terminal_{term}")
+            raise ScenarioError(f"objective.terminal_{term}", value, expected)
     if any(_undetermined(objective, fleet)):
         which = int(np.argmax(_undetermined(objective, fleet)))
         expected = (

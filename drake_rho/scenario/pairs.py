@@ -12,7 +12,11 @@ from drake_rho.scenario.parts import Separation, Vehicle
 
 
 def check_separation(
-    separation: Separation, vehicles: Sequence[Vehicle], where: str, positions: FloatArray
+    separation: Separation,
+    vehicles: Sequence[Vehicle],
+    where: str,
+    positions: FloatArray,
+    known: IntArray,
 ) -> None:
     """Check that no two vehicles are closer than their separation, within its tolerance.
 
@@ -21,13 +25,15 @@ def check_separation(
         vehicles: the vehicles, whose names appear in the error.
         where: field of a vehicle that holds the positions, such as `"start.position"`.
         positions: of the vehicles [m], shape (N, 3).
+        known: indices of the vehicles whose positions are known.
 
     Raises:
         ScenarioError: two vehicles are too close; it names the closest pair and its distance.
     """
-    if len(vehicles) < 2:
+    if len(known) < 2:
         return
-    first, second, distance = closest_two(separation.scaled(positions))
+    one, other, distance = closest_two(separation.scaled(positions[known]))
+    first, second = int(known[one]), int(known[other])
     if distance < separation.distance - separation.tolerance:
         dz = f", with dz / {separation.downwash:g}," if separation.downwash != 1.0 else ""
         expected = (

@@ -9,11 +9,19 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from functools import cached_property
-from typing import TYPE_CHECKING, Annotated, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import Field, model_validator
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    Discriminator,
+    Field,
+    Tag,
+    model_serializer,
+    model_validator,
+)
 
 from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.fields import (
@@ -29,8 +37,9 @@ from drake_rho.scenario.fields import (
     record,
     unchecked,
 )
+from drake_rho.scenario.goals import FreeOrVector, Goal, as_goal, goal_kind, set_in, with_absent
 from drake_rho.scenario.limits import Limits
-from drake_rho.scenario.sets import PACKAGE_SET, ValueOrSet, is_own
+from drake_rho.scenario.sets import PACKAGE_SET, ConvexSet, ValueOrSet, is_own
 from drake_rho.scenario.shapes.base import TOLERANCE
 from drake_rho.scenario.shapes.quadrics import Ellipsoid
 from drake_rho.scenario.times import Clock, divides
@@ -184,8 +193,8 @@ class State:
 
     position: Vector
     """p [m]"""
-    velocity: Vector = dataclasses.field(default_factory=lambda: read_only(np.zeros(3)))
-    """v [m/s]; at rest if not given"""
+    velocity: FreeOrVector = dataclasses.field(default_factory=lambda: read_only(np.zeros(3)))
+    """v [m/s]; at rest if not given; None for a goal to be reached with any velocity"""
     acceleration: Vector | None = None
     """acceleration just before the first knot or, of a goal, just after the last one [m/s²], from
     which and to which jerks (7) are limited; if not given it is zero at rest, and in motion it is
@@ -196,21 +205,31 @@ class State:
         def __init__(
             self,
             position: npt.ArrayLike,
-            velocity: npt.ArrayLike = ...,
+            velocity: npt.ArrayLike | None = ...,
             acceleration: npt.ArrayLike | None = None,
         ) -> None: ...
+
+    _with_absent = model_serializer(mode="wrap")(with_absent)
+
+    @model_validator(mode="after")
+    def _has_an_acceleration_with_a_velocity_only(self) -> Self:
+        if self.velocity is None and self.acceleration is not None:
+            expected = "none beside a free velocity"
+            raise ScenarioError("acceleration", self.acceleration.tolist(), expected)
+        return self
 
     @property
     def is_at_rest(self) -> bool:
         """Whether it has no velocity, and no acceleration before a start or after a goal."""
-        return not (self.velocity.any() or np.any(self.acceleration_outside))
+        moving = self.velocity is None or self.velocity.any()
+        return not (moving or np.any(self.acceleration_outside))
 
     @property
     def acceleration_outside(self) -> FloatArray:
         """Acceleration before a start or after a goal [m/s²], shape (3,); NaN where unknown."""
         if self.acceleration is not None:
             return self.acceleration
-        return _UNKNOWN if self.velocity.any() else _AT_REST
+        return _UNKNOWN if self.velocity is None or self.velocity.any() else _AT_REST
 
     @cached_property
     def flown(self) -> FloatArray | None:
@@ -232,6 +251,26 @@ class State:
 
 START, GOAL = "start", "goal"
 """Words for the first and the last knot where names of waypoints are expected."""
+
+
+def _exact_if_possible(goal: State | Goal) -> State | Goal:
+    """Return a goal as a state if its position is given, and its velocity is given or free."""
+    velocity, known = goal.velocity, isinstance(goal.position, np.ndarray)
+    if isinstance(goal, Goal) and known and set_in(velocity) is None:
+        return State(goal.position, velocity)
+    return goal
+
+
+if TYPE_CHECKING:  # goals are mostly states: code that reads them should not have to check
+    AnyGoal = Any
+else:
+    AnyGoal = Annotated[
+        Annotated[State, Tag("State")] | Annotated[Goal, Tag("Goal")],
+        Discriminator(goal_kind),
+        BeforeValidator(as_goal),
+        AfterValidator(_exact_if_possible),
+    ]
+    """State, or a `Goal` that is none, from anything that a user gives as a goal."""
 
 
 @record
@@ -339,8 +378,10 @@ class Vehicle:
     """name, unique within the scenario"""
     start: State
     """state at the first knot"""
-    goal: State
-    """state at the last knot"""
+    goal: AnyGoal
+    """state at the last knot, `State(position, velocity=None)` for any velocity there; a convex set
+    of positions to be at rest in; a `Goal`, with sets of positions or velocities; None for anywhere
+    with any velocity"""
     limits: Limits | None = None
     """limits that override the scenario's, field by field"""
     radius: Margin = 0.0
@@ -362,13 +403,19 @@ class Vehicle:
             self,
             name: str,
             start: State,
-            goal: State,
+            goal: State | Goal | ConvexSet | None,
             limits: Limits | None = None,
             radius: float = 0.0,
             waypoints: Sequence[Waypoint] = (),
             airframe: Airframe | None = None,
             weight: float = 1.0,
         ) -> None: ...
+
+    @model_validator(mode="after")
+    def _start_has_a_velocity(self) -> Self:
+        if self.start.velocity is None:
+            raise ScenarioError("start.velocity", None, "a velocity: only goals can leave it free")
+        return self
 
     @model_validator(mode="after")
     def _waypoint_times_are_distinct(self) -> Self:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 
 from drake_rho.scenario.disturbance import Disturbance
+from drake_rho.scenario.goals import Goal
 from drake_rho.scenario.limits import Limits
 from drake_rho.scenario.norms import NORMS
 from drake_rho.scenario.obstacles import Obstacle
@@ -53,7 +54,11 @@ def _vehicle(vehicle: Vehicle) -> str:
     return ", ".join(words)
 
 
-def _state(state: State) -> str:
+def _state(state: State | Goal) -> str:
+    if isinstance(state, Goal):
+        return str(state)
+    if state.velocity is None:
+        return f"{state.position.tolist()} m at any velocity"
     moving = f" at {state.velocity.tolist()} m/s" if state.velocity.any() else ""
     return f"{state.position.tolist()} m{moving}"
 

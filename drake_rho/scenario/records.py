@@ -12,6 +12,7 @@ from pydantic import Field, ValidationInfo, model_validator
 
 from drake_rho.scenario.consistency import (
     check_ends,
+    check_goal_sets,
     check_goals_at_rest,
     check_maps,
     check_names,
@@ -26,6 +27,7 @@ from drake_rho.scenario.errors import one_of
 from drake_rho.scenario.fields import Boolean, Name, record, unchecked
 from drake_rho.scenario.fleet import Fleet
 from drake_rho.scenario.gates import check_gates, on_known_legs, required_of
+from drake_rho.scenario.goals import Goal
 from drake_rho.scenario.known_obstacles import active_during, known_at_start
 from drake_rho.scenario.limits import Limits
 from drake_rho.scenario.maps.mesh import Mesh
@@ -44,7 +46,7 @@ from drake_rho.scenario.printed import (
     title_of,
     vehicle_lines,
 )
-from drake_rho.scenario.requirements import KeepIn, parts_for
+from drake_rho.scenario.requirements import KeepIn, goal_sets, parts_for
 from drake_rho.scenario.scales import warn_of_scales
 from drake_rho.scenario.shapes.base import TOLERANCE, Solid
 from drake_rho.scenario.shapes.capsules import Capsule
@@ -72,6 +74,7 @@ __all__ = [
     "Cylinder",
     "Disturbance",
     "Ellipsoid",
+    "Goal",
     "Grid",
     "HalfSpace",
     "KeepIn",
@@ -205,6 +208,7 @@ class Scenario(ShownInNotebooks):
             warn_of_scales(self.fleet, self.bodies)
         self.check_ends(under_way=under_way)
         earlier = self.lead if under_way else 0.0
+        check_goal_sets(self.goal_sets, self.names, self.fleet)
         check_waypoints(self.fleet, self.grid, self.bodies, earlier)
         check_requirements(
             self.requirements, self.required, self.fleet, self.names, self.grid, under_way
@@ -225,6 +229,11 @@ class Scenario(ShownInNotebooks):
                 self.required, self.fleet, self.names, self.grid, self.lead
             )
         return self
+
+    @cached_property
+    def goal_sets(self) -> tuple[KeepIn, ...]:
+        """Goals that are convex sets, as requirements at the last knot."""
+        return goal_sets(self.vehicles, self.grid)
 
     @property
     def disturbance_or_calm(self) -> Disturbance:
@@ -283,8 +292,9 @@ class Scenario(ShownInNotebooks):
 
     @cached_property
     def required(self) -> tuple[KeepIn, ...]:
-        """Requirements, and those that waypoints add, each with its interval of time."""
-        return required_of(self.requirements, self.vehicles, self.grid)
+        """Requirements, and those that waypoints and goals add, each with its interval of time."""
+        required, goals = required_of(self.requirements, self.vehicles, self.grid), self.goal_sets
+        return (*required, *goals) if goals else required
 
     @property
     def spheres(self) -> tuple[Sphere, ...]:

@@ -107,8 +107,9 @@ def _along(root: type, location: tuple[int | str, ...]) -> tuple[list[type], lis
     return kinds, names
 
 
-_TAGS = ("ConvexSet", "(value)", "(set)")
-"""Tags of values that are no records, such as a user's own set (`drake_rho.scenario.sets`)."""
+_TAGS = ("ConvexSet", "AnySet", "Vector", "None", "(value)", "(set)")
+"""Tags of values that are no records, such as a user's own set (`drake_rho.scenario.sets`) and the
+values of goals (`drake_rho.scenario.goals`)."""
 
 
 def _words_of(kind: type) -> list[object]:

@@ -23,8 +23,9 @@ from drake_rho.scenario.fields import (
     unchecked,
 )
 from drake_rho.scenario.fleet import Fleet
+from drake_rho.scenario.goals import Goal, set_in
 from drake_rho.scenario.limits import GRAVITY
-from drake_rho.scenario.parts import GOAL, START, UNITS, Grid, Quantity
+from drake_rho.scenario.parts import GOAL, START, UNITS, Grid, Quantity, Vehicle
 from drake_rho.scenario.sets import PACKAGE_SET, AnySet, is_own
 from drake_rho.scenario.shapes.quadrics import Sphere
 from drake_rho.scenario.times import EXACT, Clock
@@ -132,6 +133,11 @@ class KeepIn:
     @cached_property
     def at_waypoint(self) -> bool:
         """Whether it follows from a waypoint's velocity or dwell, which its label says."""
+        return False
+
+    @cached_property
+    def is_goal(self) -> bool:
+        """Whether it is a goal (`goal_sets`), which its label says."""
         return False
 
     @cached_property
@@ -297,8 +303,8 @@ class KeepIn:
 
     def _with(self, **changes: object) -> Self:
         """Return the requirement with other values, which are not validated."""
-        own = {"label": self.label, "at_waypoint": self.at_waypoint, "moves": self.moves}
-        return unchecked(self, **(own | changes))
+        names = ("label", "at_waypoint", "is_goal", "moves")
+        return unchecked(self, **({each: getattr(self, each) for each in names} | changes))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -342,6 +348,21 @@ def linked_groups(requirements: Sequence[KeepIn], names: Sequence[str], grid: Gr
             met = labels[np.append(each.members(names), partner)]
             labels[np.isin(labels, met)] = met.min()
     return labels
+
+
+def goal_sets(vehicles: Sequence[Vehicle], grid: Grid) -> tuple[KeepIn, ...]:
+    """Return the goals that are convex sets, as requirements at the last knot."""
+    return tuple(
+        unchecked(
+            KeepIn(wanted, of=quantity, vehicles=vehicle.name, active=(grid.end, grid.end)),
+            label=f"goal of {vehicle.name}",
+            is_goal=True,
+        )
+        for vehicle in vehicles
+        if isinstance(vehicle.goal, Goal)
+        for quantity in ("position", "velocity")
+        if (wanted := set_in(getattr(vehicle.goal, quantity))) is not None
+    )
 
 
 def parts_for(requirements: Sequence[KeepIn], names: Sequence[str]) -> tuple[KeepIn, ...]:

@@ -178,6 +178,10 @@ _KINDS = {"Posed": ("shape", *POSE), **UNBOUNDED, **KINDS}
 """Keys that identify the set that a mapping describes; of several, the first in this order."""
 
 
+SET_KEYS = ("center", "radius", *(key for keys in _KINDS.values() for key in keys))
+"""Keys of mappings that describe sets."""
+
+
 def _kind(value: object) -> str:
     """Return the name of a set's type, or of the type that a mapping describes; else `_OWN`."""
     if isinstance(value, Mapping):

@@ -19,7 +19,7 @@ from drake_rho.scenario.fields import (
 )
 from drake_rho.scenario.fleet import Fleet
 from drake_rho.scenario.limits import GRAVITY
-from drake_rho.scenario.parts import Grid, Quantity, Vehicle
+from drake_rho.scenario.parts import Grid, Quantity, State, Vehicle
 from drake_rho.scenario.requirements import KeepIn
 from drake_rho.scenario.times import Clock
 
@@ -126,6 +126,9 @@ def check_smoothing(
         )
         raise ScenarioError("disturbance.tracking.since", tracking.since, expected)
     for index, each in enumerate(vehicles):
+        if not isinstance(each.goal, State) or each.goal.velocity is None:
+            expected = "a State at rest beside smoothing: plans are extended by rest at both ends"
+            raise ScenarioError(f"vehicles[{index}].goal", each.goal, expected)
         given = {
             f"{end}.{quantity}": getattr(state, quantity)
             for end, state in (("start", each.start), ("goal", each.goal))

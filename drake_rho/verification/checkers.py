@@ -50,7 +50,7 @@ def checkers(obstacles: Iterable[int]) -> list[Checker]:
         ),
         Checker((*NORMS,), check_norms, QuickBounds.norms_hold),
         Checker(("waypoints",), check_waypoints, at_rest=False),
-        Checker(("requirements",), check_requirements),
+        Checker(("requirements", "goals"), check_requirements),
         *map(obstacle_checker, obstacles),
         Checker(("separation",), check_separation, QuickBounds.all_keep_apart),
     ]

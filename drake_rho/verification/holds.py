@@ -68,7 +68,10 @@ def _checkers(
         lambda _: check_planned(plan, stepwise),
         lambda bounds: _states_are_right(plan, bounds.trajectory),
     )
-    holding = Checker(("holding",), lambda trajectory: check_rest(trajectory.scenario))
+    holding = Checker(
+        ("holding",),
+        lambda trajectory: check_rest(trajectory.scenario, trajectory.positions[:, -1]),
+    )
     known = checkers(number for number, _ in plan.scenario.known)
     return [states, *sorted([*known, holding], key=_is_of_obstacle)]
 

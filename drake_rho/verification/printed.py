@@ -159,6 +159,8 @@ def margin_in_words(check: Check) -> str:
 
 def is_equality(check: Check) -> bool:
     """Return whether a check is an equality that holds: its margin is only rounding."""
+    if check.kind == "goals" and check.constraint != "goal":  # a set
+        return False
     return check.kind in _EQUALITIES and check.limit == 0.0 and check.asked and check.holds
 
 

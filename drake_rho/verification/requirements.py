@@ -18,12 +18,12 @@ from drake_rho.verification.trajectory import PiecewiseTrajectory
 
 
 def check_requirements(trajectory: PiecewiseTrajectory) -> Iterator[Column]:
-    """Yield the checks of every requirement that is active in the flight."""
+    """Yield the checks of every requirement that is active in the flight, and of sets as goals."""
     scenario = trajectory.scenario
     for number, required in enumerate(scenario.required, start=1):
         if required.interval(scenario.grid) is None:
             yield _expired(trajectory, number, required)
-        elif required.quantity == "position":
+        elif required.quantity == "position" and not required.is_goal:
             yield from check_positions(trajectory, number)
         else:
             quantity = _constrained(trajectory, required)
@@ -81,7 +81,7 @@ def _column(quantity: Constrained, number: int, worst: Highest, when: str) -> Co
     own = required.tolerances(scenario.fleet, scenario.names)
     whole[:, quantity.members] = worst.times, worst.values, worst.errors, own
     column = Column(
-        kind="requirements",
+        kind="goals" if required.is_goal else "requirements",
         constraint=required.called(number),
         parts=[" ".join(filter(None, (_about(required), when)))] * count,
         times=scenario.grid.start + times,
@@ -102,6 +102,8 @@ def _column(quantity: Constrained, number: int, worst: Highest, when: str) -> Co
 
 def _about(required: KeepIn) -> str:
     """Return the name of the constrained quantity, unless it is the position itself."""
+    if required.is_goal:
+        return required.of
     of = "" if required.of == "position" or required.at_waypoint else f"of {required.of}"
     other = required.leader or ("a moving point" if required.track is not None else "")
     return " ".join(filter(None, (of, other and f"relative to {other}")))

@@ -21,7 +21,7 @@ from drake_rho.motion.scenario_tube import tube_of
 from drake_rho.motion.tube import ErrorTube
 from drake_rho.scenario.clock import clock_time
 from drake_rho.scenario.fields import FloatArray, unchecked
-from drake_rho.scenario.parts import Quantity
+from drake_rho.scenario.parts import Quantity, State
 from drake_rho.scenario.records import Scenario
 from drake_rho.scenario.requirements import KeepIn
 from drake_rho.scenario.times import Clock
@@ -36,14 +36,19 @@ _NAMED = 3
 """Largest number of vehicles that are named in notes."""
 
 
-def check_rest(scenario: Scenario) -> Iterator[Column]:
+def check_rest(scenario: Scenario, ends: FloatArray | None = None) -> Iterator[Column]:
     """Yield the margins of holding at the goals for ever, if required: one check per unit.
 
     A check is of the most violated constraint or, if all hold, of the closest.
+
+    Args:
+        scenario: scenario of the flight.
+        ends: positions at the last knot [m], where vehicles rest without an exact goal, (N, 3);
+            such vehicles do not count if there is no flight yet.
     """
     if not scenario.hold_at_goal:
         return
-    rest, count = Rest.of(scenario), len(scenario.vehicles)
+    rest, count = Rest.of(scenario, ends=ends), len(scenario.vehicles)
     columns = [] if rest is None else rest.columns()
     for unit in dict.fromkeys(["m", *(each.unit for each in columns)]):
         yield _worst_of(unit, [each for each in columns if each.unit == unit], scenario, count)
@@ -85,9 +90,12 @@ def _named(column: Column, vehicle: int) -> str:
     return f"{column.constraint} {column.parts[vehicle].removesuffix(AT_ALL_TIMES)}".strip()
 
 
-def notes_on_rest(scenario: Scenario) -> tuple[str, ...]:
-    """Return notes on vehicles that cannot hold at their goals for ever: until when, and why."""
-    rest = Rest.of(scenario)
+def notes_on_rest(scenario: Scenario, ends: FloatArray | None = None) -> tuple[str, ...]:
+    """Return notes on vehicles that cannot hold at their goals for ever: until when, and why.
+
+    Arguments are those of `check_rest`.
+    """
+    rest = Rest.of(scenario, ends=ends)
     if rest is None:
         return ()
     columns = rest.columns()
@@ -120,6 +128,15 @@ def _note(rest: Rest, columns: list[Column], vehicle: int) -> str:
     return f"{until}: {_named(now, vehicle)} {violated} {beyond}"
 
 
+def _at_exact_goals(scenario: Scenario, places: FloatArray) -> Scenario:
+    """Return a scenario with its tolerances and with goals at rest at places (N, 3) [m]."""
+    vehicles = tuple(
+        unchecked(each, goal=State(place))
+        for each, place in zip(scenario.vehicles, places, strict=True)
+    )
+    return scenario.derived(vehicles=vehicles, fleet=scenario.fleet)
+
+
 _AWAY = 1e3
 """Distance moved after which an obstacle is far away, as a multiple of its distance."""
 
@@ -140,29 +157,43 @@ class Rest:
     """Vehicles that hold at their goals from the end of a flight on."""
 
     scenario: Scenario
-    """scenario of the flight, with the holding vehicles only"""
+    """scenario of the flight, with the holding vehicles only, whose goals are exact"""
+    places: FloatArray
+    """positions at which they rest [m], shape (N, 3)"""
     begin: float
     """time from which they rest [s]"""
     tube: RestTube | None
     """their error tube from then on; None without a disturbance"""
 
     @classmethod
-    def of(cls, scenario: Scenario, tube: ErrorTube | None = None) -> Rest | None:
+    def of(
+        cls, scenario: Scenario, tube: ErrorTube | None = None, ends: FloatArray | None = None
+    ) -> Rest | None:
         """Return the rest after a flight; None if nothing can be violated after it.
 
         Args:
             scenario: scenario of the flight.
             tube: error tube at its end, if it is not that of the scenario.
+            ends: positions at the last knot [m], shape (N, 3), where vehicles rest without an exact
+                goal; such vehicles do not count if there is no flight yet.
         """
-        changes = any(not each.is_steady for each in scenario.bodies) or scenario.required
-        if not scenario.held or (scenario.disturbance is None and not changes):
+        changes = any(not each.is_steady for each in scenario.bodies) or scenario.requirements
+        given, held = scenario.fleet.fixed_positions, scenario.held
+        if ends is None:
+            held = tuple(each for each in held if given[each])
+        if not held or (scenario.disturbance is None and not changes):
             return None
+        places = scenario.fleet.goal_positions
+        if not given.all():
+            if ends is not None:
+                places = np.where(given[:, None], places, ends)
+            scenario = _at_exact_goals(scenario, places)
         end, errors = scenario.grid.end + scenario.lead, None
         if scenario.disturbance is not None:
             errors = rest_tube(tube or tube_of(scenario), end)
-        if len(scenario.held) < len(scenario.vehicles):
-            scenario = scenario.of_vehicles(scenario.held)
-        return cls(_without_what_is_over(scenario), end, errors)
+        if len(held) < len(scenario.vehicles):
+            scenario, places = scenario.of_vehicles(held), places[list(held)]
+        return cls(_without_what_is_over(scenario), places, end, errors)
 
     @property
     def is_bounded(self) -> bool:
@@ -222,7 +253,7 @@ class Rest:
 
     def _farthest(self, place: FloatArray) -> float:
         """Return the largest distance of a goal from a place (1, 3) [m]."""
-        return float(np.linalg.norm(self.scenario.fleet.goal_positions - place, axis=1).max())
+        return float(np.linalg.norm(self.places - place, axis=1).max())
 
     @property
     def _clock(self) -> Clock:
@@ -267,7 +298,7 @@ class Rest:
         duration, tubes = min(lasting, self.horizon), NO_ERRORS
         if self.tube is not None:
             tubes = ConstantTubes.with_radii(self.radii(duration))
-        goals = self.scenario.fleet.goal_positions[:, None]
+        goals = self.places[:, None]
         still = np.zeros((len(goals), 2, 3))
         scenario = self.scenario.derived(
             grid=unchecked(

@@ -13,7 +13,10 @@ from drake_rho.motion.flown import Flown
 from drake_rho.motion.jumps import Jump, largest_jump
 from drake_rho.motion.plan import Plan
 from drake_rho.scenario.described import Described
-from drake_rho.scenario.fields import FloatArray, IntArray
+from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
+from drake_rho.scenario.goals import set_in
+from drake_rho.scenario.nominal_goals import project
+from drake_rho.scenario.parts import Vehicle
 from drake_rho.scenario.records import TOLERANCE, Scenario
 from drake_rho.verification.check import PRECISION
 from drake_rho.verification.keep_in import Constrained
@@ -108,6 +111,55 @@ def least_effort(scenario: Scenario) -> float:
             (fleet.goal_velocities - fleet.start_velocities) / h,
         ]
     )
+    if not (fleet.given_positions.all() and fleet.given_velocities.all()):
+        return _least_of_any(scenario, h * rows * [[duration], [1.0]])
     least, *_ = np.linalg.lstsq(rows, changes.reshape(2, -1), rcond=None)
     efforts = np.sum(least.reshape(steps, -1, 3) ** 2, axis=(0, 2))
     return float(fleet.weights @ efforts)
+
+
+def _least_of_any(scenario: Scenario, rows: FloatArray) -> float:
+    """Return the least effort of vehicles of which some have goals that are sets or free [m²/s⁴].
+
+    Args:
+        scenario: the scenario.
+        rows: changes of the last position and velocity by accelerations, shape (2, K-1).
+    """
+    fleet = scenario.fleet
+    drift = fleet.start_positions + scenario.grid.duration * fleet.start_velocities
+    coasting = np.stack([drift, fleet.start_velocities], axis=1)
+    changes = np.stack([fleet.goal_positions, fleet.goal_velocities], axis=1) - coasting
+    given = np.stack([fleet.given_positions, fleet.given_velocities], axis=1)
+    efforts = [
+        _least_effort(rows, changes[i], coasting[i], given[i], vehicle)
+        for i, vehicle in enumerate(scenario.vehicles)
+    ]
+    return float(fleet.weights @ efforts)
+
+
+def _least_effort(
+    rows: FloatArray, changes: FloatArray, coasting: FloatArray, given: BoolArray, vehicle: Vehicle
+) -> float:
+    """Return the least effort of a vehicle whose goal is a set or free [m²/s⁴].
+
+    The effort grows with the squared distance of a position, or of a velocity, from that at which
+    it is least, so that the best value of a set is the nearest one. With sets of both, each is
+    taken alone, and the result is a lower bound.
+
+    Args:
+        rows: changes of the last position and velocity by accelerations, shape (2, K-1).
+        changes: required changes of position [m] and velocity [m/s], shape (2, 3).
+        coasting: last position and velocity without acceleration, shape (2, 3).
+        given: whether each of them is required, shape (2,).
+        vehicle: the vehicle.
+    """
+    least = np.linalg.pinv(rows[given]) @ changes[given]
+    best = float(np.sum(least**2))
+    efforts = [best]
+    for which, wanted in enumerate((vehicle.goal.position, vehicle.goal.velocity)):
+        if set_in(wanted) is not None:
+            nearest = project(set_in(wanted), coasting[which] + rows[which] @ least)
+            fixed, aims = given.copy(), changes.copy()
+            fixed[which], aims[which] = True, nearest - coasting[which]
+            efforts.append(float(np.sum((np.linalg.pinv(rows[fixed]) @ aims[fixed]) ** 2)))
+    return max(efforts)

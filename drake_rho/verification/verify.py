@@ -98,7 +98,7 @@ def verify(flown: Flown) -> Report:
         >>> print(report.clearance.vehicle, report.summary.fastest)
         UAV-2 UAV-3
     """
-    last = flown.windows[-1].plan.scenario if flown.windows else flown.scenario
+    last = flown.windows[-1].plan if flown.windows else flown.plan
     with np.errstate(over="ignore", invalid="ignore"):  # values that overflow become NaN or inf
         if (simulation := flown.simulation) is not None:
             trajectory = trajectory_of(simulation)
@@ -118,10 +118,10 @@ def verify(flown: Flown) -> Report:
         columns = [
             *own,
             *(found for each in checkers(every_obstacle) for found in each.check(trajectory)),
-            *check_rest(last),
+            *check_rest(last.scenario, last.positions[:, -1]),
         ]
         summary = Summary.of(trajectory, flown)
-        notes += notes_on_rest(last)
+        notes += notes_on_rest(last.scenario, last.positions[:, -1])
     scenario = trajectory.scenario
     refuse_unchecked(scenario, columns)
     names = [vehicle.name for vehicle in scenario.vehicles]

@@ -19,7 +19,7 @@ from drake_rho.motion.nearest_vehicles import closest_over_time
 from drake_rho.motion.plan import Plan
 from drake_rho.motion.simulation import Simulation
 from drake_rho.scenario.fields import BoolArray, FloatArray
-from drake_rho.scenario.records import Scenario, Separation
+from drake_rho.scenario.records import Scenario, Separation, Vehicle
 from drake_rho.scenario.times import Clock
 from drake_rho.scenario.waypoints import in_order
 
@@ -208,14 +208,20 @@ def _true_motion(simulation: Simulation) -> Motion:
     return Motion(step, p, v, a, fleet.accelerations_before, fleet.accelerations_after)
 
 
+def goal_point(vehicle: Vehicle) -> list[FloatArray]:
+    """Return the position of a goal in a list; empty for a set, which is drawn, or for none."""
+    position = vehicle.goal.position
+    return [position] if isinstance(position, np.ndarray) else []
+
+
 def _straight_lines(scenario: Scenario) -> Motion:
     """Return the motion along straight lines from starts through waypoints to goals.
 
     Each vehicle moves along its lines at constant speeds that reach waypoints and goal in time.
     """
     grid, lines = scenario.grid, []
-    for vehicle in scenario.vehicles:
-        ends = vehicle.start.position, vehicle.goal.position
+    for vehicle, goal in zip(scenario.vehicles, scenario.fleet.goal_positions, strict=True):
+        ends = vehicle.start.position, goal
         if any(each.time is None for each in vehicle.waypoints):  # at a steady speed
             places = np.array([ends[0], *(each.position for each in vehicle.waypoints), ends[1]])
             gone = np.cumsum([0.0, *np.linalg.norm(np.diff(places, axis=0), axis=1)])

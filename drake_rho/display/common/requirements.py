@@ -151,7 +151,7 @@ def tightest(required: Sequence[RequiredPositions], shown: Drawn) -> tuple[int, 
 
 
 def required_positions(scenario: Scenario) -> Iterator[RequiredPositions]:
-    """Yield the requirements of positions that are active in the flight."""
+    """Yield the requirements of positions that are active in the flight, goals last."""
     for number, each in enumerate(scenario.required, start=1):
         interval = each.interval(scenario.grid)
         members = each.members(scenario.names)

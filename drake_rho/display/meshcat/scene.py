@@ -10,7 +10,7 @@ from itertools import product
 import numpy as np
 from pydrake.geometry import Meshcat, Rgba
 
-from drake_rho.display.common.drawable import Drawn
+from drake_rho.display.common.drawable import Drawn, goal_point
 from drake_rho.display.common.hidden import best_from_above
 from drake_rho.display.common.names import as_path
 from drake_rho.display.common.obstacle_snapshots import snapshots
@@ -164,13 +164,15 @@ def add_surroundings(tree: Tree, scene: Scene, scenario: Scenario) -> None:
 def add_ends(tree: Tree, scene: Scene, scenario: Scenario) -> None:
     """Add starts (small balls), goals (large balls) and waypoints (octahedra), coloured."""
     size = 2.0 * scene.seen
-    shared = Counter(tuple(vehicle.goal.position) for vehicle in scenario.vehicles)
+    shared = Counter(tuple(goal) for each in scenario.vehicles for goal in goal_point(each))
     for vehicle, colour in coloured(scenario):
-        name, unique = as_path(vehicle.name), shared[tuple(vehicle.goal.position)] == 1
+        name = as_path(vehicle.name)
         tree.add_ball(f"starts/{name}", 0.13 * size, colour)
         tree.place(f"starts/{name}", vehicle.start.position)
-        tree.add_ball(f"goals/{name}", 0.25 * size, colour if unique else Rgba(0.1, 0.1, 0.1))
-        tree.place(f"goals/{name}", vehicle.goal.position)
+        for goal in goal_point(vehicle):
+            unique = shared[tuple(goal)] == 1
+            tree.add_ball(f"goals/{name}", 0.25 * size, colour if unique else Rgba(0.1, 0.1, 0.1))
+            tree.place(f"goals/{name}", goal)
         if vehicle.waypoints:
             passed = np.array([waypoint.position for waypoint in vehicle.waypoints])
             tree.add_mesh(f"waypoints/{name}", scattered(octahedron(0.16 * size), passed), colour)
@@ -186,19 +188,21 @@ def add_conflicts(tree: Tree, scene: Scene, scenario: Scenario, error: Infeasibl
     """Mark starts and goals of the vehicles in conflict with translucent red balls."""
     for vehicle in scenario.vehicles:
         if vehicle.name in error.conflicts:
-            for kind, state in (("start", vehicle.start), ("goal", vehicle.goal)):
+            ends = [("start", vehicle.start.position)]
+            for kind, position in (*ends, *(("goal", each) for each in goal_point(vehicle))):
                 path = f"conflicts/{as_path(vehicle.name)}/{kind}"
                 tree.add_ball(path, 1.2 * scene.seen, rgba(CONFLICT, 0.35))
-                tree.place(path, state.position)
+                tree.place(path, position)
 
 
 def add_light_goals(tree: Tree, scene: Scene, scenario: Scenario) -> None:
     """Add goals as small octahedra in the vehicles' colours, one object per colour."""
     mark = octahedron(0.24 * scene.seen)
-    goals = np.array([vehicle.goal.position for vehicle in scenario.vehicles])
+    goals = scenario.fleet.given_goals("position")
     colours = palette(len(goals))
     for number, colour in enumerate(colours, start=1):
-        marks = scattered(mark, goals[number - 1 :: len(colours)])
+        own = goals[number - 1 :: len(colours)]
+        marks = scattered(mark, own[np.isfinite(own[:, 0])])
         tree.add_mesh(f"goals/{number}", marks, rgba(colour))
 
 

@@ -16,7 +16,7 @@ from matplotlib.text import Text
 from mpl_toolkits.mplot3d.art3d import Line3D, Line3DCollection, Poly3DCollection
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 
-from drake_rho.display.common.drawable import Drawn
+from drake_rho.display.common.drawable import Drawn, goal_point
 from drake_rho.display.common.names import as_text, brief
 from drake_rho.display.common.obstacle_snapshots import Snapshot
 from drake_rho.display.common.shape_faces import around as surface_around
@@ -175,7 +175,7 @@ def draw_conflicts(
     style: dict[str, Any] = {"color": CONFLICT, "zorder": _TOP, "linestyle": "none"}
     for vehicle in scenario.vehicles:
         if vehicle.name in error.conflicts:
-            ends = np.array([vehicle.start.position, vehicle.goal.position])
+            ends = np.array([vehicle.start.position, *goal_point(vehicle)])
             artists += ax.plot(*ends.T, marker="o", markersize=11, fillstyle="none", **style)
     numbers = frozenset[int]().union(*error.obstacles.values())
     for each in shown:
@@ -252,11 +252,12 @@ def draw_ends(ax: Axes3D, scenario: Scenario, colours: Sequence[str] | None = No
     # open marks, so that the ends of paths remain visible
     style: dict[str, Any] = {"fillstyle": "none", "linestyle": "none", "zorder": _TOP}
     for vehicle, colour in zip(scenario.vehicles, colours, strict=True):
-        start, goal = vehicle.start.position, vehicle.goal.position
+        start = vehicle.start.position
         own = style | {"color": colour, "markersize": size}
         artists += ax.plot(*start[:, None], marker="o", **own)
         star = own | {"color": "black", "markersize": 1.5 * size}
-        artists += ax.plot(*goal[:, None], marker="*", **star)
+        for goal in goal_point(vehicle):
+            artists += ax.plot(*goal[:, None], marker="*", **star)
         for waypoint in vehicle.waypoints:
             artists += ax.plot(*waypoint.position[:, None], marker="D", **own)
         if len(scenario.vehicles) <= MAX_LABELLED:

@@ -21,6 +21,8 @@ from drake_rho.planning.constraints.rows import Form, Rows
 from drake_rho.scenario.clock import clock_time
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.parts import Quantity
+from drake_rho.scenario.records import Scenario
+from drake_rho.scenario.times import END_MARGIN
 
 VIOLATED = 0.01
 """Fraction of the verifier's tolerance by which a motion has to violate a row for a planner to add
@@ -77,6 +79,8 @@ class Constraint(Form, abc.ABC):
     """whether its interval begins or ends at waypoints, whose times may be variables"""
     is_gate: bool = False
     """whether it is of velocities at a waypoint"""
+    given_end: GivenEnd | None = None
+    """vehicles to which it does not apply there, beside others to which it does"""
 
     @abc.abstractmethod
     def violated_rows(
@@ -148,6 +152,31 @@ class Constraint(Form, abc.ABC):
         """
         searches = min(self.searches, _SOFT_SEARCHES)
         return dataclasses.replace(self, penalty=penalty, searches=searches)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class GivenEnd:
+    """Vehicles whose goals fix a quantity at the last knot, in a fleet with other goals."""
+
+    since: float
+    """time from which on rows are about that knot, since the first one [s]"""
+    vehicles: BoolArray
+    """mask of the vehicles, shape (N,)"""
+
+    @classmethod
+    def of(cls, scenario: Scenario, quantity: Quantity) -> GivenEnd | None:
+        """Return the vehicles of a scenario, not all of whose goals are exact; None if none."""
+        fixed, grid = scenario.fleet.fixed(quantity), scenario.grid
+        return cls(grid.duration - END_MARGIN * grid.step, fixed) if fixed.any() else None
+
+    def without(self, rows: HalfSpaces) -> HalfSpaces:
+        """Return the rows that are not about given values alone."""
+        return rows.select(~self.includes(rows.vehicles, rows.partners, rows.times))
+
+    def includes(self, vehicles: IntArray, partners: IntArray, times: FloatArray) -> BoolArray:
+        """Return whether values of vehicles and of their partners at times are given, (R,)."""
+        given = self.vehicles[vehicles] & self.vehicles[partners]
+        return np.asarray(given & (times >= self.since))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -14,6 +14,7 @@ from drake_rho.motion.extremes import turning_points
 from drake_rho.planning.constraints.base import (
     VIOLATED,
     Constraint,
+    GivenEnd,
     HalfSpaces,
     constrained_knots,
     with_neighbours,
@@ -102,7 +103,9 @@ class KeepInBox(Constraint):
         lower, upper = self.bounds.lower[vehicles, axes], self.bounds.upper[vehicles, axes]
         bounds = np.where(sides < 3, lower, -upper) + self.margins.at(self.quantity, times)
         tolerances = self.bounds.tolerances[vehicles, axes]
-        return HalfSpaces(self, vehicles, vehicles, sides, times, _SIDES[sides], bounds, tolerances)
+        normals = _SIDES[sides]
+        rows = HalfSpaces(self, vehicles, vehicles, sides, times, normals, bounds, tolerances)
+        return rows if self.given_end is None else self.given_end.without(rows)
 
     def every_row(self, motion: Motion) -> HalfSpaces:
         """Return the rows of all bounded sides at all constrained knots.
@@ -113,11 +116,11 @@ class KeepInBox(Constraint):
         count, knots = len(motion.before), len(self.times)
         vehicles, rest = np.divmod(np.arange(6 * count * knots), 6 * knots)
         sides, k = np.divmod(rest, knots)
-        rows = self.rows(vehicles, sides, self.times[k])
-        needed = np.isfinite(rows.bounds)
         if self.quantity == "jerk":
-            needed &= ~np.isnan(motion.jerks()[vehicles, k, 0])
-        return rows.select(needed)
+            known = ~np.isnan(motion.jerks()[vehicles, k, 0])
+            vehicles, sides, k = vehicles[known], sides[known], k[known]
+        rows = self.rows(vehicles, sides, self.times[k])
+        return rows.select(np.isfinite(rows.bounds))
 
     def detail(self, rows: HalfSpaces, names: Sequence[str]) -> str:
         """Return the axes of the rows, as in ' x/z'."""
@@ -151,6 +154,7 @@ def boxes_of(scenario: Scenario, margins: PlanMargins) -> list[KeepInBox]:
                 bounds=bounds,
                 times=own.grid.elapsed[constrained_knots(quantity, open_end=open_end)],
                 open_end=open_end,
+                given_end=GivenEnd.of(scenario, quantity) if open_end else None,
                 first=int(inner),
                 margins=own,
                 searches=sys.maxsize * (scenario.between_knots and quantity == "position"),

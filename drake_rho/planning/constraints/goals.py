@@ -12,7 +12,7 @@ import numpy as np
 
 from drake_rho.motion.dynamics import Motion
 from drake_rho.planning.constraints.base import VIOLATED, Constraint, HalfSpaces
-from drake_rho.scenario.fields import FloatArray, IntArray
+from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.records import Scenario
 from drake_rho.scenario.shapes.base import TOLERANCE
 
@@ -27,6 +27,8 @@ class ReachGoal(Constraint):
     """time T of the last knot since the first knot [s]"""
     goals: FloatArray
     """goals of all vehicles, in the quantity's unit, shape (N, 3)"""
+    required: BoolArray
+    """mask of the vehicles that have to reach it, shape (N,)"""
     tolerances: FloatArray
     """largest deviations that count as reached, in the quantity's unit, shape (N,)"""
 
@@ -35,7 +37,8 @@ class ReachGoal(Constraint):
     ) -> HalfSpaces:
         """Return one row, a lower or an upper bound, for each vehicle that misses its goal."""
         missed = (motion.values(self.quantity)[vehicles, -1] - self.goals[vehicles])[:, self.axis]
-        violated = np.abs(missed) > VIOLATED * self.tolerances[vehicles]
+        violated = self.required[vehicles]
+        violated &= np.abs(missed) > VIOLATED * self.tolerances[vehicles]
         own, above = vehicles[violated], missed[violated] > 0.0
         normals = np.zeros((len(own), 3))
         normals[:, self.axis] = np.where(above, -1.0, 1.0)
@@ -71,6 +74,7 @@ def goals_of(scenario: Scenario) -> list[Constraint]:
             axis=axis,
             time=scenario.grid.duration,
             goals=goals,
+            required=fleet.fixed(quantity),
             tolerances=TOLERANCE * fleet.scale(quantity),
         )
         for axis in range(3)

@@ -135,6 +135,10 @@ class KeepInSets(Constraint):
         if self.shift is not None and len(values) == len(self.shift):
             values = values + self.shift
         local = self._placed(who, times, values)
+        if self.given_end is not None:
+            own = local.vehicles
+            partners = own if self.partner is None else np.full(len(own), self.partner)
+            local = local.select(~self.given_end.includes(own, partners, local.times))
         if self.quantity != "jerk":
             return local
         return local.select(~np.isnan(values[:, 0]))  # unknown ones are not limited
@@ -233,7 +237,7 @@ class KeepInSets(Constraint):
             places: places of the sets, in the quantity's unit, shape (R, 3).
         """
         supports = self.sets.support(who, outward) + np.vecdot(outward, places)
-        return HalfSpaces(
+        rows = HalfSpaces(
             self,
             vehicles=who,
             partners=who if self.partner is None else np.full(len(who), self.partner),
@@ -243,6 +247,7 @@ class KeepInSets(Constraint):
             bounds=self.margin(times) - supports - self.roundings[who],
             tolerances=self.sets.tolerances[who],
         )
+        return rows if self.given_end is None else self.given_end.without(rows)
 
     @property
     def is_own_rate(self) -> bool:

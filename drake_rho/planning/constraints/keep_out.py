@@ -105,7 +105,8 @@ class KeepOut(Constraint):
         """Return violated rows at the knots or, if `between`, where the motion is inside S."""
         motion = motion.subdivided(self.margins.pieces)
         if not between:
-            return self.violated_at_knots(motion, vehicles, neighbours)
+            rows = self.violated_at_knots(motion, vehicles, neighbours)
+            return rows if self.given_end is None else self.given_end.without(rows)
         points = self.penetrations(motion, vehicles)
         first, last = END_MARGIN, motion.accelerations.shape[1] - END_MARGIN
         k = points.times / motion.step
@@ -114,6 +115,8 @@ class KeepOut(Constraint):
         if len(points) == 0:
             return self.none
         rows = self.rows(points)  # one vehicle of a violating pair may satisfy its own row
+        if self.given_end is not None:
+            rows = self.given_end.without(rows)
         violated = rows.select(rows.margins(motion) < -VIOLATED * rows.tolerances)
         if neighbours < _MANY_NEIGHBOURS or len(violated) == 0:
             return violated

@@ -7,7 +7,7 @@ import sys
 
 import numpy as np
 
-from drake_rho.planning.constraints.base import VIOLATED, constrained_knots
+from drake_rho.planning.constraints.base import VIOLATED, GivenEnd, constrained_knots
 from drake_rho.planning.constraints.keep_in import KeepInSets
 from drake_rho.planning.constraints.margins import Margins, PlanMargins, jerk_factor
 from drake_rho.scenario.fields import FloatArray
@@ -37,7 +37,7 @@ def norms_of(scenario: Scenario, margins: PlanMargins) -> list[KeepInSets]:
     knots. A motion that is in a convex set at all knots is therefore in it at every instant. The
     first and the last velocity are not constrained, since start and goal fix them.
     """
-    norms = list[KeepInSets]()
+    norms, open_end = list[KeepInSets](), scenario.fleet.open_end
     for norm in NORMS:
         if norm not in scenario.fleet.norms:
             continue
@@ -45,7 +45,7 @@ def norms_of(scenario: Scenario, margins: PlanMargins) -> list[KeepInSets]:
         quantity = limit.kind.quantity
         jerks = quantity == "jerk"
         own = margins.of(quantity)
-        times = own.grid.elapsed[constrained_knots(quantity, open_end=scenario.fleet.open_end)]
+        times = own.grid.elapsed[constrained_knots(quantity, open_end=open_end)]
         first = int(quantity == "velocity")
         norms.append(
             KeepInSets(
@@ -59,6 +59,7 @@ def norms_of(scenario: Scenario, margins: PlanMargins) -> list[KeepInSets]:
                 knots=slice(first, first + len(times)),
                 margins=own,
                 roundings=np.zeros(len(scenario.vehicles)),
+                given_end=GivenEnd.of(scenario, quantity) if open_end else None,
             )
         )
     return norms
@@ -110,6 +111,7 @@ def waypoints_of(scenario: Scenario, margins: PlanMargins) -> list[KeepInSets]:
 def requirements_of(scenario: Scenario, margins: PlanMargins) -> list[KeepInSets]:
     """Return the constraints of all requirements that have not ended."""
     found, names, grid = list[KeepInSets](), scenario.names, scenario.grid
+    open_end = scenario.fleet.open_end
     local = grid.beginning_at(0.0)
     for number, requirement in enumerate(scenario.required, start=1):
         each = requirement.since(grid).longer(scenario.lead)
@@ -123,7 +125,7 @@ def requirements_of(scenario: Scenario, margins: PlanMargins) -> list[KeepInSets
             local,
             own,
             every_instant=every_instant,
-            open_end=scenario.fleet.open_end,
+            open_end=open_end,
         )
         if quantity == "jerk":
             sets = sets.scaled(jerk_factor(scenario))
@@ -131,7 +133,7 @@ def requirements_of(scenario: Scenario, margins: PlanMargins) -> list[KeepInSets
                 times = times[grid.clock.within(times, interval)]
         found.append(
             KeepInSets(
-                kind="requirements",
+                kind="goals" if requirement.is_goal else "requirements",
                 key=("requirement", number),
                 name=requirement.called(number),
                 quantity=quantity,
@@ -148,7 +150,8 @@ def requirements_of(scenario: Scenario, margins: PlanMargins) -> list[KeepInSets
                 as_cone=False,
                 threshold=_ACCEPTED if each.penalty is None else VIOLATED,  # prices are exact
                 searches=sys.maxsize * (quantity == "position" and every_instant),
-                open_end=scenario.fleet.open_end,
+                open_end=open_end,
+                given_end=GivenEnd.of(scenario, quantity) if open_end else None,
                 moves=requirement.moves,
                 is_gate=requirement.at_waypoint and quantity == "velocity",
             )

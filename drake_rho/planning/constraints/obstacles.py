@@ -9,7 +9,13 @@ from functools import cached_property
 import numpy as np
 
 from drake_rho.motion.dynamics import Motion
-from drake_rho.planning.constraints.base import VIOLATED, HalfSpaces, Quadratic, with_neighbours
+from drake_rho.planning.constraints.base import (
+    VIOLATED,
+    GivenEnd,
+    HalfSpaces,
+    Quadratic,
+    with_neighbours,
+)
 from drake_rho.planning.constraints.keep_out import EvaluationPoints, KeepOutOfObstacle, side_of
 from drake_rho.planning.constraints.maps import KeepOutOfMap
 from drake_rho.planning.constraints.margins import PlanMargins
@@ -144,7 +150,8 @@ def obstacles_of(
     if not known:
         return []
     reference = reference.subdivided(margins.inner.pieces)
-    inner_knots = EvaluationPoints.at_inner_knots(reference, open_end=scenario.fleet.open_end)
+    open_end = scenario.fleet.open_end
+    inner_knots = EvaluationPoints.at_inner_knots(reference, open_end=open_end)
     constraints: list[KeepOutOfObstacle] = []
     for number, obstacle in known:
         shape: Solid = obstacle.shape
@@ -163,7 +170,8 @@ def obstacles_of(
                 every_instant=scenario.between_knots,
                 obstacle=obstacle,
                 inner_knots=inner_knots,
-                open_end=scenario.fleet.open_end,
+                open_end=open_end,
+                given_end=GivenEnd.of(scenario, "position") if open_end else None,
                 required=scenario.fleet.radii + obstacle.deviation,
                 margins=margins.inner,
                 tolerances=scenario.fleet.obstacle_tolerances(obstacle.shape),

@@ -16,7 +16,7 @@ import numpy as np
 
 from drake_rho.motion.close_pairs import CloseApproaches
 from drake_rho.motion.dynamics import Motion
-from drake_rho.planning.constraints.base import VIOLATED, HalfSpaces, Quadratic
+from drake_rho.planning.constraints.base import VIOLATED, GivenEnd, HalfSpaces, Quadratic
 from drake_rho.planning.constraints.close_pairs import (
     max_pair_margin,
     pairs_within,
@@ -326,6 +326,7 @@ def pairs_of(
         searches=1 if soft else sys.maxsize,
         every_instant=scenario.between_knots,
         open_end=open_end,
+        given_end=GivenEnd.of(scenario, "position") if open_end else None,
     )
 
 

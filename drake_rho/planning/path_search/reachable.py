@@ -97,6 +97,7 @@ def _fastest(scenario: Scenario, times: FloatArray, most: float, sign: float) ->
     rising, falling = np.maximum(_sides(scenario, "acceleration", "max_acceleration", sign), 0.0)
     elapsed, remaining = times[:, None], times[-1] - times[:, None]
     start, goal = sign * fleet.start_velocities, sign * fleet.goal_velocities
+    goal = np.where(fleet.fixed_velocities[:, None], goal, np.inf)
     with np.errstate(invalid="ignore"):  # zero time times an infinite limit
         begun = start[:, None] + np.where(elapsed > 0.0, elapsed * rising[:, None], 0.0)
         ended = goal[:, None] + np.where(remaining > 0.0, remaining * falling[:, None], 0.0)

@@ -55,7 +55,7 @@ def legs_of(scenario: Scenario, number: int) -> list[Leg]:
     for time, waypoint in in_order(vehicle):
         if is_during_flight(time, grid):
             stops.append((float(grid.since_start(time)), waypoint.position))
-    stops.append((grid.duration, vehicle.goal.position))
+    stops.append((grid.duration, scenario.fleet.goal_positions[number]))
     return [Leg(begin, end, start, goal) for (begin, start), (end, goal) in pairwise(stops)]
 
 

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 
 import numpy as np
 
+from drake_rho.motion.dynamics import Motion
 from drake_rho.planning.minimum_effort import TerminalState
 from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.fields import FloatArray, IntArray
+from drake_rho.scenario.goals import set_in
+from drake_rho.scenario.nominal_goals import project
+from drake_rho.scenario.parts import Quantity
 from drake_rho.scenario.records import Scenario
 from drake_rho.scenario.shapes.base import TOLERANCE
 
@@ -28,10 +33,10 @@ def assign_goals(scenario: Scenario, *, exact: bool | None = None) -> Scenario:
     """Exchange the goals of a scenario's vehicles so that the total cost (13) is least.
 
     The cost of a vehicle and a goal, which is a position and a velocity, is that of the motion of
-    least effort between the two, in closed form. Obstacles, limits, waypoints and separation are
-    ignored: with any of them another assignment may have the better plan. Names, limits, radii and
-    waypoints stay with the vehicles. No vehicle is assigned a goal that is too close to an obstacle
-    for its radius.
+    least effort between the two, in closed form; of a goal that is a set, to its nearest point.
+    Obstacles, limits, waypoints and separation are ignored: with any of them another assignment may
+    have the better plan. Names, limits, radii and waypoints stay with the vehicles. No vehicle is
+    assigned a goal that is too close to an obstacle for its radius.
 
     Args:
         scenario: to take vehicles and goals from.
@@ -68,6 +73,8 @@ def assignment(scenario: Scenario, *, exact: bool | None = None) -> list[int]:
     """
     if exact is None:
         exact = len(scenario.vehicles) <= _DENSE
+    fleet = scenario.fleet
+    exact = exact or not (fleet.given_positions.all() and fleet.given_velocities.all())
     efforts = _Efforts.of(scenario)
     try:
         chosen = _of_all(efforts) if exact else _of_nearest(efforts)
@@ -103,6 +110,9 @@ class _Efforts:
     """weights of the vehicles in the cost, shape (N,)"""
     clearances: FloatArray
     """distance of every goal from the nearest obstacle [m], shape (N,)"""
+    pairs: FloatArray | None = None
+    """squared distances of all pairs, shape (N, N), if some goals are sets or free; None if points
+    stand for all goals"""
 
     @classmethod
     def of(cls, scenario: Scenario) -> _Efforts:
@@ -113,6 +123,7 @@ class _Efforts:
         )
         goals, goal_rests = terminal.values(fleet.goal_velocities, fleet.goal_positions)
         count = len(starts)
+        exact = fleet.given_positions.all() and fleet.given_velocities.all()
         return cls(
             starts.reshape(count, -1),
             goals.reshape(count, -1),
@@ -122,15 +133,56 @@ class _Efforts:
             fleet.radii,
             fleet.weights,
             _clearances(scenario),
+            None if exact else np.stack([_to_goal(scenario, j) for j in range(count)], axis=1),
         )
 
     def between(self, starts: IntArray, goals: IntArray) -> FloatArray:
         """Return the costs of pairs of indices that broadcast; infinite if there is no motion."""
+        if self.pairs is not None:
+            efforts = self.weights[starts] * self.pairs[starts, goals]
+            return np.where(self.radii[starts] > self.clearances[goals], np.inf, efforts)
         apart = self.starts[starts] - self.goals[goals]
         efforts = self.weights[starts] * np.einsum("...c,...c->...", apart, apart)
         missed = np.abs(self.start_rests[starts] - self.goal_rests[goals]).max(axis=-1)
         impossible = (missed > self.tolerance) | (self.radii[starts] > self.clearances[goals])
         return np.where(impossible, np.inf, efforts)
+
+
+def _to_goal(scenario: Scenario, number: int) -> FloatArray:
+    """Return the least efforts of all vehicles to one goal, or to its nearest point, (N,).
+
+    The effort to a position, or to a velocity, grows with the squared distance from that at which
+    it is least. With sets of both, each is taken alone, and the result is a lower bound.
+    """
+    fleet, goal = scenario.fleet, scenario.vehicles[number].goal
+    quantities: tuple[Quantity, Quantity] = ("position", "velocity")
+    masks = fleet.given_positions, fleet.given_velocities
+    points = fleet.goal_positions, fleet.goal_velocities
+    given = {each: bool(mask[number]) for each, mask in zip(quantities, masks, strict=True)}
+    aims = {each: point[[number]] for each, point in zip(quantities, points, strict=True)}
+    efforts, motion = _least(scenario, given, aims)
+    least = efforts
+    for quantity in quantities:
+        if (wanted := set_in(getattr(goal, quantity))) is not None:
+            nearest = project(wanted, motion.values(quantity)[:, -1])
+            own, _ = _least(scenario, given | {quantity: True}, aims | {quantity: nearest})
+            least = np.maximum(least, own)
+    return least
+
+
+def _least(
+    scenario: Scenario, given: Mapping[Quantity, bool], aims: Mapping[Quantity, FloatArray]
+) -> tuple[FloatArray, Motion]:
+    """Return the motions of least effort to given positions or velocities, and their efforts."""
+    fleet, T = scenario.fleet, scenario.grid.duration
+    terminal = TerminalState(scenario.grid, position=given["position"], velocity=given["velocity"])
+    coasting = fleet.start_positions + T * fleet.start_velocities
+    values, _ = terminal.values(
+        aims["velocity"] - fleet.start_velocities, aims["position"] - coasting
+    )
+    accelerations = terminal.rows.T @ values
+    motion = Motion.from_starts(fleet, accelerations, scenario.grid.step)
+    return np.sum(accelerations**2, axis=(1, 2)), motion
 
 
 def _of_all(efforts: _Efforts) -> IntArray:
@@ -188,9 +240,10 @@ def _matched(efforts: _Efforts, nearest: int) -> IntArray | None:
 
 def _clearances(scenario: Scenario) -> FloatArray:
     """Return the distance of every goal from the nearest obstacle at the end [m], shape (N,)."""
-    least, goals = np.full(len(scenario.vehicles), np.inf), scenario.fleet.goal_positions
+    least = np.full(len(scenario.vehicles), np.inf)
+    goals, given = scenario.fleet.goal_positions, scenario.fleet.given_positions
     for obstacle in scenario.bodies_in_flight:
         free = obstacle.distances(goals, np.array([scenario.grid.duration]))
         free = free - obstacle.deviation + obstacle.shape.tolerance
-        least = np.minimum(least, free)
+        least = np.where(given, np.minimum(least, free), least)
     return least

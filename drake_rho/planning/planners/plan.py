@@ -16,6 +16,7 @@ from drake_rho.planning.call.wall_time import with_wall_time
 from drake_rho.planning.constraints.separation import COUPLINGS, Coupling, CouplingName
 from drake_rho.planning.errors import InfeasibleError, OutOfTimeError, SolverError
 from drake_rho.planning.planners.first_plan import FirstPlan, plan_near
+from drake_rho.planning.planners.other_goals import has_other_goals, on_cheaper_goals
 from drake_rho.planning.planners.other_sides import has_other_sides, on_cheaper_sides
 from drake_rho.planning.planners.related import fitted
 from drake_rho.planning.planners.smoothed import with_own_margin
@@ -167,6 +168,8 @@ def _with_given_times(
         plan = _iterated(problem, first, coupling, search)
         if reference is None and has_other_sides(problem):
             plan = _on_cheaper_sides(problem, plan, search)
+            if has_other_goals(problem):
+                plan = _on_cheaper_goals(problem, plan, coupling, search)
         if reference is None and _enters_obstacles(problem, plan):
             plan = _outside_if_cheaper(problem, plan, coupling, search)
         return plan
@@ -213,6 +216,16 @@ def _outside_if_cheaper(
         tolerance=mine.tolerance,
     )
     return best.with_statistics(ended)
+
+
+def _on_cheaper_goals(problem: Problem, plan: Plan, coupling: Coupling, search: FirstPlan) -> Plan:
+    """Return the plan with vehicles elsewhere in goals that are sets where this costs less."""
+    return on_cheaper_goals(
+        problem,
+        plan,
+        lambda exact: _with_given_times(exact, None, coupling, search),
+        lambda first: _iterated(problem, first, coupling, search),
+    )
 
 
 def _on_cheaper_sides(problem: Problem, plan: Plan, search: FirstPlan) -> Plan:

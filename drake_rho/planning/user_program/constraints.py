@@ -101,7 +101,14 @@ def add_boxes(draft: Draft) -> None:
     for box in draft.problem.boxes:
         limited = np.flatnonzero(np.isfinite(box.bounds.lower).any(axis=1)).tolist()
         for vehicle, time in itertools.product(limited, box.times):
-            add_box(draft, box, vehicle, time)
+            if not _is_given(box, vehicle, time):
+                add_box(draft, box, vehicle, time)
+
+
+def _is_given(box: KeepInBox, vehicle: int, time: float) -> bool:
+    """Return whether the goal of a vehicle gives the value that a box would limit."""
+    own = np.array([vehicle])
+    return box.given_end is not None and bool(box.given_end.includes(own, own, np.array([time]))[0])
 
 
 def add_box(draft: Draft, box: KeepInBox, vehicle: int, time: float) -> None:
@@ -183,6 +190,8 @@ def add_excesses(draft: Draft, constraint: Constraint, whose: IntArray) -> dict[
 def add_half_spaces(draft: Draft, rows: HalfSpaces) -> None:
     """Add rows n · x >= bound about single vehicles, or about differences of two."""
     form = rows.constraint
+    if form.given_end is not None:
+        rows = form.given_end.without(rows)
     excesses = add_excesses(draft, form, rows.vehicles)
     for vehicle, partner, time, normal, bound in zip(
         rows.vehicles, rows.partners, rows.times, rows.normals, rows.bounds, strict=True
