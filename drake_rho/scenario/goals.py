@@ -61,7 +61,7 @@ class Goal:
         >>> rho.Goal(None).velocity.tolist()  # anywhere, at rest
         [0.0, 0.0, 0.0]
         >>> print(rho.Goal([9, 0, 1], velocity=rho.Sphere([2, 0, 0], 0.5)))
-        [9.0, 0.0, 1.0] m at a velocity in sphere of radius 0.5 m around [2.0, 0.0, 0.0]
+        [9.0, 0.0, 1.0] m at a velocity in sphere of radius 0.5 m at [2.0, 0.0, 0.0]
     """
 
     position: Aimed

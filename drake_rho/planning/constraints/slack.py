@@ -89,7 +89,8 @@ def ends_in_requirements(
     for number, each in enumerate(scenario.required, start=1):
         interval = each.longer(scenario.lead).interval(grid)
         inactive = interval is None or not grid.clock.within(now, interval)
-        if each.quantity not in states or inactive or each.penalty is not None:
+        given = each.quantity in states and not each.is_goal
+        if not given or inactive or each.penalty is not None:
             continue
         values, partner = states[each.quantity] - each.offset(np.array([now])), each.partner(names)
         if partner is not None:
