@@ -8,6 +8,7 @@ from drake_rho.scenario.disturbance import Disturbance
 from drake_rho.scenario.goals import Goal
 from drake_rho.scenario.limits import Limits
 from drake_rho.scenario.norms import NORMS
+from drake_rho.scenario.objective import Objective
 from drake_rho.scenario.obstacles import Obstacle
 from drake_rho.scenario.parts import UNITS, Grid, Separation, State, Vehicle
 from drake_rho.scenario.requirements import KeepIn
@@ -125,6 +126,7 @@ def option_lines(
     *,
     between_knots: bool,
     hold_at_goal: bool,
+    objective: Objective,
 ) -> Iterator[Line]:
     """Yield the lines of other parts of a scenario that are not as by default."""
     if separation:
@@ -136,6 +138,10 @@ def option_lines(
         yield "wind", _wind(disturbance)
     if smoothing:
         yield "smoothing", f"averages over {smoothing.width:g} s, {smoothing.times} of them"
+    if not objective.is_effort:
+        terms = objective.weights._asdict().items()
+        words = [f"{term.replace('_', ' ')} {weight:g}" for term, weight in terms if weight]
+        yield "cost", f"weights: {', '.join(words)}"
     if hold_at_goal:
         yield "after the end", "vehicles can hold at their goals"
 

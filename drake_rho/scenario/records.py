@@ -176,6 +176,7 @@ class Scenario(ShownInNotebooks):
             self.smoothing,
             between_knots=self.between_knots,
             hold_at_goal=bool(self.hold_at_goal),
+            objective=self.objective,
         )
         lines = (
             time_line(self.grid),

@@ -51,7 +51,9 @@ class RequiredPositions:
     def label(self) -> str:
         """Name or number, short enough for a label."""
         name = self.requirement.name
-        return f"requirement {self.number}" if name is None else brief(name)
+        return self.requirement.label or (
+            f"requirement {self.number}" if name is None else brief(name)
+        )
 
     @property
     def is_link(self) -> bool:
