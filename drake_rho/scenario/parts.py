@@ -253,6 +253,11 @@ START, GOAL = "start", "goal"
 """Words for the first and the last knot where names of waypoints are expected."""
 
 
+def _any_of(schema: dict[str, Any]) -> None:
+    """Let a JSON schema accept what several kinds describe: a `Goal` may be a state, too."""
+    schema["anyOf"] = schema.pop("oneOf")
+
+
 def _exact_if_possible(goal: State | Goal) -> State | Goal:
     """Return a goal as a state if its position is given, and its velocity is given or free."""
     velocity, known = goal.velocity, isinstance(goal.position, np.ndarray)
@@ -269,6 +274,7 @@ else:
         Discriminator(goal_kind),
         BeforeValidator(as_goal),
         AfterValidator(_exact_if_possible),
+        Field(json_schema_extra=_any_of),
     ]
     """State, or a `Goal` that is none, from anything that a user gives as a goal."""
 
