@@ -104,7 +104,7 @@ class CostTerms:
         return slice(first, self.knots - last)
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=12)
 def _matrix(terms: CostTerms) -> FloatArray:
     weights, h, knots = terms.weights, terms.step, terms.knots
     parts = [np.sqrt(weights.effort) * np.eye(knots - 1)] * (weights.effort > 0.0)

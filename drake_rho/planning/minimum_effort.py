@@ -147,7 +147,7 @@ def _inverse_factor(matrix: FloatArray) -> FloatArray:
     return inverse
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=12)
 def _space(terms: CostTerms, position: bool, velocity: bool) -> Space:
     grid = Grid(terms.step, terms.knots)
     return Space.of(terms, TerminalState(grid, position=position, velocity=velocity).rows)
