@@ -36,6 +36,7 @@ DRAWN = {
     "links_formation": 5,
     "links_corridors": 20,
     "time_fleets": 12,
+    "time_gates": 20,
     "time_known": 300,
     "flight_late": 2300,
     "flight_windy_rooms": 200,
@@ -103,6 +104,7 @@ TIMES = (
     "time_ruckig",
     "time_known",
     "time_fleets",
+    "time_gates",
     "time_bisection",
     "time_bounds",
 )

@@ -384,3 +384,25 @@ def test_what_cannot_be_met_is_named() -> None:
     late = dataclasses.replace(OUT, time=5.8)
     with pytest.raises(rho.InfeasibleError, match=r"waypoint 3 \(out\)"):
         rho.plan(scene(GATE, STOP, late))
+
+
+@pytest.mark.slow
+def test_gates_that_no_fast_motion_passes_are_passed_more_slowly() -> None:
+    """The second is flown backwards; with given times there is a motion that is slow enough."""
+    speeds = [2.433462914527276, 2.847485795663662]
+    along = [[0.82036684, 0.11156233, 0.56084944], [-0.555013, 0.77061072, 0.31324063]]
+    places = [[4.0, 1.75181513, -0.57451317], [8.0, -1.63817843, -0.14738253]]
+    gates = [
+        rho.Waypoint(None, place, velocity=rho.HalfSpace([-x for x in way], -speed))
+        for place, way, speed in zip(places, along, speeds, strict=True)
+    ]
+    ends = rho.State([0, 0, 0]), rho.State([12, 0, 0])
+    racer = rho.Vehicle("racer", *ends, waypoints=gates)
+    limits = rho.Limits(max_speed=6.0, max_acceleration=8.0)
+    scenario = rho.Scenario("backwards", rho.Grid(0.1, 41), [racer], limits)
+    plan = rho.plan_minimum_time(scenario)
+    assert rho.verify(plan).ok
+    assert plan.scenario.grid.duration < 4.48  # of IPOPT on the same grid, from the fast motion
+    for gate, way, speed in zip(plan.scenario.vehicles[0].waypoints, along, speeds, strict=True):
+        velocity = plan.at([gate.time]).velocities[0, 0]
+        assert velocity @ np.array(way) > speed - 1e-5

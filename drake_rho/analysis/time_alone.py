@@ -12,6 +12,7 @@ from drake_rho.analysis.infeasible_subset import infeasible_subset
 from drake_rho.motion.statistics import Statistics
 from drake_rho.planning.call.progress import Progress, tell
 from drake_rho.planning.errors import InfeasibleError, SolverError
+from drake_rho.planning.planners.convex import linearised_once
 from drake_rho.planning.planners.first_plan import first_plan
 from drake_rho.planning.planners.related import is_steady, of_each_alone
 from drake_rho.planning.planners.waypoint_times import GAP, in_least_time, passing_of
@@ -23,7 +24,7 @@ from drake_rho.planning.scp.timed import Timed
 from drake_rho.scenario.errors import Description, ScenarioError
 from drake_rho.scenario.fields import FloatArray, unchecked
 from drake_rho.scenario.gates import Gates
-from drake_rho.scenario.records import Grid, Scenario, State
+from drake_rho.scenario.records import Grid, Scenario, State, Waypoint
 from drake_rho.scenario.waypoints import AllWaypoints
 
 _COARSE, _REFINED = 6, 1e-3
@@ -35,6 +36,9 @@ _LONGER = 1.0, 1e3, 1e6
 
 _LATER = 1.0, 2.0, 4.0, 8.0
 """First guesses of the final time, as multiples of the scenario's, if waypoints have times."""
+
+_SLOWER = 1.0, 1.3, 1.7, 2.2, 3.0, 4.0
+"""First guesses of the final time, as multiples of that without the velocities of gates."""
 
 _AT_ONCE = 1e-6
 """Step of a vehicle that stays where it is, as a part of the scenario's."""
@@ -158,6 +162,11 @@ class TimesAlone:
                 found = self._from_guess(scenario.ending_with(grid), later)
             if found is not None:
                 return found
+        if passing.gates is not None:
+            with suppress(InfeasibleError, SolverError):
+                fast = self._one(free, dataclasses.replace(passing, gates=None), number)
+                if (found := self._through_gates(fast, passing.of(own))) is not None:
+                    return found
         if not is_steady(scenario):  # a start or a goal in motion
             with suppress(ScenarioError):  # where velocities or requirements do not allow rest
                 found = self._one(at_rest(scenario), passing.of(own), 0)
@@ -189,12 +198,49 @@ class TimesAlone:
         self.statistics += least.statistics
         return found
 
+    def _through_gates(self, fast: Timed, passing: Passing) -> Timed | None:
+        """Return the least-time motion of one vehicle from one that is slow enough for its gates.
+
+        Args:
+            fast: motion through its waypoints that need not have the velocities of gates.
+            passing: the waypoints.
+        """
+        for longer in _SLOWER:
+            times = longer * fast.passing.times
+            slow = dataclasses.replace(
+                fast,
+                step=longer * fast.step,
+                passing=dataclasses.replace(passing, times=times),
+                rows=(),
+            )
+            with suppress(InfeasibleError, SolverError, ScenarioError):
+                plan = linearised_once(_at_given_times(slow), None, self._backend)
+                start = dataclasses.replace(slow, accelerations=plan.accelerations)
+                least = LeastTime(ROUGH, self._progress, steady=passing.is_scale_free)
+                found = least.around(start)
+                self.statistics += least.statistics
+                if found is not None:
+                    return found
+        return None
+
     def _of_less_effort(self, timed: Timed) -> Timed:
         """Return the motion of least effort in the same time."""
         least = LeastTime(ROUGH, self._progress, final_time=False)
         found = least.around(timed) or timed
         self.statistics += least.statistics
         return found
+
+
+def _at_given_times(timed: Timed) -> Problem:
+    """Return the convex problem of one vehicle with its waypoints at the times of a motion."""
+    scenario, passing = timed.problem.scenario, timed.passing
+    clock = scenario.grid.start + passing.times
+    waypoints = tuple(
+        Waypoint(float(time), position, float(within))
+        for time, position, within in zip(clock, passing.positions, passing.within, strict=True)
+    )
+    (vehicle,) = scenario.vehicles
+    return Problem.of(scenario.derived(vehicles=(unchecked(vehicle, waypoints=waypoints),)))
 
 
 def first_guess(scenario: Scenario) -> FloatArray:
