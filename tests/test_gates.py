@@ -404,5 +404,6 @@ def test_gates_that_no_fast_motion_passes_are_passed_more_slowly() -> None:
     assert rho.verify(plan).ok
     assert plan.scenario.grid.duration < 4.48  # of IPOPT on the same grid, from the fast motion
     for gate, way, speed in zip(plan.scenario.vehicles[0].waypoints, along, speeds, strict=True):
+        assert gate.time is not None
         velocity = plan.at([gate.time]).velocities[0, 0]
         assert velocity @ np.array(way) > speed - 1e-5
