@@ -133,7 +133,7 @@ class Passing:
     def at_knots(self, step: float) -> IntArray:
         """Return the indices of waypoints that stay in their steps and are at the end of one."""
         off = self.times / step
-        near = np.abs(off - np.rint(off)) <= _AT_KNOT
+        near = np.abs(off - np.rint(off)) <= _NEAR_KNOT
         return np.flatnonzero(near & self.in_steps)
 
     def moved(self, w: int, by: float) -> Passing:
@@ -314,6 +314,9 @@ _GROWTH: dict[Quantity, tuple[float, float]] = {
 
 _AT_ONCE = 1e-3
 """Part of the least time between waypoints in which rows are at a waypoint."""
+
+_NEAR_KNOT = 1e-3
+"""Part of a step within which a waypoint counts as stopped by a knot when a search has ended."""
 
 _AT_KNOT = 1e-6
 """Part of a step within which a waypoint is at a knot."""

@@ -33,6 +33,10 @@ from drake_rho.scenario.errors import Description, ScenarioError
 _BEYOND = 20
 """Largest number of times that a waypoint with a velocity moves on to the next step or the last."""
 
+_ASIDE = -0.5, 0.5, -0.05, 0.05
+"""Changes of the time of a waypoint at a knot that are tried, in steps: a large one reaches further,
+after a small one more motions have the velocities of gates."""
+
 _LONGER = 1.05
 """Multiple of the final time in which it does so at first."""
 
@@ -134,7 +138,7 @@ class LeastTime:
         """
         longer = _LONGER if self._final_time else 1.0
         for w in best.passing.at_knots(best.step):
-            for by in (-0.5, 0.5):
+            for by in _ASIDE:
                 slower = best.lasting(longer * best.duration)
                 passing = slower.passing.moved(w, by * slower.step)
                 if passing.is_in_order and 0.0 < passing.times[w] < slower.duration:
