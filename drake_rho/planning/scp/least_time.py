@@ -34,8 +34,8 @@ _BEYOND = 20
 """Largest number of times that a waypoint with a velocity moves on to the next step or the last."""
 
 _ASIDE = -0.5, 0.5, -0.05, 0.05
-"""Changes of the time of a waypoint at a knot that are tried, in steps: a large one reaches further,
-after a small one more motions have the velocities of gates."""
+"""Changes of the time of a waypoint at a knot that are tried, in steps: large ones reach further,
+after small ones more motions have the velocities of gates."""
 
 _LONGER = 1.05
 """Multiple of the final time in which it does so at first."""
