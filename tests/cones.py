@@ -32,5 +32,8 @@ def integrals(scenario: rho.Scenario) -> tuple[FloatArray, FloatArray]:
 def twin_cost(scenario: rho.Scenario, reference: rho.Plan | None = None) -> float | None:
     """Return the least cost, with obstacles linearised around a plan; None without a solution."""
     p = rho.program(scenario, around=reference)
-    result = ClarabelSolver().Solve(p.prog, None, PRECISE)
-    return p.plan(result).cost if result.is_success() else None
+    for options in (PRECISE, None):  # where it does not reach these tolerances, its defaults
+        result = ClarabelSolver().Solve(p.prog, None, options)
+        if result.is_success():
+            return p.plan(result).cost
+    return None

@@ -19,7 +19,9 @@ PLANNERS: dict[str, Callable[[rho.Scenario], rho.Plan | rho.Flight]] = {
 
 @pytest.mark.filterwarnings("ignore::drake_rho.DrakeRhoWarning")
 @pytest.mark.parametrize("planner", PLANNERS)
-@pytest.mark.parametrize("seed", [*range(8), *(one for each in range(8, 40) for one in slow(each))])
+@pytest.mark.parametrize(
+    "seed", [*range(8), 181, *(one for each in range(8, 40) for one in slow(each))]
+)
 def test_plans_hold_by_dense_samples(planner: str, seed: int) -> None:
     scene = quiet(seed)
     try:

@@ -47,9 +47,11 @@ class Fleet:
         separation: float = 0.0,
         bodies: Sequence[Obstacle] = (),
         missed: tuple[bool, bool] = (False, False),
+        followed: FloatArray | None = None,
     ) -> None:
         self._grid, self._vehicles, self._limits = grid, vehicles, limits
-        self._separation, self._bodies, self._missed = separation, bodies, missed
+        self._separation, self._bodies = separation, bodies
+        self._missed, self._followed = missed, followed
         self._whole_flight: Fleet | None = None
         self._sides: dict[Quantity, tuple[FloatArray, FloatArray] | None] = {}
         self._bounds: dict[Quantity, Bounds | None] = {}
@@ -269,10 +271,10 @@ class Fleet:
         """Length scale of each motion [m], for scaling programs, shape (N,).
 
         It is the largest distance that a vehicle has to cover: to its goal, to its waypoints, at
-        the given velocities and accelerations during T, sideways to avoid others (the separation),
-        and sideways to avoid obstacles that move across its straight path. It does not depend on
-        the origin of coordinates, but is large enough for their rounding to be negligible. It is
-        1 m for a vehicle that has none of these.
+        the given velocities and accelerations during T, along a path of its objective, sideways to
+        avoid others (the separation), and sideways to avoid obstacles that move across its straight
+        path. It does not depend on the origin of coordinates, but is large enough for their
+        rounding to be negligible. It is 1 m for a vehicle that has none of these.
         """
         T = self._grid.duration
         distances = np.array(
@@ -288,7 +290,11 @@ class Fleet:
         # fmax ignores NaN, which stands for unknown accelerations and waypoints that are not given
         lengths: FloatArray = np.sqrt(np.fmax.reduce(np.vecdot(distances, distances)))
         lengths = np.maximum(np.maximum(lengths, self._separation), self._evasion_lengths())
+        if self._followed is not None:
+            lengths = np.maximum(lengths, self._followed)
         lengths[lengths == 0.0] = 1.0
+        nowhere = ~self.given_positions & (lengths <= self.summed_errors)
+        lengths[nowhere] = 1.0  # a free goal at the start but for rounding
         return np.maximum(lengths, self.summed_errors / TOLERANCE)
 
     @cached_property
@@ -458,7 +464,8 @@ class Fleet:
         replace the goals.
         """
         missed = self._missed if rests is None else (False, False)
-        fleet = Fleet(grid, vehicles, self._limits, self._separation, bodies, missed)
+        parts = self._separation, bodies, missed, self._followed
+        fleet = Fleet(grid, vehicles, self._limits, *parts)
         fleet.start_positions, fleet.start_velocities = positions, velocities
         fleet.accelerations_before = before
         fleet._whole_flight = self._whole_flight or self

@@ -213,6 +213,24 @@ class Objective:
             return self
         return unchecked(self, reference=tuple(self.reference[index] for index in indices))
 
+    def reach(self, grid: Grid, starts: FloatArray) -> FloatArray | None:
+        """Return the largest distances of a path that is followed from starts [m], shape (N,).
+
+        Args:
+            grid: knots of the flight.
+            starts: start positions [m], shape (N, 3).
+
+        Returns:
+            Distances; None if no path is followed.
+        """
+        if self.reference is None or not (self.position > 0.0 or self.velocity > 0.0):
+            return None
+        if len(self.reference) not in (1, len(starts)):
+            return None  # which is refused (`check_objective`)
+        positions, _ = self.reference_at(grid)
+        away: FloatArray = np.linalg.norm(positions - starts[:, None], axis=2).max(axis=1)
+        return away
+
     def reference_at(self, grid: Grid) -> tuple[FloatArray, FloatArray]:
         """Return the reference's positions [m] and velocities [m/s] at the knots.
 

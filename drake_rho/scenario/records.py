@@ -193,8 +193,10 @@ class Scenario(ShownInNotebooks):
         """Vehicles as arrays."""
         distance = 0.0 if self.separation is None else self.separation.distance
         bodies = [body for _, body in self.avoided]
-        missed = self.objective.misses_goals
-        return Fleet(self.grid, self.vehicles, self.limits, distance, bodies, missed)
+        starts = np.array([each.start.position for each in self.vehicles])
+        followed = self.objective.reach(self.grid, starts)
+        parts = distance, bodies, self.objective.misses_goals, followed
+        return Fleet(self.grid, self.vehicles, self.limits, *parts)
 
     @model_validator(mode="after")
     def _consistent(self, info: ValidationInfo[Context | None]) -> Self:
