@@ -342,3 +342,18 @@ def test_scenarios_with_any_goal_are_printed_drawn_and_written_out(kind: str) ->
     program = rho.program(between)
     solved = program.plan(ClarabelSolver().Solve(program.prog))
     assert solved.cost == pytest.approx(rho.plan(between).cost, rel=1e-6, abs=1e-6)
+
+
+@pytest.mark.parametrize("length", [1e-3, 1.0, 1e5, 1e7])
+@pytest.mark.parametrize("solver", ["clarabel", "osqp"])
+def test_a_free_goal_has_the_scale_of_what_is_required(length: float, solver: Any) -> None:
+    """Nothing else tells how far the vehicle flies; a wrong scale makes solvers see no solution."""
+    vehicle = rho.Vehicle("free", rho.State([0, 0, 0]), None)
+    requirements = [
+        rho.KeepIn(rho.Ball([length, 0, 0], length / 10), active=(10, 15)),
+        rho.KeepIn(rho.Ball([0, 0, 0], length / 4), of="velocity"),
+    ]
+    scenario = rho.Scenario("far", rho.Grid(0.5, 31), [vehicle], requirements=requirements)
+    plan = rho.plan(scenario, solver=solver)
+    assert rho.verify(plan).ok
+    assert plan.cost / length**2 == pytest.approx(0.0092119872, rel=1e-6)

@@ -47,11 +47,11 @@ class Fleet:
         separation: float = 0.0,
         bodies: Sequence[Obstacle] = (),
         missed: tuple[bool, bool] = (False, False),
-        followed: FloatArray | None = None,
+        reaches: FloatArray | float = 0.0,
     ) -> None:
         self._grid, self._vehicles, self._limits = grid, vehicles, limits
         self._separation, self._bodies = separation, bodies
-        self._missed, self._followed = missed, followed
+        self._missed, self._reaches = missed, reaches
         self._whole_flight: Fleet | None = None
         self._sides: dict[Quantity, tuple[FloatArray, FloatArray] | None] = {}
         self._bounds: dict[Quantity, Bounds | None] = {}
@@ -271,10 +271,11 @@ class Fleet:
         """Length scale of each motion [m], for scaling programs, shape (N,).
 
         It is the largest distance that a vehicle has to cover: to its goal, to its waypoints, at
-        the given velocities and accelerations during T, along a path of its objective, sideways to
-        avoid others (the separation), and sideways to avoid obstacles that move across its straight
-        path. It does not depend on the origin of coordinates, but is large enough for their
-        rounding to be negligible. It is 1 m for a vehicle that has none of these.
+        the given velocities and accelerations during T, along a path of its objective or to where
+        requirements send it without an exact goal, sideways to avoid others (the separation), and
+        sideways to avoid obstacles that move across its straight path. It does not depend on the
+        origin of coordinates, but is large enough for their rounding to be negligible. It is 1 m
+        for a vehicle that has none of these.
         """
         T = self._grid.duration
         distances = np.array(
@@ -290,8 +291,7 @@ class Fleet:
         # fmax ignores NaN, which stands for unknown accelerations and waypoints that are not given
         lengths: FloatArray = np.sqrt(np.fmax.reduce(np.vecdot(distances, distances)))
         lengths = np.maximum(np.maximum(lengths, self._separation), self._evasion_lengths())
-        if self._followed is not None:
-            lengths = np.maximum(lengths, self._followed)
+        lengths = np.maximum(lengths, self._reaches)
         lengths[lengths == 0.0] = 1.0
         nowhere = ~self.given_positions & (lengths <= self.summed_errors)
         lengths[nowhere] = 1.0  # a free goal at the start but for rounding
@@ -464,7 +464,7 @@ class Fleet:
         replace the goals.
         """
         missed = self._missed if rests is None else (False, False)
-        parts = self._separation, bodies, missed, self._followed
+        parts = self._separation, bodies, missed, self._reaches
         fleet = Fleet(grid, vehicles, self._limits, *parts)
         fleet.start_positions, fleet.start_velocities = positions, velocities
         fleet.accelerations_before = before

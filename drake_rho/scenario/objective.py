@@ -213,20 +213,16 @@ class Objective:
             return self
         return unchecked(self, reference=tuple(self.reference[index] for index in indices))
 
-    def reach(self, grid: Grid, starts: FloatArray) -> FloatArray | None:
-        """Return the largest distances of a path that is followed from starts [m], shape (N,).
+    def reach(self, grid: Grid, starts: FloatArray) -> FloatArray:
+        """Return how far a path that is followed leads from starts [m], shape (N,); 0 for none.
 
         Args:
             grid: knots of the flight.
             starts: start positions [m], shape (N, 3).
-
-        Returns:
-            Distances; None if no path is followed.
         """
-        if self.reference is None or not (self.position > 0.0 or self.velocity > 0.0):
-            return None
-        if len(self.reference) not in (1, len(starts)):
-            return None  # which is refused (`check_objective`)
+        followed = self.reference is not None and (self.position > 0.0 or self.velocity > 0.0)
+        if not followed or len(self.reference) not in (1, len(starts)):
+            return np.zeros(len(starts))  # another number of paths is refused (`check_objective`)
         positions, _ = self.reference_at(grid)
         away: FloatArray = np.linalg.norm(positions - starts[:, None], axis=2).max(axis=1)
         return away

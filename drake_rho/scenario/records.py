@@ -46,7 +46,7 @@ from drake_rho.scenario.printed import (
     title_of,
     vehicle_lines,
 )
-from drake_rho.scenario.requirements import KeepIn, goal_sets, parts_for
+from drake_rho.scenario.requirements import KeepIn, goal_sets, parts_for, reaches_of
 from drake_rho.scenario.scales import warn_of_scales
 from drake_rho.scenario.shapes.base import TOLERANCE, Solid
 from drake_rho.scenario.shapes.capsules import Capsule
@@ -194,8 +194,11 @@ class Scenario(ShownInNotebooks):
         distance = 0.0 if self.separation is None else self.separation.distance
         bodies = [body for _, body in self.avoided]
         starts = np.array([each.start.position for each in self.vehicles])
-        followed = self.objective.reach(self.grid, starts)
-        parts = distance, bodies, self.objective.misses_goals, followed
+        reaches = np.maximum(
+            self.objective.reach(self.grid, starts),
+            reaches_of(self.requirements, self.vehicles, self.grid),
+        )
+        parts = distance, bodies, self.objective.misses_goals, reaches
         return Fleet(self.grid, self.vehicles, self.limits, *parts)
 
     @model_validator(mode="after")

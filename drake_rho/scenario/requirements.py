@@ -365,6 +365,31 @@ def goal_sets(vehicles: Sequence[Vehicle], grid: Grid) -> tuple[KeepIn, ...]:
     )
 
 
+def reaches_of(
+    requirements: Sequence[KeepIn], vehicles: Sequence[Vehicle], grid: Grid
+) -> FloatArray:
+    """Return how far requirements send vehicles without an exact goal [m], shape (N,).
+
+    A value at the start that is d outside of a set has to change by d within the flight's T, which
+    takes a motion of about d for a position, d T for a velocity and d T² for an acceleration.
+    Without an exact goal nothing else may tell how far a vehicle flies.
+    """
+    reaches, names = np.zeros(len(vehicles)), [each.name for each in vehicles]
+    powers = {"position": 1.0, "velocity": grid.duration, "acceleration": grid.duration**2}
+    free = [i for i, each in enumerate(vehicles) if isinstance(each.goal, Goal)]
+    for each in requirements if free else ():
+        interval = each.interval(grid)
+        if interval is None or each.leader is not None or each.between is not None:
+            continue
+        places = each.offset(np.array(interval))
+        for i in np.intersect1d(free, each.members(names)).tolist():
+            start = getattr(vehicles[i].start, each.quantity, None)
+            values = (np.zeros(3) if start is None else start) - places
+            away = float(np.max(each.set.signed_distance(values)))
+            reaches[i] = max(reaches[i], away * powers.get(each.quantity, 0.0))
+    return reaches
+
+
 def parts_for(requirements: Sequence[KeepIn], names: Sequence[str]) -> tuple[KeepIn, ...]:
     """Return the requirements that apply to some vehicles without the others."""
     own = (each.of_vehicles(names) for each in requirements)
