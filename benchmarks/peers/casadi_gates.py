@@ -12,15 +12,7 @@ import casadi as ca
 import numpy as np
 
 import drake_rho as rho
-
-_OPTIONS: dict[str, Any] = {
-    "expand": True,
-    "print_time": False,
-    "ipopt.print_level": 0,
-    "ipopt.sb": "yes",
-    "ipopt.tol": 1e-9,
-    "ipopt.max_iter": 500,
-}
+from benchmarks.peers.casadi_objective import OPTIONS
 
 _AT_AN_END, _MOVES = 1e-4, 12
 """Part of a step from its end at which a gate goes on, and the largest number of moves."""
@@ -78,7 +70,7 @@ def _solved(start: rho.Plan, steps: np.ndarray) -> tuple[float, np.ndarray]:
         opti.subject_to(p[:, k] + t * v[:, k] + t**2 / 2.0 * a[:, k] == each.position)
         _gate(opti, v[:, k] + t * a[:, k], each.velocity)
     opti.minimize(M * h)
-    opti.solver("ipopt", _OPTIONS)
+    opti.solver("ipopt", OPTIONS)
     try:
         found = opti.solve()
     except RuntimeError:  # no solution from this start

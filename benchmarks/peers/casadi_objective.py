@@ -10,7 +10,7 @@ import numpy as np
 
 import drake_rho as rho
 
-_OPTIONS: dict[str, Any] = {
+OPTIONS: dict[str, Any] = {
     "expand": True,
     "print_time": False,
     "ipopt.print_level": 0,
@@ -19,6 +19,7 @@ _OPTIONS: dict[str, Any] = {
     "ipopt.max_iter": 300,
     "ipopt.mu_strategy": "adaptive",
 }
+"""Options of CasADi and IPOPT."""
 
 
 class Program:
@@ -44,7 +45,7 @@ class Program:
             path = o.reference[0].at(scenario.grid.times).T
             cost += o.position * ca.sumsqr((p - ca.DM(path))[:, 1:])
         opti.minimize(cost)
-        opti.solver("ipopt", _OPTIONS)
+        opti.solver("ipopt", OPTIONS)
         self._opti, self._variables, self._cost = opti, (p, v, a), cost
 
     def cost_from(self, start: rho.Plan) -> float:

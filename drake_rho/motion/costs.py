@@ -11,7 +11,7 @@ from drake_rho.scenario.objective import Weights
 from drake_rho.scenario.records import Scenario
 
 
-class Moving(Protocol):
+class AtKnots(Protocol):
     """Motions of all vehicles at the knots, as a plan or a `Motion`."""
 
     @property
@@ -30,12 +30,12 @@ class Moving(Protocol):
         ...
 
 
-def cost_of(scenario: Scenario, motion: Moving) -> float:
+def cost_of(scenario: Scenario, motion: AtKnots) -> float:
     """Return the cost [m²/s⁴] of the motions of all vehicles of a scenario."""
     return float(costs_of(scenario, motion).sum())
 
 
-def costs_of(scenario: Scenario, motion: Moving) -> FloatArray:
+def costs_of(scenario: Scenario, motion: AtKnots) -> FloatArray:
     """Return the cost of each vehicle [m²/s⁴], shape (N,), of motions with arrays (N, ..., 3)."""
     flat = motion.accelerations.reshape(len(motion.accelerations), -1)
     if scenario.objective.is_effort:
@@ -43,7 +43,7 @@ def costs_of(scenario: Scenario, motion: Moving) -> FloatArray:
     return np.asarray(np.sum(list(costs_by_term(scenario, motion).values()), axis=0))
 
 
-def savings(scenario: Scenario, before: Moving, after: Moving) -> FloatArray:
+def savings(scenario: Scenario, before: AtKnots, after: AtKnots) -> FloatArray:
     """Return by how much each vehicle's cost falls [m²/s⁴], shape (N,), without cancellation."""
     if not scenario.objective.is_effort:
         return costs_of(scenario, before) - costs_of(scenario, after)
@@ -51,7 +51,7 @@ def savings(scenario: Scenario, before: Moving, after: Moving) -> FloatArray:
     return np.asarray(scenario.fleet.weights * differences)
 
 
-def costs_by_term(scenario: Scenario, motion: Moving) -> dict[str, FloatArray]:
+def costs_by_term(scenario: Scenario, motion: AtKnots) -> dict[str, FloatArray]:
     """Return the cost of each vehicle [m²/s⁴], shape (N,), by term with a weight."""
     fleet, weights = scenario.fleet, scenario.objective.weights
     sums = _Sums(scenario, motion)
@@ -70,7 +70,7 @@ class _Sums:
         motion: the motions of all vehicles.
     """
 
-    def __init__(self, scenario: Scenario, motion: Moving) -> None:
+    def __init__(self, scenario: Scenario, motion: AtKnots) -> None:
         self._scenario, self._motion = scenario, motion
 
     def effort(self) -> FloatArray:

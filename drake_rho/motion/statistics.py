@@ -86,6 +86,16 @@ class Statistics(metaclass=Described):
             return self
         return dataclasses.replace(self, minimised=None, time_bound=None)
 
+    def with_work(self, spent: Statistics) -> Statistics:
+        """Return the statistics of the same plan with the work that went into other plans."""
+        return dataclasses.replace(
+            self + spent,
+            converged=self.converged,
+            cut=self.cut or spent.cut,
+            last_fall=self.last_fall,
+            tolerance=self.tolerance,
+        )
+
     def __add__(self, other: Statistics) -> Statistics:
         """Return the sums of counts and times, and the other values of the later `other` if set."""
         return Statistics(

@@ -117,15 +117,17 @@ class Space:
         """Return z of changes u of accelerations, both of shape (..., K-1, 3)."""
         return changes if self.back is None else np.asarray(np.linalg.solve(self.back, changes))
 
-    def least(self, terms: CostTerms, values: FloatArray, reaching: FloatArray) -> FloatArray:
+    def least(self, values: FloatArray, reaching: FloatArray) -> FloatArray:
         """Return the accelerations of least cost that reach the goals.
 
         Args:
-            terms: terms of the cost from which the space was made.
             values: b of each vehicle (`CostTerms.values`), shape (P, M, 3).
-            reaching: accelerations that reach the goals [m/s²], shape (P, K-1, 3).
+            reaching: shortest accelerations that reach the goals [m/s²], shape (P, K-1, 3).
         """
-        descent = self.whitened(terms.matrix).T @ (values - terms.matrix @ reaching) / self.unit
+        if self.terms is None:
+            return reaching  # the shortest accelerations already
+        matrix = self.terms.matrix
+        descent = self.whitened(matrix).T @ (values - matrix @ reaching) / self.unit
         axes = descent.swapaxes(1, 2).reshape(-1, descent.shape[1])
         z = self.projected(axes).reshape(len(descent), 3, -1).swapaxes(1, 2)
         return np.asarray(reaching + self.changes(z))
@@ -279,9 +281,9 @@ class MinimumEffort:
             values[own, : len(rows[number])] = found
             accelerations[own] = rows[number].T @ found
             space = _space(terms[number], *flags[number])
-            if space.back is not None:
-                targets = terms[number].values(scenario, own)
-                accelerations[own] = space.least(terms[number], targets, accelerations[own])
+            if space.terms is not None:
+                targets = space.terms.values(scenario, own)
+                accelerations[own] = space.least(targets, accelerations[own])
             spaces.append(space)
         roots = np.sqrt([each.unit for each in spaces])[classes]
         return cls(

@@ -82,14 +82,7 @@ def on_cheaper_goals(
         spent += first.statistics + found.statistics
         better = (own := costs_of(scenario, found)) < (1.0 - _BETTER) * costs
         accelerations[better], costs = found.accelerations[better], np.where(better, own, costs)
-    before = plan.statistics
-    ended = dataclasses.replace(
-        before + spent,
-        converged=before.converged,
-        cut=before.cut or spent.cut,
-        last_fall=before.last_fall,
-        tolerance=before.tolerance,
-    )
+    ended = plan.statistics.with_work(spent)
     if np.any(accelerations != plan.accelerations):
         plan = Plan.from_accelerations(scenario, accelerations).found_around(plan)
     return plan.with_statistics(ended)

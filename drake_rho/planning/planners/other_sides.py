@@ -109,16 +109,9 @@ def on_cheaper_sides(
             references[vehicle] = best.reference.accelerations[0]
         if spent.cut:
             break
+    ended = plan.statistics.with_work(spent)
     if np.any(accelerations != plan.accelerations):
         plan = _with(plan, accelerations, references)
-    before = plan.statistics
-    ended = dataclasses.replace(
-        before + spent,
-        converged=before.converged,
-        cut=before.cut or spent.cut,
-        last_fall=before.last_fall,
-        tolerance=before.tolerance,
-    )
     return plan.with_statistics(ended)
 
 

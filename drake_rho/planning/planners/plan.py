@@ -196,26 +196,16 @@ def _outside_if_cheaper(
     """
     tell(search.progress, "trying to stay outside soft obstacles")
     hard = dataclasses.replace(problem, scenario=problem.scenario.with_hard_obstacles())
-    other, spent, cut = plan, Statistics(), False
     try:
         first = search.of(hard)
         first = Plan.from_accelerations(problem.scenario, first.accelerations, first.statistics)
         other = _iterated(problem, first, coupling, search)
-        spent = other.statistics
     except (InfeasibleError, SolverError) as error:
-        spent = error.statistics
+        return plan.with_statistics(plan.statistics.with_work(error.statistics))
     except OutOfTimeError:
-        cut = True
-    best = min(plan, other, key=problem.total_cost)
-    mine = best.statistics
-    ended = dataclasses.replace(
-        plan.statistics + spent,
-        converged=mine.converged,
-        cut=mine.cut or cut,
-        last_fall=mine.last_fall,
-        tolerance=mine.tolerance,
-    )
-    return best.with_statistics(ended)
+        return plan.with_statistics(plan.statistics.with_work(Statistics(cut=True)))
+    best, worse = sorted((plan, other), key=problem.total_cost)
+    return best.with_statistics(best.statistics.with_work(worse.statistics))
 
 
 def _on_cheaper_goals(problem: Problem, plan: Plan, coupling: Coupling, search: FirstPlan) -> Plan:
