@@ -193,7 +193,7 @@ class Lagrangian:
         )
 
     def _cost(self, u: FloatArray) -> float:
-        """Return the cost of a change u, with that of the motion of least cost."""
+        """Return the cost of a motion, given as its change u from the one of least cost."""
         return self._least + float(np.sum(u**2))
 
     def _violations(self, u: FloatArray) -> FloatArray:

@@ -179,7 +179,7 @@ _POSITION, _VELOCITY = KeepIn(_POINT), KeepIn(_POINT, of="velocity")
 
 
 def _on_legs(requirement: KeepIn, vehicles: Sequence[Vehicle], grid: Grid) -> Iterator[KeepIn]:
-    """Yield a requirement between waypoints for each of its vehicles whose leg has its times."""
+    """Yield a requirement between waypoints for each of its vehicles with known times there."""
     assert requirement.between is not None  # noqa: S101  # callers check this
     for vehicle in on_leg(requirement, vehicles):
         first, last = (_time_of(name, vehicle, grid) for name in requirement.between)

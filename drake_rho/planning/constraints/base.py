@@ -165,7 +165,7 @@ class GivenEnd:
 
     @classmethod
     def of(cls, scenario: Scenario, quantity: Quantity) -> GivenEnd | None:
-        """Return the vehicles of a scenario, not all of whose goals are exact; None if none."""
+        """Return the vehicles whose goals fix a quantity; None if there are none."""
         fixed, grid = scenario.fleet.fixed(quantity), scenario.grid
         return cls(grid.duration - END_MARGIN * grid.step, fixed) if fixed.any() else None
 

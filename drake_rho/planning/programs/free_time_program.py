@@ -31,7 +31,7 @@ from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.parts import Quantity
 
 Moves = tuple[IntArray, FloatArray]
-"""Waypoints with whose times rows move, and derivatives along the normals (`Passing.rates_of`)."""
+"""The waypoint with which each row moves, and the derivative of its value (`Passing.rates_of`)."""
 
 _BLOCK = 300
 """Number of variables in a block of the cost, whose Hessian is dense."""

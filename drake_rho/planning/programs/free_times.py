@@ -155,7 +155,7 @@ class Passing:
         return found
 
     def rates_of(self, rows: HalfSpaces, motion: Motion) -> tuple[IntArray, FloatArray]:
-        """Return the waypoints with whose times rows move, and the derivatives of their values.
+        """Return the waypoint with which each row moves, and the derivative of its value by time.
 
         Args:
             rows: rows of one constraint.
@@ -183,7 +183,7 @@ class Passing:
         return np.where(at >= 0, middles[at], times)
 
     def rates_at(self, sets: KeepInSets, motion: Motion) -> tuple[IntArray, FloatArray]:
-        """Return the same for all values of a constraint of one vehicle, (T,) and (T, 3)."""
+        """Return the waypoints with which one vehicle's values move, (T,), and derivatives, (T, 3)."""
         rate, count = _RATES.get(sets.quantity), len(sets.times)
         who = np.full(count, sets.members[0])
         at = self.moved_with(who, sets.times)
