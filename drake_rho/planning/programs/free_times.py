@@ -183,7 +183,7 @@ class Passing:
         return np.where(at >= 0, middles[at], times)
 
     def rates_at(self, sets: KeepInSets, motion: Motion) -> tuple[IntArray, FloatArray]:
-        """Return the waypoint with which each value of one vehicle moves, and derivatives (T, 3)."""
+        """Return the waypoint with which each value of a vehicle moves, and derivatives (T, 3)."""
         rate, count = _RATES.get(sets.quantity), len(sets.times)
         who = np.full(count, sets.members[0])
         at = self.moved_with(who, sets.times)
