@@ -198,6 +198,27 @@ def _waypoints(plan: rho.Plan) -> Iterator[str]:
                 clock = 4e-16 * abs(way.time) * 1e5 * float(np.abs(plan.accelerations).max())
                 limit = _scale(plan, "velocity") + clock
                 yield from _line(f"{vehicle.name} velocity at waypoint {number}", over, limit)
+            if way.dwell > 0.0 and _is_plain(plan):
+                yield from _dwell(plan, i, way, f"{vehicle.name} dwell at waypoint {number}")
+
+
+def _dwell(plan: rho.Plan, vehicle: int, way: rho.Waypoint, label: str) -> Iterator[str]:
+    """Judge the rest at a waypoint by samples over its dwell."""
+    assert way.time is not None
+    begin = way.time - plan.scenario.grid.start
+    times = np.linspace(begin, begin + way.dwell, 41)
+    if not plan.scenario.between_knots:
+        known = plan.scenario.grid.elapsed
+        times = known[(known >= begin - 1e-6) & (known <= begin + way.dwell + 1e-6)]
+    off = np.linalg.norm(_at(plan, "position", times)[vehicle] - way.position, axis=1) - way.within
+    scale = _scale(plan) + 1e5 * _coordinates(plan)
+    if way.penalty is None:
+        yield from _line(label, off, scale)
+    v = _at(plan, "velocity", times)[vehicle]
+    clock = 4e-16 * abs(way.time) * 1e5 * float(np.abs(plan.accelerations).max())
+    sets = _is_set(way.velocity)
+    over = way.velocity.signed_distance(v) if sets else np.linalg.norm(v, axis=1)  # type: ignore[union-attr]
+    yield from _line(label, over, _scale(plan, "velocity") + clock)
 
 
 def _is_plain(plan: rho.Plan) -> bool:

@@ -44,16 +44,20 @@ class Mixed:
         return scenario.disturbance is None and scenario.smoothing is None
 
 
-def mixed(seed: int, *, leave_out: tuple[str, ...] = (), most: int = 7) -> Mixed:
+def mixed(
+    seed: int, *, leave_out: tuple[str, ...] = (), most: int = 7, halts: bool = False
+) -> Mixed:
     """Return one scene; the same seed gives the same one.
 
     Args:
         seed: seed of the scene.
         leave_out: names of kinds (`KINDS`) that are not drawn.
         most: largest number of kinds.
+        halts: whether a motion from rest to rest is flown twice, with a rest between.
     """
     rng = np.random.default_rng([45, seed])
     scene = _motion(rng, f"mixed {seed}")
+    scene = _twice(scene, 1 + seed % 4) if halts else scene
     names = [name for name in KINDS if name not in leave_out]
     drawn = rng.permutation(names)[: int(rng.integers(1, most + 1))]
     for name in sorted(drawn, key=names.index):
@@ -97,7 +101,9 @@ def timed(scenario: rho.Scenario, known: rho.Plan) -> rho.Scenario:
 
 
 def passed(known: rho.Plan, vehicle: int, waypoint: rho.Waypoint) -> float:
-    """Return when a motion passes a waypoint, from its position alone [s]."""
+    """Return when a motion passes a waypoint, from its position alone, or begins to rest [s]."""
+    if waypoint.dwell > 0.0:
+        return float(known.scenario.grid.times[rests(known, vehicle)[0]])
     times = dense(known)
     for _ in range(8):
         off = np.linalg.norm(known.at(times).positions[vehicle] - waypoint.position, axis=1)
@@ -147,6 +153,28 @@ def _motion(rng: Rng, name: str) -> Mixed:
     ]
     scenario = rho.Scenario(name, grid, vehicles, between_knots=bool(rng.random() < 0.85))
     return Mixed(scenario, rho.Plan.from_accelerations(scenario, accelerations))
+
+
+def _twice(scene: Mixed, steps: int) -> Mixed:
+    """Return a motion from rest flown twice, with steps at rest between; others as they are."""
+    scenario, a = scene.scenario, scene.known.accelerations
+    if not all(each.goal.is_at_rest for each in scenario.vehicles):
+        return scene
+    a = np.concatenate([a, np.zeros((len(a), steps, 3)), a], axis=1)
+    vehicles = [
+        dataclasses.replace(each, goal=rho.State(2.0 * each.goal.position - each.start.position))
+        for each in scenario.vehicles
+    ]
+    grid = dataclasses.replace(scenario.grid, knots=a.shape[1] + 1)
+    scenario = dataclasses.replace(scenario, grid=grid, vehicles=tuple(vehicles))
+    return Mixed(scenario, rho.Plan.from_accelerations(scenario, a))
+
+
+def rests(known: rho.Plan, vehicle: int) -> Array:
+    """Return the knots between start and goal at which a vehicle is at rest."""
+    speeds = np.linalg.norm(known.velocities[vehicle], axis=1)
+    at_rest = speeds <= 1e-9 * speeds.max()
+    return np.asarray(1 + np.flatnonzero(at_rest[1:-1]))
 
 
 def _accelerations(rng: Rng, count: int, grid: rho.Grid, length: float) -> Array:

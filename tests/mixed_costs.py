@@ -13,14 +13,14 @@ from typing import Any
 import numpy as np
 
 import drake_rho as rho
-from tests.mixed import Mixed, Rng, dense, mixed, with_one
+from tests.mixed import Mixed, Rng, dense, mixed, rests, with_one
 from tests.requirements import random_set
 
 
 def chosen(seed: int) -> Mixed:
     """Return one scene; the same seed gives the same one."""
-    scene, rng = mixed(seed, most=4), np.random.default_rng([48, seed])
-    for add in (_goals, _gates, _leg, _soft, _objective):
+    scene, rng = mixed(seed, most=4, halts=seed % 3 == 0), np.random.default_rng([48, seed])
+    for add in (_stops, _goals, _gates, _leg, _soft, _objective):
         if rng.random() < 0.6:
             for _ in range(3):
                 tried = with_one(scene, add, rng)
@@ -60,6 +60,26 @@ def _goals(rng: Rng, scene: Mixed) -> rho.Scenario:
         goal = kinds[rng.integers(len(kinds))] if rng.random() < 0.7 else each.goal
         vehicles.append(dataclasses.replace(each, goal=goal))
     return dataclasses.replace(scene.scenario, vehicles=tuple(vehicles))
+
+
+def _stops(rng: Rng, scene: Mixed) -> rho.Scenario:
+    """Return the scenario with stops where the motion rests, some of them without a time."""
+    scenario, plan, vehicles = scene.scenario, scene.known, list(scene.scenario.vehicles)
+    for i, each in enumerate(vehicles):
+        knots = rests(plan, i)
+        if len(knots) < 2 or each.waypoints:
+            continue
+        steps, grid = np.ptp(knots), scenario.grid
+        stop = rho.Waypoint(
+            None if rng.random() < 0.6 else float(grid.times[knots[0]]),
+            plan.positions[i, knots[0]],
+            float(rng.choice([0.0, 0.05])) * _size(scene),
+            velocity=rho.Ball([0.0] * 3, 0.05 * _speed(scene)) if rng.random() < 0.3 else None,
+            dwell=float(steps * grid.step * rng.choice([rng.uniform(0.1, 1.0), 1.0])),
+            name="stop",
+        )
+        vehicles[i] = dataclasses.replace(each, waypoints=(stop,))
+    return dataclasses.replace(scenario, vehicles=tuple(vehicles))
 
 
 def _gates(rng: Rng, scene: Mixed) -> rho.Scenario:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 from pathlib import Path
 from typing import Any
@@ -287,6 +288,80 @@ def test_a_slow_leg_takes_its_time() -> None:
     assert plan.scenario.grid.duration == pytest.approx(4.0 + ends, rel=0.05)
 
 
+def _least(legs: list[float], dwells: list[float], steps: int, most: float) -> float:
+    """Return the least time of legs from rest to rest with dwells between, in whole steps [s].
+
+    The farthest of n steps with accelerations up to a is a h² floor(n² / 4).
+    """
+
+    def needed(step: float) -> int:
+        flown = 0
+        for leg in legs:
+            n = 2
+            while most * step**2 * (n**2 // 4) < leg * (1.0 - 1e-12):
+                n += 1
+            flown += n
+        return flown + sum(int(np.ceil(each / step - 1e-9)) for each in dwells)
+
+    low, high = 1e-3, 1e3
+    for _ in range(100):
+        middle = (low + high) / 2.0
+        low, high = (low, middle) if needed(middle) <= steps else (middle, high)
+    return steps * high
+
+
+@pytest.mark.parametrize(
+    "seed", [0, 1, *(pytest.param(each, marks=pytest.mark.slow) for each in range(2, 12))]
+)
+def test_stops_in_least_time_are_those_of_a_closed_form(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    count, knots, most = int(rng.integers(1, 3)), int(rng.integers(20, 60)), rng.uniform(2.0, 9.0)
+    places = np.cumsum(rng.uniform(-4.0, 4.0, (count + 2, 3)), axis=0)
+    dwells = rng.uniform(0.1, 2.5, count).tolist()
+    stops = [rho.Waypoint(None, p, dwell=d) for p, d in zip(places[1:-1], dwells, strict=True)]
+    vehicle = rho.Vehicle("v", rho.State(places[0]), rho.State(places[-1]), waypoints=stops)
+    limits = rho.Limits(max_acceleration=most)
+    scenario = rho.Scenario("stops", rho.Grid(rng.uniform(0.05, 0.5), knots), [vehicle], limits)
+    plan = rho.plan_minimum_time(scenario)
+    assert rho.verify(plan).ok
+    legs = np.linalg.norm(np.diff(places, axis=0), axis=1).tolist()
+    least = _least(legs, dwells, knots - 1, most)
+    assert plan.scenario.grid.duration == pytest.approx(least, rel=1e-6)
+
+
+@pytest.mark.parametrize("windows", [False, True])
+def test_a_stop_is_at_the_steps_of_least_cost(windows: bool) -> None:
+    def costs(time: float | None) -> float:
+        stop = rho.Waypoint(time, [7, 2, 1.5], dwell=1.1, name="stop")
+        return float(planner(scene(GATE, stop)).cost)
+
+    planner: Any = rho.plan_rho if windows else rho.plan
+    known = dict[float, float]()
+    for time in 0.25 * np.arange(9, 30):
+        with contextlib.suppress(rho.InfeasibleError):
+            known[float(time)] = costs(float(time))
+    assert costs(None) == pytest.approx(min(known.values()), rel=1e-6)
+
+
+def test_dwells_as_long_as_the_flight_are_named() -> None:
+    stop = rho.Waypoint(None, [6, 0, 1], dwell=10.0)
+    with pytest.raises(rho.InfeasibleError, match="these take 10 s of the flight's 10 s") as error:
+        rho.plan(scene(stop))
+    assert error.value.conflicts == {"scout": ("dwells at its waypoints",)}
+    assert rho.verify(rho.plan_minimum_time(scene(stop))).ok
+
+
+def test_a_dwell_that_begins_with_a_window_is_kept() -> None:
+    """Rounding puts its time after the window's start by one unit in the last place."""
+    step = 0.12897515641043925
+    stop = rho.Waypoint(25 * step, [1, 1, 1], dwell=0.72)
+    ends = rho.State([0, 0, 1]), rho.State([2, 1, 1])
+    vehicle = rho.Vehicle("v", *ends, waypoints=[stop])
+    scenario = rho.Scenario("begun", rho.Grid(step, 51), [vehicle])
+    flight = rho.plan_rho(scenario, replan_every=5)
+    assert len(flight.windows[5].plan.scenario.vehicles[0].waypoints) == 1
+
+
 REFUSED: dict[str, tuple[Any, str]] = {
     "a dwell at a moving waypoint": (
         lambda: rho.Waypoint(1.0, [0, 0, 0], dwell=1.0, velocity=[1, 0, 0]),
@@ -294,10 +369,6 @@ REFUSED: dict[str, tuple[Any, str]] = {
     ),
     "a dwell at a gate that excludes rest": (
         lambda: rho.Waypoint(1.0, [0, 0, 0], dwell=1.0, velocity=rho.Ball([2, 0, 0], 1.0)),
-        "waypoint.dwell",
-    ),
-    "a dwell without a time": (
-        lambda: rho.Waypoint(None, [0, 0, 0], dwell=1.0),
         "waypoint.dwell",
     ),
     "a negative dwell": (lambda: rho.Waypoint(1.0, [0, 0, 0], dwell=-1.0), "waypoint.dwell"),

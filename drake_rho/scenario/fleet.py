@@ -253,7 +253,7 @@ class Fleet:
     @cached_property
     def waypoints(self) -> list[Waypoints]:
         """Waypoints of all vehicles, grouped by number; empty if no vehicle has any."""
-        return waypoints_of(self._vehicles, self._grid.start)
+        return waypoints_of(self._vehicles, self._grid)
 
     @cached_property
     def lengths(self) -> FloatArray:

@@ -64,18 +64,33 @@ def required_of(
 def on_known_legs(
     requirements: Sequence[KeepIn], vehicles: Sequence[Vehicle]
 ) -> tuple[KeepIn, ...]:
-    """Return the requirements without those between waypoints that the vehicles do not have."""
-    known = {each.name for own in vehicles for each in own.waypoints} | {START, GOAL}
-    return tuple(each for each in requirements if known.issuperset(each.between or ()))
+    """Return the requirements without those between waypoints that vehicles do not have."""
+    return tuple(own for each in requirements for own in _on_known_legs(each, vehicles))
+
+
+def _on_known_legs(requirement: KeepIn, vehicles: Sequence[Vehicle]) -> Iterator[KeepIn]:
+    """Yield a requirement for those of its vehicles that have the waypoints, if any has."""
+    concerned, names = on_leg(requirement, vehicles), {*(requirement.between or ())} - {START, GOAL}
+    known = [each for each in concerned if names <= {own.name for own in each.waypoints}]
+    if requirement.between is None or (known and len(known) == len(concerned)):
+        yield requirement
+    elif known:
+        yield unchecked(requirement, vehicles=tuple(each.name for each in known))
 
 
 def is_scale_free(vehicles: Sequence[Vehicle]) -> bool:
     """Return whether a slower motion along the same path has allowed velocities at waypoints.
 
-    Cones and half-spaces with zero at their boundary allow this: they are directions.
+    Sets with zero inside allow this, and cones and half-spaces with zero at their boundary: these
+    are directions.
     """
     sets = (velocities_at(each) for own in vehicles for each in own.waypoints)
-    return all(each is None or _is_cone(each) for each in sets)
+    return all(each is None or _is_cone(each) or has_rest_inside(each) for each in sets)
+
+
+def has_rest_inside(convex_set: Any) -> bool:
+    """Return whether zero is inside a set, which limits velocities like any other limit."""
+    return bool(convex_set.signed_distance(np.zeros(3)) < 0.0)
 
 
 def _is_cone(convex_set: object) -> bool:
@@ -342,12 +357,7 @@ def _nearest(convex_set: object, x: FloatArray) -> FloatArray:
 
 def _check_dwell(waypoint: Waypoint, where: str, vehicle: Vehicle, grid: Grid) -> None:
     """Check that a vehicle can rest at a waypoint with a time, before the next and the goal."""
-    if waypoint.dwell == 0.0:
-        return
-    if waypoint.dwell >= grid.duration:
-        expected = f"a time below that of the flight, {grid.duration:g} s"
-        raise ScenarioError(f"{where}.dwell", waypoint.dwell, expected)
-    if waypoint.time is None:
+    if waypoint.dwell == 0.0 or waypoint.time is None:
         return
     first, last = rests(waypoint, grid)
     if last > grid.knots - 1:

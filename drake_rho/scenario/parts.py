@@ -341,9 +341,6 @@ class Waypoint:
             raise ScenarioError("penalty", self.penalty, expected)
         if self.name in (START, GOAL):
             raise ScenarioError("name", self.name, "another name: this is an end of the flight")
-        if self.dwell > 0.0 and self.time is None:
-            expected = "0 at a waypoint without a time: at which steps to rest is not found"
-            raise ScenarioError("dwell", self.dwell, expected)
         if self.dwell > 0.0 and self.velocity is not None and not self._may_rest:
             expected = "0 at a waypoint with a velocity: a vehicle dwells at rest"
             raise ScenarioError("dwell", self.dwell, expected)

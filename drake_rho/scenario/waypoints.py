@@ -60,31 +60,35 @@ class Waypoints:
         return Balls(self.positions, self.tolerances(scale), self.within)
 
 
-def waypoints_of(vehicles: Sequence[Vehicle], start: float) -> list[Waypoints]:
+def waypoints_of(vehicles: Sequence[Vehicle], grid: Grid) -> list[Waypoints]:
     """Return the waypoints of all vehicles, grouped by number and name.
 
-    Positions at which vehicles dwell since before the start are theirs, and not passed any more.
+    Positions at which vehicles dwell since the start are theirs, and not passed any more.
 
     Args:
         vehicles: all vehicles.
-        start: time of the first knot [s].
+        grid: first and last knot.
     """
     found = list[Waypoints]()
     for index in range(max(len(vehicle.waypoints) for vehicle in vehicles)):
-        own = [_numbered(vehicle, index, start) for vehicle in vehicles]
+        own = [_numbered(vehicle, index, grid) for vehicle in vehicles]
         for name in dict.fromkeys(each.name for each in own if each is not None):
             of_name = [each if each and each.name == name else None for each in own]
             found.append(_grouped(index, of_name))
     return found
 
 
-def _numbered(vehicle: Vehicle, index: int, start: float) -> Waypoint | None:
+def _numbered(vehicle: Vehicle, index: int, grid: Grid) -> Waypoint | None:
     """Return a vehicle's waypoint by its index; None if there is none to be passed."""
     if index >= len(vehicle.waypoints):
         return None
     waypoint = vehicle.waypoints[index]
-    begun = waypoint.dwell > 0.0 and waypoint.time is not None and waypoint.time < start
-    return None if begun else waypoint
+    return None if waypoint.dwell > 0.0 and _has_begun(waypoint, grid) else waypoint
+
+
+def _has_begun(waypoint: Waypoint, grid: Grid) -> bool:
+    """Return whether the time of a waypoint is not after the first knot."""
+    return waypoint.time is not None and waypoint.time <= grid.start + _AT_ONCE * grid.step
 
 
 def _grouped(index: int, waypoints: Sequence[Waypoint | None]) -> Waypoints:
@@ -143,7 +147,7 @@ def is_ahead(waypoint: Waypoint, grid: Grid, lead: float) -> bool:
     """
     if waypoint.time is None or is_during_flight(waypoint.time, grid, lead):
         return True
-    if waypoint.dwell == 0.0 or waypoint.time > grid.start:
+    if waypoint.dwell == 0.0 or not _has_begun(waypoint, grid):
         return False
     _, last = rests(waypoint, grid)
     return bool(grid.clock.after(grid.step * last, -lead))
@@ -173,22 +177,33 @@ class AllWaypoints:
     """positions [m], shape (W, 3)"""
     within: FloatArray
     """largest distances from these [m], shape (W,)"""
+    dwells: FloatArray
+    """least times at rest there [s], shape (W,)"""
 
     @classmethod
     def of(cls, vehicles: Sequence[Vehicle]) -> AllWaypoints:
         """Return the waypoints of all vehicles."""
         found = [
-            (i, k, np.nan if each.time is None else each.time, each.position, each.within)
+            (
+                i,
+                k,
+                np.nan if each.time is None else each.time,
+                each.position,
+                each.within,
+                each.dwell,
+            )
             for i, vehicle in enumerate(vehicles)
             for k, each in enumerate(vehicle.waypoints)
         ]
-        who, numbers, times, positions, within = zip(*found, strict=True) if found else [()] * 5
+        columns = zip(*found, strict=True) if found else [()] * 6
+        who, numbers, times, positions, within, dwells = columns
         return cls(
             np.array(who, dtype=int),
             np.array(numbers, dtype=int),
             np.array(times, dtype=float),
             np.array(positions, dtype=float).reshape(-1, 3),
             np.array(within, dtype=float),
+            np.array(dwells, dtype=float),
         )
 
     def __len__(self) -> int:

@@ -78,7 +78,7 @@ class Constraint(Form, abc.ABC):
     moves: bool = False
     """whether its interval begins or ends at waypoints, whose times may be variables"""
     is_gate: bool = False
-    """whether it is of velocities at a waypoint"""
+    """whether it is of velocities at a waypoint, in a set with no zero inside"""
     given_end: GivenEnd | None = None
     """vehicles to which it does not apply there, beside others to which it does"""
 

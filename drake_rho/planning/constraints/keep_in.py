@@ -255,6 +255,12 @@ class KeepInSets(Constraint):
         fixed = self.active is None and self.partner is None and len(self.sets.corners) == 0
         return fixed and self.quantity in ("velocity", "acceleration")
 
+    @property
+    def is_on_leg(self) -> bool:
+        """Whether fixed sets limit the velocities of single vehicles at or between waypoints."""
+        fixed = self.moves and self.partner is None and len(self.sets.corners) == 0
+        return fixed and self.quantity == "velocity"
+
     def faces(self) -> HalfSpaces:
         """Return the rows of a bounding box of C at all `times`."""
         sides = np.concatenate([np.eye(3), -np.eye(3)])

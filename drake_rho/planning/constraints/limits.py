@@ -11,6 +11,7 @@ from drake_rho.planning.constraints.base import VIOLATED, GivenEnd, constrained_
 from drake_rho.planning.constraints.keep_in import KeepInSets
 from drake_rho.planning.constraints.margins import Margins, PlanMargins, jerk_factor
 from drake_rho.scenario.fields import FloatArray
+from drake_rho.scenario.gates import has_rest_inside
 from drake_rho.scenario.norms import NORMS
 from drake_rho.scenario.parts import Grid
 from drake_rho.scenario.records import Scenario
@@ -153,7 +154,9 @@ def requirements_of(scenario: Scenario, margins: PlanMargins) -> list[KeepInSets
                 open_end=open_end,
                 given_end=GivenEnd.of(scenario, quantity) if open_end else None,
                 moves=requirement.moves,
-                is_gate=requirement.at_waypoint and quantity == "velocity",
+                is_gate=requirement.at_waypoint
+                and quantity == "velocity"
+                and not has_rest_inside(requirement.set),
             )
         )
     return found

@@ -25,9 +25,10 @@ _TRIES = 15
 
 @dataclasses.dataclass(frozen=True)
 class AllowedTimes:
-    """Intervals of time in which each waypoint may be passed.
+    """Intervals of time in which each waypoint may be passed, or rest there may begin.
 
-    Its position is then outside of all obstacles, and inside the sets of all requirements.
+    Its position is then outside of all obstacles, and inside the sets of all requirements, for the
+    whole of a dwell.
     """
 
     intervals: Sequence[FloatArray]
@@ -45,7 +46,8 @@ class AllowedTimes:
         """
         grid = scenario.grid
         if not changes_with_time(scenario):
-            return cls([np.array([[0.0, grid.duration]])] * len(waypoints), grid.duration)
+            found = [np.array([[0.0, grid.duration - dwell]]) for dwell in waypoints.dwells]
+            return cls([each[each[:, 0] <= each[:, 1]] for each in found], grid.duration)
         corners = [body.corners for body in scenario.bodies]
         corners += [each.corners for each in scenario.requirements]
         samples = np.linspace(grid.start, grid.end, (grid.knots - 1) * _SAMPLES + 1)
@@ -108,7 +110,7 @@ def _intervals(
     begins = end(times[first], times[np.maximum(first - 1, 0)])
     ends = end(times[last], times[np.minimum(last + 1, len(times) - 1)])
     tick = scenario.grid.clock.tick  # so that rounding does not leave the interval
-    found = np.stack([begins + tick, ends - tick], axis=1)
+    found = np.stack([begins + tick, ends - tick - waypoints.dwells[number]], axis=1)
     return found[found[:, 0] <= found[:, 1]]
 
 

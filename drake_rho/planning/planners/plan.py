@@ -28,6 +28,7 @@ from drake_rho.planning.scp.sequential_convex import sequential_convex
 from drake_rho.planning.scp.subproblem import Subproblem, coupling_for
 from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.errors import ScenarioError
+from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.penalties import NO_TIMES, check_no_penalties
 from drake_rho.scenario.records import Scenario
 from drake_rho.system.threads import single_threaded_blas
@@ -119,19 +120,18 @@ def _with_free_times(
     failures = list[Exception]()
     for guess in _all_times(times, reference, coupling, search):
         try:
-            first = _with_given_times(guess, reference, coupling, search)
+            first = _with_given_times(times.scenario_at(guess), reference, coupling, search)
         except (InfeasibleError, SolverError, ScenarioError) as error:
             failures.append(error)
         else:
             return _with_better_times(times, first, coupling, search)
-    infeasible = [each for each in failures if isinstance(each, InfeasibleError)]
-    raise at_times_tried(infeasible[0]) if infeasible else failures[0]
+    raise at_times_tried(failures, times.scenario)
 
 
 def _all_times(
     times: WaypointTimes, reference: Plan | None, coupling: Coupling, search: FirstPlan
-) -> Iterator[Scenario]:
-    """Yield the scenario with candidate times of its free waypoints, the most promising first.
+) -> Iterator[FloatArray]:
+    """Yield candidate times of the waypoints, the most promising first.
 
     Raises:
         InfeasibleError: there is no plan without these waypoints either.
@@ -150,7 +150,8 @@ def _with_better_times(
     if not first.scenario.avoided and first.scenario.separation is None:
         return first
     try:
-        again = _with_given_times(times.near(first), first, coupling, search)
+        better = times.scenario_at(times.near(first))
+        again = _with_given_times(better, first, coupling, search)
     except (InfeasibleError, SolverError, OutOfTimeError, ScenarioError):
         return first
     return min(first, again, key=lambda plan: plan.cost)

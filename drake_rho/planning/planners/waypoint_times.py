@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from functools import cached_property
 
@@ -25,7 +25,8 @@ from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.gates import Gates
 from drake_rho.scenario.objective import Objective
-from drake_rho.scenario.records import Grid, Scenario
+from drake_rho.scenario.records import Grid, Scenario, Vehicle
+from drake_rho.scenario.times import SAME_TIME
 from drake_rho.scenario.waypoints import AllWaypoints
 
 GAP = 0.002
@@ -35,6 +36,9 @@ two waypoints would have equal rows."""
 _LEAST_LEG = 1e-2
 """Least time of a leg in the first guess, as a fraction of the longest leg's. It matters for a
 waypoint at the start."""
+
+_MOST_AT_REST = 0.9
+"""Largest part of the flight for dwells in the first guess."""
 
 _ROUGHLY = 1e-2
 """Relative fall of the final time that ends the search for first times."""
@@ -61,7 +65,7 @@ def passing_of(
     """Return waypoints with given times, and with guesses for free ones.
 
     The guessed time of a leg is proportional to the square root of its length, between given times
-    too.
+    too, in the time that is left by dwells.
 
     Args:
         waypoints: the waypoints of all vehicles.
@@ -75,7 +79,10 @@ def passing_of(
         places = [fleet.start_positions[i], *waypoints.positions[own], fleet.goal_positions[i]]
         legs = np.sqrt(np.linalg.norm(np.diff(places, axis=0), axis=1))
         legs = np.maximum(legs, _LEAST_LEG * max(legs.max(), 1e-300))
-        guess = grid.duration * np.cumsum(legs)[:-1] / legs.sum()
+        rests = waypoints.dwells[own]
+        rests *= min(1.0, _MOST_AT_REST * grid.duration / max(rests.sum(), 1e-300))
+        flown = grid.duration - rests.sum()
+        guess = flown * np.cumsum(legs)[:-1] / legs.sum() + np.cumsum(rests) - rests
         given = waypoints.given[own]
         if given.any() and not given.all():
             ends = [0.0, *guess[given], grid.duration], [0.0, *times[own][given], grid.duration]
@@ -95,7 +102,7 @@ def passing_of(
 def in_least_time(start: Timed, backend: Backend, progress: Progress | None) -> tuple[Timed, float]:
     """Return the minimum-time motion through the waypoints, scaled in time to the final time.
 
-    Given times are scaled in proportion to the minimum time. If that is at most the required final
+    Given times and stops are scaled in proportion to the minimum time. If that is at most the required final
     time, the slower motion meets every limit and passes waypoints at their given times.
 
     Args:
@@ -107,9 +114,10 @@ def in_least_time(start: Timed, backend: Backend, progress: Progress | None) -> 
         The motion in the final time of `start`, and the minimum time [s]; `start` and infinity if
         none is found.
     """
-    passing = start.passing
-    none = np.zeros(len(passing), dtype=bool)
-    scaled = dataclasses.replace(passing, given=none, in_proportion=passing.given)
+    passing = start.with_stops_at_knots().passing
+    none, stops = np.zeros((2, len(passing)), dtype=bool)
+    stops[passing.stops] = True
+    scaled = dataclasses.replace(passing, given=none, in_proportion=passing.given | stops)
     fast = None
     with suppress(ScenarioError, SolverError):  # where nothing bounds the time
         search = LeastTime(backend, progress, steady=passing.is_scale_free)
@@ -135,10 +143,13 @@ class WaypointTimes:
         scenario: the scenario.
         backend: the solver and its settings.
         progress: called with a short description of the current step.
+
+    Attributes:
+        scenario: the scenario.
     """
 
     def __init__(self, scenario: Scenario, backend: Backend, progress: Progress | None) -> None:
-        self._given, self._backend, self._progress = scenario, backend, progress
+        self.scenario, self._backend, self._progress = scenario, backend, progress
         self._waypoints = AllWaypoints.of(scenario.vehicles)
         self._search = PassingSearch(backend, progress)
 
@@ -151,17 +162,24 @@ class WaypointTimes:
         """Check that every free waypoint can be passed at some time of the flight.
 
         Raises:
-            InfeasibleError: an obstacle or a requirement forbids its position at all times.
+            InfeasibleError: an obstacle or a requirement forbids its position at all times, or the
+                dwells of a vehicle take as long as the flight.
         """
         forbidden = dict[str, list[str]]()
+        grid, waypoints = self.scenario.grid, self._waypoints
+        at_rest = np.bincount(waypoints.vehicles, waypoints.dwells)
+        for i in np.flatnonzero(at_rest >= grid.duration * (1.0 - SAME_TIME)).tolist():
+            dwells = {self.scenario.names[i]: ("dwells at its waypoints",)}
+            because = f"these take {at_rest[i]:.4g} s of the flight's {grid.duration:.4g} s"
+            raise InfeasibleError(dwells, scenario=self.scenario, because=because)
         for w in np.flatnonzero(~self._waypoints.given).tolist():
             if len(self._allowed.intervals[w]) == 0:
-                name = self._given.names[self._waypoints.vehicles[w]]
+                name = self.scenario.names[self._waypoints.vehicles[w]]
                 forbidden.setdefault(name, []).append(f"waypoint {self._waypoints.numbers[w] + 1}")
         if forbidden:
             conflicts = {name: tuple(which) for name, which in forbidden.items()}
-            because = "obstacles or requirements forbid these places at all times"
-            raise InfeasibleError(conflicts, scenario=self._given, because=because)
+            because = "obstacles or requirements forbid these places at all times, or for a dwell"
+            raise InfeasibleError(conflicts, scenario=self.scenario, because=because)
 
     def without_free(self) -> Scenario:
         """Return the scenario without free waypoints, a relaxation."""
@@ -169,14 +187,15 @@ class WaypointTimes:
             dataclasses.replace(
                 each, waypoints=tuple(own for own in each.waypoints if own.time is not None)
             )
-            for each in self._given.vehicles
+            for each in self.scenario.vehicles
         )
-        return self._given.with_vehicles(vehicles)
+        return self.scenario.with_vehicles(vehicles)
 
-    def guesses(self) -> Iterator[Scenario]:
-        """Yield the scenario with times that are optimal without obstacles and other vehicles.
+    def guesses(self) -> Iterator[FloatArray]:
+        """Yield times of all waypoints that are optimal without obstacles and other vehicles.
 
-        The first are found from the minimum-time motion, the others from other guesses.
+        They are since the first knot [s], shape (W,). The first are found from the minimum-time
+        motion, the others from other guesses.
         """
         tell(self._progress, "looking for the times of waypoints")
         known = list[FloatArray]()
@@ -190,12 +209,12 @@ class WaypointTimes:
             alike = any(np.allclose(times, each, rtol=0.0, atol=near) for each in known)
             if not known or (best.missed <= _PASSED and not alike):
                 known.append(times)
-                yield self._timed(best)
+                yield times
                 if best.missed <= _PASSED and (inner := self._within_reach(times)) is not None:
                     yield inner
 
-    def _within_reach(self, times: FloatArray) -> Scenario | None:
-        """Return the scenario with feasible times close to some on the edge of feasibility.
+    def _within_reach(self, times: FloatArray) -> FloatArray | None:
+        """Return feasible times close to some on the edge of feasibility.
 
         There a motion of the search may be infeasible to the tolerance of a plan. None is returned
         if the times are feasible as they are, or no times close to them are.
@@ -203,34 +222,39 @@ class WaypointTimes:
         moved = np.eye(len(times))[~self._first.given] * self._first.least
         steps = [0.0 * moved[0], *(far * each for far in _BESIDE for each in (*moved, *-moved))]
         for number, step in enumerate(steps):
-            vehicles = self._waypoints.placed(
-                self._given.vehicles, self._given.grid.start + times + step
-            )
             with suppress(InfeasibleError, SolverError, ScenarioError):
-                convex = dataclasses.replace(self._convex, vehicles=vehicles)
+                convex = dataclasses.replace(self._convex, vehicles=self._passing_at(times + step))
                 linearised_once(Problem.of(convex), None, self._backend)
-                return dataclasses.replace(self._given, vehicles=vehicles) if number else None
+                return times + step if number else None
         return None
 
-    def near(self, plan: Plan) -> Scenario:
-        """Return the scenario with waypoint times optimised from those of one of its plans."""
+    def near(self, plan: Plan) -> FloatArray:
+        """Return waypoint times optimised from those of one of the scenario's plans."""
         times = AllWaypoints.of(plan.scenario.vehicles).times - plan.scenario.grid.start
-        return self._timed(self._search.best(self._from_plan(plan, times), self._allowed))
+        return self._search.best(self._from_plan(plan, times), self._allowed).passing.times
 
-    def towards(self, plan: Plan) -> Iterator[Scenario]:
-        """Yield the scenario with times found from a plan without the free waypoints.
+    def towards(self, plan: Plan) -> Iterator[FloatArray]:
+        """Yield waypoint times found from a plan without the free waypoints.
 
         That plan satisfies all other constraints; it is bent to the waypoints.
         """
         for times in (self._nearest(plan), self._first.times):
             best = self._search.best(self._from_plan(plan, times), self._allowed)
             if best.missed <= _PASSED:
-                yield self._timed(best)
+                yield best.passing.times
+
+    def scenario_at(self, times: FloatArray) -> Scenario:
+        """Return the scenario with all waypoints at times since the first knot [s], (W,).
+
+        Raises:
+            ScenarioError: a place is not allowed then, or a dwell ends too late.
+        """
+        return dataclasses.replace(self.scenario, vehicles=self._passing_at(times))
 
     @cached_property
     def _without(self) -> Scenario:
         """The scenario without waypoints, with the cost of which times are found: the effort."""
-        return dataclasses.replace(self._given.without_waypoints(), objective=Objective())
+        return dataclasses.replace(self.scenario.without_waypoints(), objective=Objective())
 
     @cached_property
     def _convex(self) -> Scenario:
@@ -244,7 +268,7 @@ class WaypointTimes:
 
     @cached_property
     def _gates(self) -> Gates | None:
-        return Gates.of(self._given.requirements, self._given.vehicles)
+        return Gates.of(self.scenario.requirements, self.scenario.vehicles)
 
     @cached_property
     def _allowed(self) -> AllowedTimes:
@@ -291,17 +315,27 @@ class WaypointTimes:
             times[w] = samples[np.argmin(far)]
         return times
 
-    def _timed(self, timed: Timed) -> Scenario:
-        times = self._given.grid.start + timed.passing.times
-        vehicles = self._waypoints.placed(self._given.vehicles, times)
-        return dataclasses.replace(self._given, vehicles=vehicles)
+    def _passing_at(self, times: FloatArray) -> tuple[Vehicle, ...]:
+        """Return the vehicles with all waypoints at times since the first knot [s], (W,)."""
+        return self._waypoints.placed(self.scenario.vehicles, self.scenario.grid.start + times)
 
 
-def at_times_tried(error: InfeasibleError) -> InfeasibleError:
-    """Return the error of a scenario with chosen waypoint times, as one without proof."""
-    premise = f" {error.premise}" if error.premise else ""
-    return error.replaced(
-        because=error.because
-        or "at none of the times of waypoints that were tried; at the first of these, these cannot "
-        f"be met together{premise}"
-    )
+def at_times_tried(failures: Sequence[Exception], scenario: Scenario) -> Exception:
+    """Return the error of a scenario with waypoint times that were tried, without proof.
+
+    Args:
+        failures: errors at these times, of which the first conflict is told.
+        scenario: the scenario.
+    """
+    for error in failures:
+        if isinstance(error, InfeasibleError):
+            premise = f" {error.premise}" if error.premise else ""
+            return error.replaced(
+                because=error.because
+                or "at none of the times of waypoints that were tried; at the first of these, "
+                f"these cannot be met together{premise}"
+            )
+    if isinstance(failures[0], ScenarioError):  # a place that is not allowed then
+        because = f"at none of the times of waypoints that were tried; at the first, {failures[0]}"
+        return InfeasibleError({}, scenario=scenario, because=because)
+    return failures[0]

@@ -56,7 +56,7 @@ class FreeTimePrograms:
         cones = {each.key: Cones.of(each, motion, group) for each in sets}
         faces = [each.faces() for each in rates if len(cones[each.key]) == 0]
         self._cones = [each for each in cones.values() if len(each) > 0]
-        gates = [Cones.of_gate(each, motion) for each in problem.requirements if each.is_gate]
+        gates = [Cones.of_gate(each, motion) for each in problem.requirements if each.is_on_leg]
         self._cones += [each for each in gates if len(each) > 0]
         self._boxes = [each.every_row(motion) for each in boxes]
         self._boxes += [each for each in faces if len(each) > 0]

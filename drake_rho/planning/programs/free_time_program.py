@@ -77,7 +77,7 @@ class FreeTimeProgram:
         self._x = self.program.NewContinuousVariables(sparse.columns)
         self._time = self.program.NewContinuousVariables(2)  # y and s
         self._changes = self.program.NewContinuousVariables(len(passing))
-        soft = passing.may_change & np.isfinite(passing.price)
+        soft = ~passing.given & ~passing.in_proportion & np.isfinite(passing.price)
         self._soft = np.flatnonzero(soft)
         self._misses = self.program.NewContinuousVariables(len(self._soft))
         count = 3 * self._steps * len(group)
@@ -142,7 +142,7 @@ class FreeTimeProgram:
             both = np.eye(len(largest), 1 + len(largest), 1)
             both[:, 0] = -by_y
             both = both[later] - both[later - 1]
-            gaps = passing.times[later] - passing.times[later - 1]
+            gaps = passing.times[later] - passing.times[later - 1] - passing.dwells[later - 1]
             needed = np.minimum(passing.least - gaps, 0.0) + both[:, 0]
             above = np.full(len(later), np.inf)
             variables = np.array([self._time[0], *self._changes])

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
+from functools import cached_property
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -25,6 +26,8 @@ from drake_rho.scenario.gates import Gates, is_scale_free
 from drake_rho.scenario.parts import Grid, Quantity
 from drake_rho.scenario.records import KeepIn, Scenario
 from drake_rho.scenario.smoothing import Smoothing
+from drake_rho.scenario.times import steps_lasting
+from drake_rho.scenario.waypoints import AllWaypoints
 
 
 class Change(NamedTuple):
@@ -106,10 +109,57 @@ class Passing:
     @property
     def ends(self) -> list[float]:
         """Times at which waypoints with given times end, with any dwell [s]."""
-        dwells = np.zeros(len(self))
-        if self.gates is not None:
-            dwells[:] = [own.dwell for each in self.gates.vehicles for own in each.waypoints]
-        return list((self.times + dwells)[self.given].tolist())
+        return list((self.times + self.dwells)[self.given].tolist())
+
+    @cached_property
+    def dwells(self) -> FloatArray:
+        """Least times at rest from the times of the waypoints on [s], shape (W,)."""
+        return (
+            np.zeros(len(self))
+            if self.gates is None
+            else AllWaypoints.of(self.gates.vehicles).dwells
+        )
+
+    @property
+    def stops(self) -> IntArray:
+        """Indices of free waypoints with a dwell, which begin at knots that programs keep."""
+        return np.flatnonzero((self.dwells > 0.0) & ~self.given & ~self.in_proportion)
+
+    def steps_at_rest(self, step: float) -> IntArray:
+        """Return the number of steps that last as long as each dwell, shape (W,)."""
+        return np.array([steps_lasting(each, step) for each in self.dwells], dtype=int)
+
+    def with_stops_at_knots(self, step: float, steps: int) -> Passing:
+        """Return the waypoints with stops at the nearest knots that leave steps to fly between.
+
+        Args:
+            step: step of the motion [s].
+            steps: number of its steps.
+        """
+        times, rests = self.times.copy(), self.steps_at_rest(step)
+        for vehicle in np.unique(self.vehicles[self.stops]):
+            own = self.stops[self.vehicles[self.stops] == vehicle]
+            first, last = self._knots_allowed(own, step)
+            knots = np.clip(np.rint(times[own] / step), first, np.maximum(first, last)).astype(int)
+            low, high = 0, steps
+            for i, w in enumerate(own):
+                low = knots[i] = max(knots[i], low + _LEG)
+                low += rests[w]
+            for i, w in reversed(list(enumerate(own))):
+                high = knots[i] = min(knots[i], high - _LEG - rests[w])
+            times[own] = np.maximum(knots, 1) * step
+        return dataclasses.replace(self, times=times) if len(self.stops) > 0 else self
+
+    def _knots_allowed(self, which: IntArray, step: float) -> tuple[FloatArray, FloatArray]:
+        """Return the first and the last knot at the allowed times of some waypoints."""
+        allowed = np.broadcast_to(self.allowed, (len(self), 2))[which] / step
+        return np.ceil(allowed[:, 0] - _AT_KNOT), np.floor(allowed[:, 1] + _AT_KNOT)
+
+    def stops_are_allowed(self, step: float) -> bool:
+        """Return whether all stops begin at allowed times."""
+        first, last = self._knots_allowed(self.stops, step)
+        knots = np.rint(self.times[self.stops] / step)
+        return bool(np.all((knots >= first) & (knots <= last)))
 
     @property
     def in_steps(self) -> BoolArray:
@@ -209,7 +259,8 @@ class Passing:
     @property
     def may_change(self) -> BoolArray:
         """Mask of the waypoints whose times, relative to the final time, are variables, (W,)."""
-        return ~self.given & ~self.in_proportion
+        changing: BoolArray = ~self.given & ~self.in_proportion & (self.dwells == 0.0)
+        return changing
 
     def lasting(self, duration: float, before: float) -> Passing:
         """Return the waypoints for another final time, with the free times scaled.
@@ -238,8 +289,9 @@ class Passing:
 
     @property
     def is_in_order(self) -> bool:
-        """Whether the times of all waypoints are in order."""
-        return bool(np.all(np.diff(self.times)[self.ordered - 1] > 0.0))
+        """Whether the times of all waypoints are in order, with any dwells between them."""
+        gaps = np.diff(self.times) - self.dwells[:-1]
+        return bool(np.all(gaps[self.ordered - 1] > 0.0))
 
     def curvatures(self, duration: float) -> FloatArray:
         """Return estimates of the second derivatives of y by changes of the times [1/s²], (W,).
@@ -314,6 +366,9 @@ _GROWTH: dict[Quantity, tuple[float, float]] = {
 
 _AT_ONCE = 1e-3
 """Part of the least time between waypoints in which rows are at a waypoint."""
+
+_LEG = 2
+"""Least number of steps from rest to rest elsewhere."""
 
 _NEAR_KNOT = 1e-3
 """Part of a step within which a waypoint counts as stopped by a knot when a search has ended."""

@@ -26,6 +26,7 @@ from drake_rho.planning.programs.free_time import LITTLE_EFFORT, FreeTimeProgram
 from drake_rho.planning.programs.free_times import NO_CHANGE, Change, FreeTime
 from drake_rho.planning.scp.free_time_rows import near_rows, violated_rows
 from drake_rho.planning.scp.row_generation import generate_rows
+from drake_rho.planning.scp.stops import with_moved_stops
 from drake_rho.planning.scp.timed import Timed
 from drake_rho.planning.scp.working_set import RowKeys, WorkingSet
 from drake_rho.scenario.errors import Description, ScenarioError
@@ -36,6 +37,13 @@ _BEYOND = 20
 _ASIDE = -0.5, 0.5, -0.05, 0.05
 """Changes of the time of a waypoint at a knot that are tried, in steps: large ones reach further,
 after small ones more motions have the velocities of gates."""
+
+_FARTHEST, _ENOUGH = 0.125, 0.01
+"""First number of steps by which stops move, as a part of all, and the least relative fall of final
+time or cost for which they do, as a part of the tolerance."""
+
+_SHORTER = 1e-3
+"""Relative fall of the final time for which stops move where constraints depend on time."""
 
 _LONGER = 1.05
 """Multiple of the final time in which it does so at first."""
@@ -118,18 +126,40 @@ class LeastTime:
             OutOfTimeError: time was up before a motion was found.
             SolverError: the solvers fail numerically.
         """
-        best = self._with_same_times(timed)
+        best = self._with_same_times(timed.with_stops_at_knots())
         if best is None:
             return None
         best = self._improved(best, tolerance, reach)
         with self.or_cut():
             for _ in range(_BEYOND):
+                best = self._with_better_stops(best, tolerance, reach)
                 others = (self._improved(each, tolerance, reach) for each in self._beside(best))
                 after = next((each for each in others if self._fall(best, each) > tolerance), None)
                 if after is None:
                     break
                 best = after
         return best
+
+    def _with_better_stops(self, best: Timed, tolerance: float, reach: float) -> Timed:
+        """Return the best motion found with its stops moved by whole steps, by ever fewer.
+
+        Arguments are those of `around`.
+        """
+        if len(best.passing.stops) == 0:
+            return best
+        enough = _ENOUGH * tolerance
+        less = self._final_time and not self._steady  # the time is not free in one program
+        by = max(1, int(_FARTHEST * best.accelerations.shape[1]))
+        while by >= 1:
+            around = best.lasting((1.0 - _SHORTER) * best.duration) if less else best
+            moved = with_moved_stops(around, by, shorter=self._final_time)
+            found = (self._tried(each, self._same_times) for each in moved)
+            better = (each for each in found if each and self._fall(best, each) > enough)
+            if (after := next(better, None)) is None:
+                by //= 2
+            else:
+                best = self._improved(after, tolerance, reach) if less else after
+        return self._improved(best, tolerance, reach) if best.passing.may_change.any() else best
 
     def _beside(self, best: Timed) -> Iterator[Timed]:
         """Yield motions with a waypoint, if its velocity stops it at a knot, beside this knot.

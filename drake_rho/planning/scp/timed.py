@@ -72,10 +72,18 @@ class Timed:
 
     @property
     def least_factor(self) -> float:
-        """Least factor on the squared final time, by the smoothing and given times."""
+        """Least factor on the squared final time, by the smoothing, given times and dwells."""
         width = self.scenario.averaging_width
         least = max(width / self.step, latest(self.scenario, self.passing) / self.duration)
-        return least**2 * (1.0 + 1e-9)
+        return max(least, self.shortest_stop) ** 2 * (1.0 + 1e-9)
+
+    @property
+    def shortest_stop(self) -> float:
+        """Factor on the step with which a stop's steps at rest last only as long as its dwell."""
+        passing = self.passing
+        own = (passing.dwells > 0.0) & ~passing.given
+        steps = passing.steps_at_rest(self.step)[own]
+        return float(np.max(passing.dwells[own] / (self.step * steps), initial=0.0))
 
     @property
     def missed(self) -> float:
@@ -108,6 +116,11 @@ class Timed:
     def motion(self) -> Motion:
         """Motion of all vehicles."""
         return Motion.from_starts(self.scenario.fleet, self.accelerations, self.step)
+
+    def with_stops_at_knots(self) -> Timed:
+        """Return the motion as one to linearise around, with its stops at knots."""
+        passing = self.passing.with_stops_at_knots(self.step, self.accelerations.shape[1])
+        return dataclasses.replace(self, passing=passing)
 
     def to_rounding(self) -> Timed:
         """Return the motion with the least correction that passes the waypoints to rounding."""
