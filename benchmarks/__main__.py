@@ -42,6 +42,7 @@ DRAWN = {
     "flight_windy_rooms": 200,
     "objective_convex": 60,
     "objective_obstacles": 60,
+    "objective_goals": 60,
     "objective_mixed": 1000,
     "mixed_scenes": 5000,
     "mixed_windows": 1200,
@@ -111,8 +112,15 @@ TIMES = (
 """Benchmarks of least times; those that are in no `DRAWN` or `MISSIONS` are `run() -> Table`."""
 
 
-OBJECTIVE = ("objective_convex", "objective_known", "objective_obstacles", "objective_mixed")
-"""Benchmarks of costs; those that are in no `DRAWN` are `run() -> Table`."""
+OBJECTIVE = (
+    "objective_convex",
+    "objective_known",
+    "objective_obstacles",
+    "objective_goals",
+    "time_gates",
+    "objective_mixed",
+)
+"""Benchmarks of costs, goals and gates; those that are in no `DRAWN` are `run() -> Table`."""
 
 
 MIXED = ("mixed_scenes", "mixed_windows", "damaged_files")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 
 import drake_rho as rho
@@ -66,6 +68,49 @@ def _objective(
     times = np.linspace(grid.start, grid.end, 6)
     paths = [rho.Track(times, rng.uniform(-size, size, (6, 3))) for _ in range(count)]
     return rho.Objective(**chosen, reference=paths)
+
+
+def with_goals(seed: int) -> rho.Scenario:
+    """Return the vehicles and limits of `convex` with goals that are sets, free or exact."""
+    scenario, rng = convex(seed), np.random.default_rng([49, seed])
+    size, speed = 10.0 ** rng.uniform(0.0, 1.0), 10.0 ** rng.uniform(-2.0, 0.0)
+    vehicles = []
+    for each in scenario.vehicles:
+        x = each.goal.position
+        places = [x, None, rho.Ball(x, size), rho.Box(x - size, x + size)]
+        velocities = [np.zeros(3), None, rho.Ball(np.zeros(3), speed)]
+        place, velocity = places[rng.integers(4)], velocities[rng.integers(3)]
+        goal = rho.Goal(place, velocity=velocity)
+        vehicles.append(dataclasses.replace(each, goal=goal))
+    return dataclasses.replace(
+        scenario,
+        name=f"goals, seed {seed}",
+        vehicles=tuple(vehicles),
+        limits=dataclasses.replace(scenario.limits, max_jerk=None),
+        objective=rho.Objective(),
+    )
+
+
+def to_a_region(seed: int) -> rho.Scenario:
+    """Return one vehicle past two to six balls to a region, at rest or with any velocity."""
+    rng = np.random.default_rng([50, seed])
+    middle, size = np.array([8.0, *rng.uniform([-2.0, 0.0], 2.0)]), float(rng.uniform(0.5, 2.0))
+    sides = size * rng.uniform(0.3, 1.0, (2, 3))
+    region = rho.Ball(middle, size) if seed % 2 else rho.Box(middle - sides[0], middle + sides[1])
+    start = np.array([0.0, 0.0, 1.0])
+    balls = list[rho.Sphere]()
+    while len(balls) < 2 + seed % 5:
+        ball = rho.Sphere(rng.uniform([2.0, -3.0, -1.0], [9.0, 3.0, 3.0]), rng.uniform(0.4, 1.5))
+        if np.linalg.norm(ball.center - start) > ball.radius + 0.3:
+            balls.append(ball)
+    goal = rho.Goal(region, velocity=None) if seed % 4 < 2 else rho.Goal(region)
+    return rho.Scenario(
+        f"region, seed {seed}",
+        rho.Grid.lasting(6.0, step=0.25),
+        [rho.Vehicle("solo", rho.State(start), goal, radius=0.2)],
+        limits=rho.Limits(max_speed=4.0),
+        obstacles=balls,
+    )
 
 
 def among_obstacles(seed: int) -> rho.Scenario:

@@ -54,9 +54,10 @@ def _vehicle(scenario: rho.Scenario, number: int) -> tuple[list[Any], Any, cp.Va
         v[0] == start.velocity,
     ]
     arrives = o.terminal_velocity == 0.0
-    constraints += [p[-1] == goal.position] if o.terminal_position == 0.0 else []
-    constraints += [v[-1] == goal.velocity] if arrives else []
-    before, after = _outside(start), _outside(goal) if arrives else None
+    constraints += _in(goal.position, p[-1]) if o.terminal_position == 0.0 else []
+    constraints += _in(goal.velocity, v[-1]) if arrives else []
+    exact = arrives and isinstance(goal, rho.State)
+    before, after = _outside(start), _outside(goal) if exact else None
     jerks, counts = [(a[1:] - a[:-1]) / h], [np.ones(K - 2)]
     if before is not None:
         jerks.insert(0, (a[:1] - before[None]) / h)
@@ -80,15 +81,29 @@ def _vehicle(scenario: rho.Scenario, number: int) -> tuple[list[Any], Any, cp.Va
         r = np.stack([np.interp(grid.times, track.times, x) for x in track.positions.T], axis=1)
         terms += o.position * cp.sum_squares((p - r)[1:])
         terms += o.velocity * cp.sum_squares((v - np.gradient(r, h, axis=0))[1:])
-    terms += o.terminal_position * cp.sum_squares(p[-1] - goal.position)
-    terms += o.terminal_velocity * cp.sum_squares(v[-1] - goal.velocity)
+    if o.terminal_position > 0.0:
+        terms += o.terminal_position * cp.sum_squares(p[-1] - goal.position)
+    if o.terminal_velocity > 0.0:
+        terms += o.terminal_velocity * cp.sum_squares(v[-1] - goal.velocity)
     return constraints, terms, p
+
+
+def _in(wanted: Any, value: Any) -> list[Any]:
+    """Return that a value is that of a goal, or in its set."""
+    if wanted is None:
+        return []
+    if isinstance(wanted, rho.Sphere):
+        return [cp.norm(value - wanted.center) <= wanted.radius]
+    if isinstance(wanted, rho.Box):
+        return [value >= wanted.lower, value <= wanted.upper]
+    return [value == wanted]
 
 
 def _outside(state: rho.State) -> np.ndarray | None:
     if state.acceleration is not None:
         return np.asarray(state.acceleration)
-    return None if state.velocity.any() else np.zeros(3)
+    moving = state.velocity is None or state.velocity.any()
+    return None if moving else np.zeros(3)
 
 
 def _rests(state: rho.State) -> bool:

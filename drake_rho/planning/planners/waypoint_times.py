@@ -102,8 +102,8 @@ def passing_of(
 def in_least_time(start: Timed, backend: Backend, progress: Progress | None) -> tuple[Timed, float]:
     """Return the minimum-time motion through the waypoints, scaled in time to the final time.
 
-    Given times and stops are scaled in proportion to the minimum time. If that is at most the required final
-    time, the slower motion meets every limit and passes waypoints at their given times.
+    Given times and stops are scaled in proportion to the minimum time. If that is at most the
+    required final time, the slower motion meets every limit and passes waypoints at given times.
 
     Args:
         start: motion in a final time, to linearise around first.
