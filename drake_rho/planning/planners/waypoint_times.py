@@ -165,21 +165,30 @@ class WaypointTimes:
             InfeasibleError: an obstacle or a requirement forbids its position at all times, or the
                 dwells of a vehicle take as long as the flight.
         """
+        self._check_dwells()
         forbidden = dict[str, list[str]]()
-        grid, waypoints = self.scenario.grid, self._waypoints
-        at_rest = np.bincount(waypoints.vehicles, waypoints.dwells)
-        for i in np.flatnonzero(at_rest >= grid.duration * (1.0 - SAME_TIME)).tolist():
-            dwells = {self.scenario.names[i]: ("dwells at its waypoints",)}
-            because = f"these take {at_rest[i]:.4g} s of the flight's {grid.duration:.4g} s"
-            raise InfeasibleError(dwells, scenario=self.scenario, because=because)
         for w in np.flatnonzero(~self._waypoints.given).tolist():
             if len(self._allowed.intervals[w]) == 0:
                 name = self.scenario.names[self._waypoints.vehicles[w]]
                 forbidden.setdefault(name, []).append(f"waypoint {self._waypoints.numbers[w] + 1}")
         if forbidden:
             conflicts = {name: tuple(which) for name, which in forbidden.items()}
-            because = "obstacles or requirements forbid these places at all times, or for a dwell"
+            because = "obstacles or requirements forbid these places at all times"
+            because += ", or for a dwell" if self._waypoints.dwells.any() else ""
             raise InfeasibleError(conflicts, scenario=self.scenario, because=because)
+
+    def _check_dwells(self) -> None:
+        """Check that dwells take less than the flight; successive ones at one place may overlap."""
+        all_of, grid = self._waypoints, self.scenario.grid
+        away = np.linalg.norm(np.diff(all_of.positions, axis=0), axis=1)
+        new = np.diff(all_of.vehicles) != 0
+        new |= away > all_of.within[1:] + all_of.within[:-1]
+        counted = np.concatenate([[True], new]) * all_of.dwells
+        at_rest = np.bincount(all_of.vehicles, counted)
+        for i in np.flatnonzero(at_rest >= grid.duration * (1.0 - SAME_TIME)).tolist():
+            dwells = {self.scenario.names[i]: ("dwells at its waypoints",)}
+            because = f"these take {at_rest[i]:.4g} s of the flight's {grid.duration:.4g} s"
+            raise InfeasibleError(dwells, scenario=self.scenario, because=because)
 
     def without_free(self) -> Scenario:
         """Return the scenario without free waypoints, a relaxation."""
