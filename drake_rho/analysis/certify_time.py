@@ -105,7 +105,8 @@ def _left_out(scenario: Scenario, bounds: list[TimeBound]) -> tuple[str, ...]:
     several = len(scenario.vehicles) > 1
     present = {
         "the separation": several and scenario.separation is not None,
-        "the requirements": len(scenario.required) > 0,
+        "the requirements": not all(each.at_waypoint for each in scenario.required),
+        "the velocities and dwells at waypoints": any(e.at_waypoint for e in scenario.required),
         "the disturbance": scenario.disturbance is not None,
         "the margin of the smoothing": scenario.smoothing is not None,
         "the growth of errors of obstacles": any(e.velocity_error > 0.0 for e in scenario.bodies),

@@ -275,14 +275,14 @@ class MinimumEffort:
         )
         spaces = list[Space]()
         for number, terminal in enumerate(conditions):
-            own = np.flatnonzero(classes == number)
-            changes = (each[own] for each in terminal.changes(fleet))
-            found, missed[own] = terminal.values(*changes)
+            own = slice(None) if len(conditions) == 1 else classes == number  # a view is faster
+            faster, further = terminal.changes(fleet)
+            found, missed[own] = terminal.values(faster[own], further[own])
             values[own, : len(rows[number])] = found
             accelerations[own] = rows[number].T @ found
             space = _space(terms[number], *flags[number])
             if space.terms is not None:
-                targets = space.terms.values(scenario, own)
+                targets = space.terms.values(scenario, np.arange(len(classes))[own])
                 accelerations[own] = space.least(targets, accelerations[own])
             spaces.append(space)
         roots = np.sqrt([each.unit for each in spaces])[classes]
@@ -329,11 +329,10 @@ def _classes_of(scenario: Scenario) -> tuple[list[CostTerms], IntArray, list[tup
     """
     fleet = scenario.fleet
     kinds, kind = terms_by_class(scenario)
+    if len(kinds) == 1 and not fleet.open_end:  # the most frequent case
+        return kinds, kind, [(True, True)]
     numbers = 4 * kind + 2 * fleet.fixed_positions + fleet.fixed_velocities
-    if (numbers == numbers[0]).all():  # the most frequent case
-        used, classes = numbers[:1], np.zeros(len(numbers), dtype=int)
-    else:
-        used, classes = np.unique(numbers, return_inverse=True)
+    used, classes = np.unique(numbers, return_inverse=True)
     flags = [(bool(each & 2), bool(each & 1)) for each in used.tolist()]
     return [kinds[each // 4] for each in used.tolist()], classes, flags
 

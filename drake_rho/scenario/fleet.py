@@ -36,6 +36,19 @@ def _last_place(vehicle: Vehicle) -> FloatArray:
     return vehicle.waypoints[last].position
 
 
+_OF_GOALS = (
+    "goal_positions",
+    "goal_velocities",
+    "accelerations_after",
+    "given_positions",
+    "given_velocities",
+    "fixed_positions",
+    "fixed_velocities",
+    "open_end",
+)
+"""Properties that the rest of a flight has in common with the whole."""
+
+
 class Fleet:
     """Starts, goals, scales and bounds of all vehicles, each computed on first use."""
 
@@ -470,8 +483,8 @@ class Fleet:
         fleet.accelerations_before = before
         fleet._whole_flight = self._whole_flight or self
         if rests is None:
-            fleet.goal_positions, fleet.goal_velocities = self.goal_positions, self.goal_velocities
-            fleet.accelerations_after = self.accelerations_after
+            for name in _OF_GOALS:
+                setattr(fleet, name, getattr(self, name))
         else:
             fleet.goal_positions = read_only(rests)
             fleet.goal_velocities = fleet.accelerations_after = np.zeros(rests.shape)

@@ -30,9 +30,10 @@ _APART = 1e-6
 _POINT = Sphere(np.zeros(3), 1.0)
 
 
-def has_gates(vehicle: Vehicle) -> bool:
-    """Return whether a waypoint of a vehicle has a velocity or a dwell."""
-    return any(each.velocity is not None or each.dwell > 0.0 for each in vehicle.waypoints)
+def have_gates(vehicles: Sequence[Vehicle]) -> bool:
+    """Return whether a waypoint of some vehicles has a velocity or a dwell."""
+    ways = [way for vehicle in vehicles for way in vehicle.waypoints]
+    return any(way.velocity is not None or way.dwell > 0.0 for way in ways)
 
 
 def required_of(
@@ -48,7 +49,7 @@ def required_of(
         vehicles: the vehicles, with their waypoints.
         grid: first and last knot.
     """
-    if all(each.between is None for each in requirements) and not any(map(has_gates, vehicles)):
+    if all(each.between is None for each in requirements) and not have_gates(vehicles):
         return tuple(requirements)
     found = list[KeepIn]()
     for number, each in enumerate(requirements, start=1):
@@ -118,7 +119,7 @@ class Gates:
     def of(cls, requirements: Sequence[KeepIn], vehicles: Sequence[Vehicle]) -> Gates | None:
         """Return the requirements at the waypoints of vehicles; None if there are none."""
         legs = tuple(each for each in requirements if each.between is not None)
-        return cls(tuple(vehicles), legs) if legs or any(map(has_gates, vehicles)) else None
+        return cls(tuple(vehicles), legs) if legs or have_gates(vehicles) else None
 
     def of_vehicles(self, indices: Sequence[int]) -> Gates:
         """Return those of some vehicles."""
@@ -260,7 +261,7 @@ def check_gates(
         if requirement.between is not None:
             _check_leg(requirement, f"requirements[{index}]", vehicles)
     for i, vehicle in enumerate(vehicles):
-        if has_gates(vehicle):
+        if have_gates([vehicle]):
             for k, waypoint in enumerate(vehicle.waypoints):
                 where = f"vehicles[{i}].waypoints[{k}]"
                 _check_velocity(waypoint, where, i, fleet)

@@ -239,7 +239,7 @@ class Scenario(ShownInNotebooks):
     @cached_property
     def goal_sets(self) -> tuple[KeepIn, ...]:
         """Goals that are convex sets, as requirements at the last knot."""
-        return goal_sets(self.vehicles, self.grid)
+        return goal_sets(self.vehicles, self.grid) if self.fleet.open_end else ()
 
     @property
     def disturbance_or_calm(self) -> Disturbance:
