@@ -143,8 +143,8 @@ def test_a_checked_function_keeps_its_signature_and_documentation(name: str) -> 
             "time: got 'now', expected a number",
         ),
         (
-            lambda: rho.RecedingHorizon(EMPTY).step([[0] * 6], 0.0, sightings=[1]),  # type: ignore[arg-type]
-            "sightings: got an object of type list, expected a mapping or None",
+            lambda: rho.RecedingHorizon(EMPTY).step([[0] * 6], 0.0, scenario=[1]),  # type: ignore[arg-type]
+            "scenario: got an object of type list, expected Scenario or None",
         ),
         (
             lambda: rho.WindyPointMass("paper"),  # type: ignore[arg-type]

@@ -148,8 +148,8 @@ def test_a_block_that_goes_away_makes_the_arrival_earlier() -> None:
     horizon = rho.RecedingHorizon(scenario, replan_every=3, free_final_time=True)
     left = dataclasses.replace(both, occupied=both.occupied[1:])
     for knot in horizon.knots[:3]:
-        newer = left if knot == 3 else None
-        horizon.step(horizon.planned(knot), scenario.grid.times[knot], map=newer)
+        now = crossing(rho.Obstacle(left, name="blocks")) if knot == 3 else None
+        horizon.step(horizon.planned(knot), scenario.grid.times[knot], scenario=now)
     first, *others = arrivals(horizon.flight)
     assert max(others) < first
     assert len({*others}) == 1

@@ -160,7 +160,9 @@ def test_a_sighting_is_of_when_planning_began() -> None:
     seen = dataclasses.replace(scene(), obstacles=(drone,))
     ahead, time = horizon(seen, 0.4), EVERY * STEP
     ahead.step(ahead.planned(0), 0.0)
-    ahead.step(ahead.planned(EVERY), time, sightings={"d": ([4, 5.1, 1], [0, 0.5, 0])})
+    moved = drone.seen([4, 5.1, 1], [0, 0.5, 0], time - 0.4)
+    now = dataclasses.replace(seen, obstacles=(moved,))
+    ahead.step(ahead.planned(EVERY), time, scenario=now)
     (former, again), at = ahead.scenario.bodies, np.array([time, time + 1.0])
     assert again.known_from == time
     np.testing.assert_allclose(again.centers(at)[:, 1], [5.3, 5.8])

@@ -194,7 +194,8 @@ def test_windows_plan_against_the_cells_that_are_known_then() -> None:
     newer = {8: seen, 16: left}
     for knot in flown.knots:
         time = float(flown.scenario.grid.times[knot])
-        flown.step(flown.planned(knot), time, map=newer.get(knot))
+        now = crossing([newer[knot]]) if knot in newer else None
+        flown.step(flown.planned(knot), time, scenario=now)
     flight, scenario = flown.flight, flown.scenario
     assert [window.learned for window in flown.windows if window.learned] == [(2,)]
     assert rho.verify(flight).ok
@@ -209,7 +210,7 @@ def test_windows_plan_against_the_cells_that_are_known_then() -> None:
     blind = rho.plan(crossing([wall]))
     assert not rho.verify(rho.Plan.from_accelerations(scenario, blind.accelerations)).ok
     with pytest.raises(ValueError, match="time"):
-        flown.step(flown.planned(20), 0.5, map=wall)
+        flown.step(flown.planned(20), 0.5, scenario=crossing([wall]))
     assert flown.scenario is scenario
 
 
@@ -218,12 +219,9 @@ def test_a_mesh_or_another_grid_replaces_a_map_as_a_whole() -> None:
     scenario = crossing([rho.Obstacle(wall, name="wall"), rho.Obstacle(sheet, name="sheet")])
     flown = rho.RecedingHorizon(scenario, replan_every=8)
     flown.step(flown.planned(0), 0.0)
-    with pytest.raises(ValueError, match="several"):
-        flown.step(flown.planned(8), 2.0, map=wall)
-    with pytest.raises(ValueError, match=r"'shed'.*wall"):
-        flown.step(flown.planned(8), 2.0, map={"shed": wall})
     finer = wall_with_gap(0.125)
-    flown.step(flown.planned(8), 2.0, map={"wall": finer, "sheet": sheet})
+    now = crossing([rho.Obstacle(finer, name="wall"), scenario.bodies[1]])
+    flown.step(flown.planned(8), 2.0, scenario=now)
     bodies = flown.scenario.bodies
     assert [each.name for each in bodies] == ["wall", "sheet", "wall from 2 s"]
     assert bodies[0].active is not None

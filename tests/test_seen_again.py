@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import drake_rho as rho
-from drake_rho.planning.horizon.seen_again import seen_again
+from drake_rho.planning.horizon.known_now import Known
 from tests.scenarios import single, slow
 
 OFF, DRIFT, EVERY = 0.12, 0.08, 4
@@ -65,6 +65,17 @@ def _in_ball(rng: np.random.Generator) -> np.ndarray:
     return np.asarray(way / np.linalg.norm(way) * rng.uniform(0.0, 1.0))
 
 
+def again(scenario: rho.Scenario, place: Any, speed: Any, time: float) -> rho.Scenario:
+    """Return a scenario whose one obstacle was seen again."""
+    (body,) = scenario.bodies
+    return dataclasses.replace(scenario, obstacles=(body.seen(place, speed, time),))
+
+
+def news(scenario: rho.Scenario, now: rho.Scenario, time: float) -> Known:
+    """Return what is known of a flight after a scenario was told."""
+    return Known.of(scenario, scenario).with_news(now, time, 0.0)
+
+
 def _no_plan(scenario: rho.Scenario) -> rho.Plan:
     raise rho.InfeasibleError({"v": ("nothing",)}, scenario=scenario)
 
@@ -73,10 +84,11 @@ def _fly(
     horizon: rho.RecedingHorizon, truth: Truth, start: float = 0.0, *, blind: bool = False
 ) -> list[rho.Scenario]:
     """Fly with a sighting before every window but the first; return what is known after each."""
-    known = []
+    known, given = [], horizon.scenario
     for k in horizon.knots:
-        sightings = None if k == 0 or blind else {"intruder": truth.seen(k // EVERY)}
-        horizon.step(horizon.planned(k), start + 0.25 * k, sightings=sightings)
+        time = start + 0.25 * k
+        now = None if k == 0 or blind else again(given, *truth.seen(k // EVERY), time)
+        horizon.step(horizon.planned(k), time, scenario=now)
         known.append(horizon.scenario)
     return known
 
@@ -139,10 +151,11 @@ def test_what_contradicts_the_errors_holds_in_any_case() -> None:
     center = scenario.bodies[0].centers(np.array([at]))[0]
     most = 2.0 * OFF + DRIFT * at
     for away, excluded in ((most - 1e-6, False), (most + 1e-6, True)):
-        now, due = seen_again(scenario, {"intruder": (center + away * np.eye(3)[1], SPEED)}, at)
-        assert (due is scenario) == (not excluded)
-        assert len(now.bodies) == 2
-        assert (now is due) == excluded
+        place = center + away * np.eye(3)[1]
+        known = news(scenario, again(scenario, place, SPEED, at), at)
+        assert (known.necessary[0] is scenario.obstacles) == (not excluded)
+        assert len(known.flight.bodies) == 2
+        assert (known.flight.bodies == known.necessary[0]) == excluded
     calls = [plan]
 
     def once(scenario: rho.Scenario, *, reference: rho.Plan | None, solver: Any) -> rho.Plan:
@@ -151,7 +164,8 @@ def test_what_contradicts_the_errors_holds_in_any_case() -> None:
     horizon = rho.RecedingHorizon(scenario, replan_every=EVERY, planner=once, fallback=None)
     horizon.step(horizon.planned(0), 0.0)
     ahead = plan.at(3.0).positions.reshape(3)
-    window = horizon.step(horizon.planned(EVERY), at, sightings={"intruder": (ahead, [0, 0, 0])})
+    now = again(scenario, ahead, [0, 0, 0], at)
+    window = horizon.step(horizon.planned(EVERY), at, scenario=now)
     assert not window.kept
     assert len(horizon.scenario.bodies) == 2  # the motion of least violation keeps clear of it
     assert _clearance_from(window.plan, ahead) > -0.2
@@ -191,40 +205,28 @@ def test_an_obstacle_is_known_once_it_is_seen() -> None:
 
 def test_intervals_of_time_stay() -> None:
     body = _scenario().bodies[0]
-    sighting = {"intruder": ([5.0, 0.0, 1.0], SPEED)}
+    place = [5.0, 0.0, 1.0]
     for active, old, new in (
         ((2.0, 8.0), (2.0, 5.0), (5.0, 8.0)),
         ((6.0, 8.0), (-0.5, -0.25), (6.0, 8.0)),
     ):
         timed = dataclasses.replace(body, active=active)
         scenario = dataclasses.replace(_scenario(), obstacles=(timed,))
-        now, _ = seen_again(scenario, sighting, 5.0)
+        now = news(scenario, again(scenario, place, SPEED, 5.0), 5.0).flight
         assert now.bodies[0].active == pytest.approx(old, abs=1e-5)
         assert now.bodies[1].active == pytest.approx(new)
     over = dataclasses.replace(_scenario(), obstacles=(dataclasses.replace(body, active=(1, 4)),))
-    assert seen_again(over, sighting, 5.0)[0] is over
+    assert news(over, again(over, place, SPEED, 5.0), 5.0).flight.bodies == over.bodies
 
 
-@pytest.mark.parametrize(
-    ("sightings", "told"),
-    [
-        ({"intrudr": ([0, 0, 0], [0, 0, 0])}, "sightings: got 'intrudr', expected .*intruder"),
-        ({"intruder": [0, 0, 0]}, r"sightings\['intruder'\]: got .*, expected a position and"),
-        ({"intruder": ([0, 0, np.nan], [0, 0, 0])}, "two vectors of numbers"),
-        ({"intruder": ([0, 0, 0], [0, 0])}, "two vectors of numbers"),
-        ({"intruder": "there"}, "got 'there', expected a position and a velocity"),
-    ],
-)
-def test_what_is_no_sighting_is_told(sightings: Any, told: str) -> None:
-    horizon = rho.RecedingHorizon(_scenario(), replan_every=EVERY)
-    with pytest.raises(ValueError, match=told):
-        horizon.step(horizon.planned(0), 0.0, sightings=sightings)
-    assert len(horizon.windows) == 0
-    assert len(horizon.scenario.bodies) == 1
+@pytest.mark.parametrize("place", [[0, 0, np.nan], [0, 0], "there"])
+def test_what_is_no_sighting_is_told(place: Any) -> None:
+    with pytest.raises(rho.ScenarioError, match="position: got"):
+        _scenario().bodies[0].seen(place, [0, 0, 0], 1.0)
 
 
 def test_a_name_of_two_obstacles_is_told() -> None:
     body = dataclasses.replace(_scenario().bodies[0], shape=rho.Sphere([5, 4, 1], 0.5))
     twice = dataclasses.replace(single(), obstacles=(body, body))
-    with pytest.raises(ValueError, match="a name that one obstacle has alone"):
-        seen_again(twice, {"intruder": ([0, 0, 0], [0, 0, 0])}, 1.0)
+    with pytest.raises(rho.ScenarioError, match=r"obstacles\[1\].name: got 'intruder'"):
+        news(single(), twice, 1.0)

@@ -252,13 +252,15 @@ def unchecked(old: _Record, **changes: object) -> _Record:
 def _equal(self: Any, other: Any) -> bool:
     if type(self) is not type(other):
         return False
-    fields = dataclasses.fields(self)
-    return all(
-        np.array_equal(mine, theirs) if isinstance(mine, np.ndarray) else mine == theirs
-        for mine, theirs in (
-            (getattr(self, field.name), getattr(other, field.name)) for field in fields
-        )
-    )
+    names = [field.name for field in dataclasses.fields(self)]
+    return all(_same(getattr(self, name), getattr(other, name)) for name in names)
+
+
+def _same(mine: object, theirs: object) -> bool:
+    """Return whether two values are equal, arrays as a whole."""
+    if isinstance(mine, np.ndarray) or isinstance(theirs, np.ndarray):
+        return isinstance(theirs, type(mine)) and np.array_equal(mine, theirs)  # type: ignore[arg-type]
+    return bool(mine == theirs)
 
 
 def _reduce(self: Any) -> tuple[Callable[..., object], tuple[object, ...]]:

@@ -53,7 +53,7 @@ def required_of(
         return tuple(requirements)
     found = list[KeepIn]()
     for number, each in enumerate(requirements, start=1):
-        given = [each] if each.between is None else _on_legs(each, vehicles, grid)
+        given = [each] if each.between is None else on_legs(each, vehicles, grid)
         moves = each.between is not None
         found += [unchecked(own, label=each.called(number), moves=moves) for own in given]
     for vehicle in vehicles:
@@ -194,7 +194,7 @@ def _of_one(
 _POSITION, _VELOCITY = KeepIn(_POINT), KeepIn(_POINT, of="velocity")
 
 
-def _on_legs(requirement: KeepIn, vehicles: Sequence[Vehicle], grid: Grid) -> Iterator[KeepIn]:
+def on_legs(requirement: KeepIn, vehicles: Sequence[Vehicle], grid: Grid) -> Iterator[KeepIn]:
     """Yield a requirement between waypoints for each of its vehicles with known times there."""
     assert requirement.between is not None  # noqa: S101  # callers check this
     for vehicle in on_leg(requirement, vehicles):

@@ -26,7 +26,7 @@ from drake_rho.scenario.fields import (
 from drake_rho.scenario.maps.forms import KEYS, References
 from drake_rho.scenario.maps.mesh import Mesh
 from drake_rho.scenario.maps.voxels import Voxels
-from drake_rho.scenario.parts import Grid
+from drake_rho.scenario.parts import Grid, State
 from drake_rho.scenario.shapes.posed import KINDS, POSE, AnyConvex
 from drake_rho.scenario.times import EXACT, Clock
 from drake_rho.scenario.tracks import Track
@@ -233,6 +233,21 @@ class Obstacle:
         """Return the obstacle, known from a time on the scenario's clock [s] at the latest."""
         seen_at = self.errors_from if self.velocity_error > 0.0 else self.seen_at
         return unchecked(self, known_from=min(self.known_from, time), seen_at=seen_at)
+
+    def seen(self, position: npt.ArrayLike, velocity: npt.ArrayLike, time: float) -> Self:
+        """Return the obstacle as seen again: it goes on from there, and its errors start anew.
+
+        Args:
+            position: of the centre of its bounding box at that time [m], shape (3,).
+            velocity: from then on [m/s], shape (3,).
+            time: at which it was seen, on the scenario's clock [s].
+
+        Raises:
+            ScenarioError: the position or the velocity is not a vector of numbers.
+        """
+        at = State(position, velocity)
+        track = Track([time, time + 1.0], [at.position, at.position + at.velocity], after="goes_on")
+        return unchecked(self, velocity=None, track=track, seen_at=time)
 
     def since(self, grid: Grid) -> Self:
         """Return the obstacle on a clock that is 0 at a grid's first knot.

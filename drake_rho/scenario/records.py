@@ -367,7 +367,7 @@ class Scenario(ShownInNotebooks):
     def with_vehicles(self, vehicles: tuple[Vehicle, ...]) -> Scenario:
         """Return the scenario with other waypoints of its vehicles, without legs between others."""
         requirements = on_known_legs(self.requirements, vehicles)
-        return dataclasses.replace(self, vehicles=vehicles, requirements=requirements)
+        return self.derived(vehicles=vehicles, requirements=requirements)
 
     def on_grid(self, grid: Grid) -> Scenario:
         """Return the scenario on another grid.

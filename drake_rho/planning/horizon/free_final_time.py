@@ -73,13 +73,16 @@ def arriving(
 def next_window(windows: WindowPlanner, start: WindowStart) -> Window:
     """Return a window that arrives no later than the previous plan, as long as that is valid.
 
-    Vehicles that have arrived stay. If the previous plan is no longer valid, the arrival may become
-    later.
+    Vehicles that have arrived stay. If the previous plan is no longer valid, or goals or waypoints
+    are others, the arrival may become later.
 
     Args:
         windows: planner of windows with a given final time.
         start: rest of the flight and of the plan in force.
     """
+    if start.has_new_orders:
+        steps = start.scenario.grid.knots - 1
+        return arriving(windows, start.free, steps, or_later=True).next(start)
     remaining, spent = start.remaining, Statistics()
     before = arrival_steps(remaining)
     if before > 0:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
 from functools import partial
 from numbers import Integral
 from typing import Any
@@ -17,6 +16,7 @@ from drake_rho.planning.call.progress import Progress, tell
 from drake_rho.planning.call.time_limit import within_time
 from drake_rho.planning.call.wall_time import with_wall_time
 from drake_rho.planning.horizon.cost_bounds import cost_bound
+from drake_rho.planning.horizon.fallbacks import FAILURES
 from drake_rho.planning.horizon.first_window import FirstWindow
 from drake_rho.planning.horizon.free_final_time import check_rest_at_goals, next_window
 from drake_rho.planning.horizon.interfaces import (
@@ -27,8 +27,12 @@ from drake_rho.planning.horizon.interfaces import (
     with_options,
 )
 from drake_rho.planning.horizon.measured_states import checked_states, from_measured
-from drake_rho.planning.horizon.seen_again import Seen
-from drake_rho.planning.horizon.situation import Situation, latency_in_samples
+from drake_rho.planning.horizon.situation import Situation, WindowStart, latency_in_samples
+from drake_rho.planning.horizon.waypoints_ahead import (
+    free_of,
+    with_guessed_times,
+    with_waypoints,
+)
 from drake_rho.planning.horizon.windows import WindowPlanner
 from drake_rho.planning.planners.convex import plan_convex
 from drake_rho.planning.planners.plan import plan as best_plan
@@ -36,8 +40,8 @@ from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs.backend import Backend, Solver, SolverName
 from drake_rho.planning.scp.violations import violations_of
 from drake_rho.scenario.arguments import checked
+from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.fields import FloatArray
-from drake_rho.scenario.maps.map import Map
 from drake_rho.scenario.objective import check_only_effort
 from drake_rho.scenario.penalties import NO_BOUND, NO_COST, check_no_penalties
 from drake_rho.scenario.records import Scenario
@@ -150,7 +154,7 @@ class RecedingHorizon:
 
     @property
     def scenario(self) -> Scenario:
-        """Scenario as given, with newer maps, sightings and the times found for waypoints.
+        """Scenario as given, with what was told since when, and the times found for waypoints.
 
         With a latency or a smoothing, obstacles become known in flight that much later.
         """
@@ -178,8 +182,7 @@ class RecedingHorizon:
         states: npt.ArrayLike,
         time: float,
         *,
-        map: Map | Mapping[str, Map] | None = None,  # the field's word
-        sightings: Mapping[str, Seen] | None = None,
+        scenario: Scenario | None = None,
     ) -> Window:
         """Plan the next window.
 
@@ -200,16 +203,14 @@ class RecedingHorizon:
                 which vehicles are off the tube.
             time: of a knot at which a step begins, after that of the previous window, on the
                 scenario's clock [s]. The first window starts at the first knot.
-            map: newer map, if there is one, for windows from now on, with cells added and removed.
-                It updates the scenario's map at rest; if there are several, a mapping from their
-                names. Afterwards `scenario` has the added cells as an obstacle known from this
-                time, and the removed ones as an obstacle active until then.
-            sightings: position of the centre [m] and velocity [m/s], (3,) each, of obstacles
-                that were seen again at this time, by their names; with a latency, that much
-                earlier, when planning began. Each continues from there with this velocity, and its
-                errors start anew. If there is no new plan and `kept` is true, `scenario` keeps the
-                former sightings, which the previous plan avoids: they are valid too, unless the new
-                ones contradict their errors.
+            scenario: the scenario as it is known now, if that has changed. Vehicles, obstacles and
+                requirements are matched by their names; those without one are as before only if
+                they are equal. Obstacles may appear, vanish, change or, as `Obstacle.seen`, move
+                otherwise; maps at rest may have other cells; requirements, goals and waypoints
+                ahead may be others; starts are ignored. What is new holds from this time on, what
+                is gone until then. The rest of the previous plan, with its own goals and waypoints,
+                stays valid if it keeps to all else, for an obstacle that was seen again within its
+                former errors as it was.
 
         Returns:
             The window. Its plan is flown until the next window.
@@ -217,16 +218,14 @@ class RecedingHorizon:
         Raises:
             InfeasibleError: the scenario has no plan from its own starts, even with the fallback.
             SolverError: the solvers fail numerically there, even with the fallback.
+            ScenarioError: the scenario differs in what stays the same in a flight.
             ValueError: the states have another shape or are not numbers, or the time is not that
                 of a later knot.
         """
         situation = self._situation
-        if map is not None or sightings:
+        if scenario is not None:
             situation.knot_at(time)  # an impossible time is refused first
-        if map is not None:
-            situation = situation.with_map(map, time)
-        if sightings:
-            situation = situation.with_sightings(sightings, time)
+            situation = situation.with_news(scenario, time)
         with within_time(self._options.time_limit):
             window = self._window(situation, states, time)
         self.windows.append(window)
@@ -243,7 +242,7 @@ class RecedingHorizon:
         if situation.last is None:
             window = self._first(situation.at_start, measured)
         else:
-            start = situation.at(knot, measured)
+            start = self._timed(situation.at(knot, measured))
             if self.free_final_time:
                 window = next_window(self._planner, start)
             else:
@@ -256,6 +255,19 @@ class RecedingHorizon:
         notes["unseen"] = tuple(situation.scenario.names[i] for i in unseen)
         window = dataclasses.replace(window, **notes)
         return _with_sightings(window, situation.last or window)
+
+    def _timed(self, start: WindowStart) -> WindowStart:
+        """Return a start with times for waypoints told without; guesses if no plan has any."""
+        if not any(map(any, free_of(start.scenario))):
+            return start
+        times = with_options(self._options, best_plan)
+        try:
+            found = times(start.scenario, reference=None, solver=self._planner.solver)
+        except (*FAILURES, ScenarioError):
+            scenario = with_guessed_times(start.scenario)
+        else:
+            scenario = with_waypoints(start.scenario, found.scenario.vehicles)
+        return dataclasses.replace(start, scenario=scenario)
 
     @property
     def flight(self) -> Flight:

@@ -17,24 +17,29 @@ for the largest accelerations.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Iterable
 from typing import Self
 
 import numpy as np
 
 from drake_rho.motion.flight import Flight, Window
 from drake_rho.motion.plan import Plan
+from drake_rho.motion.scenario_tube import tracking_of
+from drake_rho.planning.horizon.known_now import Known
 from drake_rho.planning.horizon.measured_states import Measured, continued, off_tube
-from drake_rho.planning.horizon.newer_maps import Parts, parts_of_maps, with_newer_maps
-from drake_rho.planning.horizon.seen_again import Seen, seen_again
-from drake_rho.planning.horizon.waypoints_ahead import Free, free_ahead, free_of, timed_as
+from drake_rho.planning.horizon.waypoints_ahead import (
+    Free,
+    free_ahead,
+    free_of,
+    timed_as,
+    with_guessed_times,
+)
 from drake_rho.scenario.clock import clock_number, clock_time
 from drake_rho.scenario.fields import FloatArray, unchecked
-from drake_rho.scenario.maps.map import Map
-from drake_rho.scenario.obstacles import AnyObstacle
-from drake_rho.scenario.parts import REACHED
+from drake_rho.scenario.parts import REACHED, Vehicle
 from drake_rho.scenario.records import Scenario
 from drake_rho.scenario.rest_of_flight import (
+    from_states,
     going_on,
     known_later,
     known_when_seen,
@@ -64,6 +69,16 @@ class WindowStart:
     """names of the vehicles off the tube of the plan in force"""
     free: Free
     """flags of waypoints ahead with free times"""
+    is_new: bool = False
+    """whether something was told for this window"""
+
+    @property
+    def has_new_orders(self) -> bool:
+        """Whether goals or waypoints are not those of the plan in force."""
+        if self.scenario.fleet is self.remaining.scenario.fleet:
+            return False
+        pairs = zip(self.scenario.vehicles, self.remaining.scenario.vehicles, strict=True)
+        return any(one.goal != other.goal or _places(one) != _places(other) for one, other in pairs)
 
     @property
     def on_plan(self) -> bool:
@@ -77,15 +92,10 @@ class Situation:
 
     given: Scenario
     """scenario as given"""
-    scenario: Scenario
+    known: Known
     """scenario of the whole flight as it is known now, with the times found for waypoints"""
-    necessary: tuple[AnyObstacle, ...]
-    """obstacles that the plan in force has to avoid: the scenario's, without sightings within the
-    errors of former ones"""
     free: Free
     """flags of the waypoints with free times"""
-    maps: Parts
-    """obstacles that each map at rest consists of at present"""
     latency: int
     """number of samples of the feedback by which states are predicted"""
     last: Window | None = None
@@ -100,42 +110,48 @@ class Situation:
             latency: number of samples of the feedback that planning a window takes.
         """
         scenario = known_later(given, _time_ahead(given, latency))
-        parts = parts_of_maps(scenario)
-        return cls(given, scenario, scenario.obstacles, free_of(scenario), parts, latency)
+        return cls(given, Known.of(given, scenario), free_of(scenario), latency)
 
-    def with_map(self, newer: Map | Mapping[str, Map], time: float) -> Self:
-        """Return the situation with newer maps, known from a time on the scenario's clock [s].
+    @property
+    def scenario(self) -> Scenario:
+        """Scenario of the whole flight as it is known now, with the times found for waypoints."""
+        return self.known.flight
 
-        Raises:
-            ValueError: the scenario has no such map, or has several and no name is given.
-        """
-        scenario, maps = with_newer_maps(self.scenario, self.maps, newer, time)
-        necessary = scenario.obstacles
-        return dataclasses.replace(self, scenario=scenario, maps=maps, necessary=necessary)
+    def with_news(self, now: Scenario, time: float) -> Self:
+        """Return the situation with the scenario as it is known from a time on.
 
-    def with_sightings(self, sightings: Mapping[str, Seen], time: float) -> Self:
-        """Return the situation with sightings that apply from a time on the scenario's clock [s].
+        Args:
+            now: the scenario as it is known now.
+            time: on the scenario's clock [s].
 
         Raises:
-            ValueError: there is no obstacle of a name, or more than one, or a sighting is not two
-                vectors.
+            ScenarioError: it differs in what stays the same in a flight.
         """
-        ago = _time_ahead(self.given, self.latency)
-        scenario, needed = seen_again(self.scenario, sightings, time, ago)
-        return dataclasses.replace(self, scenario=scenario, necessary=needed.obstacles)
+        known = self.known.with_news(now, time, _time_ahead(self.given, self.latency))
+        before = (zip(own.waypoints, free, strict=True) for own, free in self._with_flags)
+        flags = {id(waypoint): flag for pairs in before for waypoint, flag in pairs}
+        free = tuple(
+            tuple(flags.get(id(each), each.time is None) for each in vehicle.waypoints)
+            for vehicle in known.flight.vehicles
+        )
+        return dataclasses.replace(self, known=known, free=free)
+
+    @property
+    def _with_flags(self) -> Iterable[tuple[Vehicle, tuple[bool, ...]]]:
+        """Vehicles of the flight with the flags of their free waypoints."""
+        return zip(self.scenario.vehicles, self.free, strict=True)
 
     def with_window(self, window: Window) -> Self:
         """Return the situation after a window was planned.
 
         A window that continues the plan before keeps the former sightings, which this plan avoids.
         """
-        scenario = self.scenario
-        if any(map(any, self.free)):
+        known = self.known.without_spare() if window.kept else self.known
+        scenario = known.flight
+        of_others = known.has_news and (window.kept or window.infeasible)  # of former orders
+        if any(map(any, self.free)) and not of_others:
             scenario = timed_as(scenario, window.plan.scenario)
-        if window.kept:
-            scenario = with_obstacles(scenario, self.necessary)
-        necessary = scenario.obstacles
-        return dataclasses.replace(self, scenario=scenario, necessary=necessary, last=window)
+        return dataclasses.replace(self, known=known.with_flight(scenario), last=window)
 
     @property
     def at_start(self) -> Scenario:
@@ -196,7 +212,7 @@ class Situation:
         planned = remaining.scenario
         measured = Measured.of(states, _states_at(remaining, 0))
         off = np.flatnonzero(off_tube(planned, measured, self.latency))
-        scenario = with_obstacles(planned, self.scenario.obstacles)
+        scenario = self._known_rest(planned)
         return WindowStart(
             knot,
             continued(scenario, measured, self.latency),
@@ -205,17 +221,49 @@ class Situation:
             stop=last.contingency and self._rest(last.contingency, knot - last.first_knot),
             off=tuple(scenario.names[i] for i in off),
             free=free_ahead(self.free, self.scenario, scenario.grid),
+            is_new=self.known.is_new,
+        )
+
+    def _known_rest(self, planned: Scenario) -> Scenario:
+        """Return the rest of the flight as it is known now, from the states of the plan in force.
+
+        Args:
+            planned: scenario of the rest of that plan.
+        """
+        if not self.known.has_news:
+            return with_obstacles(planned, self.scenario.obstacles)
+        fleet, grid = planned.fleet, self.scenario.grid
+        knot = round((planned.grid.start - grid.start) / grid.step)
+        return from_states(
+            self.scenario,
+            grid.from_knot(knot),
+            fleet.start_positions,
+            fleet.start_velocities,
+            fleet.accelerations_before,
+            tracking_of(planned),
+            fleet.flown,
+            fleet.jerks_before,
         )
 
     def _rest(self, plan: Plan, knot: int) -> Plan:
-        """Return the rest of a window's plan or contingency, with the obstacles known by now."""
+        """Return the rest of a window's plan or contingency, with what it has to keep by now.
+
+        Its goals and waypoints stay.
+        """
         rest = plan.tail(knot)
-        scenario = with_obstacles(rest.scenario, self.necessary)
+        scenario = with_obstacles(rest.scenario, self.known.necessary[0])
+        if self.known.has_news:
+            scenario = scenario.derived(requirements=self.known.required_of(scenario.vehicles))
         return rest if scenario is rest.scenario else unchecked(rest, scenario=scenario)
 
     def flight(self, windows: list[Window]) -> Flight:
         """Return the flight composed of its windows, each flown until the next."""
-        return Flight.composed(known_when_seen(self.scenario, self.given), windows)
+        scenario = with_guessed_times(self.scenario)
+        return Flight.composed(known_when_seen(scenario, self.given), windows)
+
+
+def _places(vehicle: Vehicle) -> list[list[float]]:
+    return [each.position.tolist() for each in vehicle.waypoints]
 
 
 def latency_in_samples(scenario: Scenario, latency: float, replan_every: int) -> int:

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from drake_rho.motion.scenario_tube import tracking_of
+from drake_rho.planning.planners.waypoint_times import passing_of
 from drake_rho.scenario.fields import unchecked
 from drake_rho.scenario.parts import Grid, Vehicle, Waypoint
 from drake_rho.scenario.records import Scenario
 from drake_rho.scenario.rest_of_flight import from_states
-from drake_rho.scenario.waypoints import is_ahead
+from drake_rho.scenario.waypoints import AllWaypoints, is_ahead
 
 Free = tuple[tuple[bool, ...], ...]
 """Flag of each waypoint of each vehicle, in order: true if its time is free."""
@@ -37,6 +38,17 @@ def free_ahead(free: Free, whole: Scenario, grid: Grid) -> Free:
             if is_ahead(each, grid, whole.lead)
         )
         for own, vehicle in zip(free, whole.vehicles, strict=True)
+    )
+
+
+def with_guessed_times(scenario: Scenario) -> Scenario:
+    """Return a scenario with guesses of the times of its free waypoints; itself without any."""
+    waypoints = AllWaypoints.of(scenario.vehicles)
+    if waypoints.given.all():
+        return scenario
+    guess = passing_of(waypoints, scenario, scenario.grid, None).times
+    return scenario.derived(
+        vehicles=waypoints.placed(scenario.vehicles, scenario.grid.start + guess)
     )
 
 

@@ -109,7 +109,8 @@ class WindowPlanner:
         window: Window | Failure | None = self._lack_of_slack(start)
         window = window or self._planned(scenario, start.knot, previous)
         if isinstance(window, Window):
-            if self._is_cheap(window.plan, previous) or not self.still_holds(start):
+            free = start.has_new_orders or self._is_cheap(window.plan, previous)
+            if free or not self.still_holds(start):
                 return window
             window = _too_costly(window.plan, previous)
         holds = self.still_holds(start)
@@ -212,7 +213,7 @@ class WindowPlanner:
             return False
         if rest.scenario.disturbance is None:
             return violations_of(Problem.of(rest.scenario), rest).none
-        accepted = last.kept or not last.infeasible
+        accepted = (last.kept or not last.infeasible) and not start.is_new
         return first_violation(rest, _new_obstacles(start) if accepted else None) is None
 
     def _planned(

@@ -25,7 +25,7 @@ from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.gates import Gates
 from drake_rho.scenario.objective import Objective
-from drake_rho.scenario.records import Grid, Scenario, Vehicle
+from drake_rho.scenario.records import Grid, Scenario
 from drake_rho.scenario.times import SAME_TIME
 from drake_rho.scenario.waypoints import AllWaypoints
 
@@ -232,7 +232,7 @@ class WaypointTimes:
         steps = [0.0 * moved[0], *(far * each for far in _BESIDE for each in (*moved, *-moved))]
         for number, step in enumerate(steps):
             with suppress(InfeasibleError, SolverError, ScenarioError):
-                convex = dataclasses.replace(self._convex, vehicles=self._passing_at(times + step))
+                convex = self._at(times + step, self._convex)
                 linearised_once(Problem.of(convex), None, self._backend)
                 return times + step if number else None
         return None
@@ -258,17 +258,17 @@ class WaypointTimes:
         Raises:
             ScenarioError: a place is not allowed then, or a dwell ends too late.
         """
-        return dataclasses.replace(self.scenario, vehicles=self._passing_at(times))
+        return self._at(times, self.scenario)
 
     @cached_property
     def _without(self) -> Scenario:
         """The scenario without waypoints, with the cost of which times are found: the effort."""
-        return dataclasses.replace(self.scenario.without_waypoints(), objective=Objective())
+        return self.scenario.without_waypoints().derived(objective=Objective())
 
     @cached_property
     def _convex(self) -> Scenario:
         """The scenario without waypoints, obstacles and separation: its convex constraints."""
-        return dataclasses.replace(self._without, obstacles=(), separation=None)
+        return self._without.derived(obstacles=(), separation=None)
 
     @cached_property
     def _first(self) -> Passing:
@@ -292,9 +292,7 @@ class WaypointTimes:
 
     def _starts(self) -> Iterator[Timed]:
         """Yield guesses of motions and times, possibly infeasible, subject to limits alone."""
-        scenario = dataclasses.replace(
-            self._convex, disturbance=None, requirements=(), smoothing=None
-        )
+        scenario = self._convex.derived(disturbance=None, requirements=(), smoothing=None)
         accelerations = Problem.of(scenario).effort.motion.accelerations
         start = Timed(scenario, scenario.grid.step, accelerations, self._first)
         yield in_least_time(start, self._backend, self._progress)[0]
@@ -324,9 +322,16 @@ class WaypointTimes:
             times[w] = samples[np.argmin(far)]
         return times
 
-    def _passing_at(self, times: FloatArray) -> tuple[Vehicle, ...]:
-        """Return the vehicles with all waypoints at times since the first knot [s], (W,)."""
-        return self._waypoints.placed(self.scenario.vehicles, self.scenario.grid.start + times)
+    def _at(self, times: FloatArray, scenario: Scenario) -> Scenario:
+        """Return a scenario with all waypoints at times since the first knot [s], (W,).
+
+        In flight it is not checked again.
+        """
+        times = self.scenario.grid.start + times
+        vehicles = self._waypoints.placed(self.scenario.vehicles, times)
+        if self.scenario.under_way:
+            return scenario.derived(vehicles=vehicles)
+        return dataclasses.replace(scenario, vehicles=vehicles)
 
 
 def at_times_tried(failures: Sequence[Exception], scenario: Scenario) -> Exception:
