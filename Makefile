@@ -57,7 +57,7 @@ bench-time: $(VENV)/.bench .venv-casadi/.ready ## The same for least times; MISS
 bench-mixed: $(VENV)/.bench $(VENV)/.test ## The same for random scenes, windows and files that mix everything
 	$(BIN)/python -m benchmarks --mixed
 
-bench-objective: $(VENV)/.bench $(VENV)/.test ## The same for costs: CVXPY, closed forms, IPOPT (twenty minutes)
+bench-objective: $(VENV)/.bench $(VENV)/.test ## The same for costs: CVXPY, closed forms, IPOPT, all mixed (forty minutes)
 	$(BIN)/python -m benchmarks --objective
 
 test: $(VENV)/.test ## Run the tests, but for slow ones (some five minutes on two cores)

@@ -18,6 +18,9 @@ from drake_rho.scenario.fields import FloatArray
 SAMPLES, EQUAL = 50, 1e-6
 """Exact goals sampled in each region, and the largest relative excess over another's cost."""
 
+NOTHING = 1e-12
+"""Least cost to which an excess is relative [m²/s⁴]: free goals may cost nothing but rounding."""
+
 COLUMNS = (
     "scenes",
     "number",
@@ -51,7 +54,7 @@ class Lap:
         """Relative excess of the plan's cost over the other."""
         if math.isinf(self.other):
             return 0.0 if math.isinf(self.cost) else -math.inf
-        return self.cost / self.other - 1.0
+        return (self.cost - self.other) / max(self.other, NOTHING)
 
 
 def run(seeds: int = 60) -> Table:

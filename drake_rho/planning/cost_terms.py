@@ -12,7 +12,7 @@ from functools import lru_cache
 import numpy as np
 
 from drake_rho.motion.dynamics import response
-from drake_rho.scenario.fields import FloatArray, IntArray
+from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.objective import Weights
 from drake_rho.scenario.parts import Quantity
 from drake_rho.scenario.records import Scenario
@@ -41,13 +41,11 @@ class CostTerms:
     def values(self, scenario: Scenario, vehicles: IntArray) -> FloatArray:
         """Return b of some vehicles of this class, shape (P, M, 3)."""
         fleet, h, own = scenario.fleet, self.step, vehicles
-        times = h * np.arange(1, self.knots)[:, None]
-        velocities = fleet.start_velocities[own, None]
-        coasting = fleet.start_positions[own, None] + times * velocities
         parts = [np.zeros((len(own), self.knots - 1, 3))] * (self.weights.effort > 0.0)
         jerks = np.zeros((len(own), self.knots, 3))
-        jerks[:, 0] = np.nan_to_num(fleet.accelerations_before[own]) / h
-        jerks[:, -1] = -np.nan_to_num(fleet.accelerations_after[own]) / h
+        before, after = fleet.accelerations_before[own], fleet.accelerations_after[own]
+        jerks[:, 0] = np.where(np.isnan(before), 0.0, before / h)
+        jerks[:, -1] = np.where(np.isnan(after), 0.0, -after / h)
         if self.weights.jerk > 0.0:
             parts.append(np.sqrt(self.weights.jerk) * self._counts[:, None] * jerks)
         if self.weights.snap > 0.0:
@@ -56,6 +54,11 @@ class CostTerms:
                 jerks = np.concatenate([-fleet.jerks_before[own, None], jerks], axis=1)
             changes = np.diff(jerks, axis=1)
             parts.append(np.sqrt(self.weights.snap) / h * changes)
+        if not self.counted:
+            return np.concatenate(parts, axis=1)
+        times = h * np.arange(1, self.knots)[:, None]
+        velocities = fleet.start_velocities[own, None]
+        coasting = fleet.start_positions[own, None] + times * velocities
         if self.weights.position > 0.0 or self.weights.velocity > 0.0:
             references = scenario.objective.reference_at(scenario.grid)
             for each, weight, free in zip(
@@ -138,11 +141,14 @@ def terms_by_class(scenario: Scenario) -> tuple[list[CostTerms], IntArray]:
         return [CostTerms(weights, grid.step, grid.knots, (0, 0))], np.zeros(
             len(scenario.vehicles), dtype=int
         )
-    earlier = np.isfinite(scenario.fleet.jerks_before).all(axis=1)
-    ends = np.stack([*scenario.fleet.counted_ends, earlier], axis=1)
-    kinds, which = np.unique(ends, axis=0, return_inverse=True)
+    earlier: BoolArray = np.zeros(len(scenario.vehicles), dtype=bool)
+    if weights.snap:
+        earlier = np.asarray(np.isfinite(scenario.fleet.jerks_before).all(axis=1))
+    first, last = scenario.fleet.counted_ends
+    every = list(zip(first.tolist(), last.tolist(), earlier.tolist(), strict=True))
+    kinds = sorted(set(every))
     terms = [
         CostTerms(weights, grid.step, grid.knots, (one, other), bool(third))
-        for one, other, third in kinds.tolist()
+        for one, other, third in kinds
     ]
-    return terms, which.reshape(-1)
+    return terms, np.array([kinds.index(each) for each in every])
