@@ -36,7 +36,7 @@ from drake_rho.planning.horizon.waypoints_ahead import (
 )
 from drake_rho.scenario.clock import clock_number, clock_time
 from drake_rho.scenario.fields import FloatArray, unchecked
-from drake_rho.scenario.parts import REACHED, Vehicle
+from drake_rho.scenario.parts import REACHED, Vehicle, Waypoint
 from drake_rho.scenario.records import Scenario
 from drake_rho.scenario.rest_of_flight import (
     from_states,
@@ -69,16 +69,21 @@ class WindowStart:
     """names of the vehicles off the tube of the plan in force"""
     free: Free
     """flags of waypoints ahead with free times"""
+    has_news: bool = False
+    """whether something was told in flight"""
     is_new: bool = False
-    """whether something was told for this window"""
+    """whether it was told for this window"""
 
     @property
     def has_new_orders(self) -> bool:
         """Whether goals or waypoints are not those of the plan in force."""
-        if self.scenario.fleet is self.remaining.scenario.fleet:
+        if not self.has_news:
             return False
         pairs = zip(self.scenario.vehicles, self.remaining.scenario.vehicles, strict=True)
-        return any(one.goal != other.goal or _places(one) != _places(other) for one, other in pairs)
+        return any(
+            one.goal != other.goal or _without_times(one) != _without_times(other)
+            for one, other in pairs
+        )
 
     @property
     def on_plan(self) -> bool:
@@ -221,6 +226,7 @@ class Situation:
             stop=last.contingency and self._rest(last.contingency, knot - last.first_knot),
             off=tuple(scenario.names[i] for i in off),
             free=free_ahead(self.free, self.scenario, scenario.grid),
+            has_news=self.known.has_news,
             is_new=self.known.is_new,
         )
 
@@ -262,8 +268,8 @@ class Situation:
         return Flight.composed(known_when_seen(scenario, self.given), windows)
 
 
-def _places(vehicle: Vehicle) -> list[list[float]]:
-    return [each.position.tolist() for each in vehicle.waypoints]
+def _without_times(vehicle: Vehicle) -> list[Waypoint]:
+    return [unchecked(each, time=None) for each in vehicle.waypoints]
 
 
 def latency_in_samples(scenario: Scenario, latency: float, replan_every: int) -> int:

@@ -26,7 +26,6 @@ from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.gates import Gates
 from drake_rho.scenario.objective import Objective
 from drake_rho.scenario.records import Grid, Scenario
-from drake_rho.scenario.times import SAME_TIME
 from drake_rho.scenario.waypoints import AllWaypoints
 
 GAP = 0.002
@@ -185,7 +184,7 @@ class WaypointTimes:
         new |= away > all_of.within[1:] + all_of.within[:-1]
         counted = np.concatenate([[True], new]) * all_of.dwells
         at_rest = np.bincount(all_of.vehicles, counted)
-        for i in np.flatnonzero(at_rest >= grid.duration * (1.0 - SAME_TIME)).tolist():
+        for i in np.flatnonzero(~grid.clock.before(at_rest, grid.duration)).tolist():
             dwells = {self.scenario.names[i]: ("dwells at its waypoints",)}
             because = f"these take {at_rest[i]:.4g} s of the flight's {grid.duration:.4g} s"
             raise InfeasibleError(dwells, scenario=self.scenario, because=because)
