@@ -77,7 +77,9 @@ class Known:
         return cls(given, flight, numbers, (flight.obstacles, numbers), required)
 
     def with_flight(self, flight: Scenario) -> Self:
-        """Return the same with other times of waypoints in the flight."""
+        """Return what is known after a window, with other times of waypoints in the flight."""
+        if flight is self.flight and not self.is_new:
+            return self
         necessary = flight.obstacles, self.numbers
         return dataclasses.replace(self, flight=flight, necessary=necessary, is_new=False)
 

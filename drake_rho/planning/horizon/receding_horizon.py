@@ -258,7 +258,7 @@ class RecedingHorizon:
 
     def _timed(self, start: WindowStart) -> WindowStart:
         """Return a start with times for waypoints told without; guesses if no plan has any."""
-        if not any(map(any, free_of(start.scenario))):
+        if not start.has_news or not any(map(any, free_of(start.scenario))):
             return start
         times = with_options(self._options, best_plan)
         try:
