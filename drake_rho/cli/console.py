@@ -11,7 +11,7 @@ import textwrap
 import threading
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 from rich.console import Console, ConsoleOptions, RenderableType
 from rich.markup import escape
@@ -60,6 +60,9 @@ class _Screen(Console):
 
 out = _Screen()
 err = _Screen(stderr=True)
+
+_AWAKE = 0.5
+"""Longest time after which a command that waits looks for a signal [s]."""
 
 _PIPED = 100
 """Width of texts and tables in files and pipes, in columns."""
@@ -271,4 +274,10 @@ def on_interrupt() -> Callable[[], None]:
     ended = queue.SimpleQueue[None]()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: ended.put(None))
-    return ended.get
+
+    def wait() -> None:
+        while True:  # a signal just before a wait without an end would not wake it
+            with suppress(queue.Empty):
+                return ended.get(timeout=_AWAKE)
+
+    return wait
