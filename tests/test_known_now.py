@@ -86,6 +86,23 @@ def test_obstacles_without_a_name_are_the_same_if_they_are_equal() -> None:
     assert [each.active is None for each in horizon.flight.scenario.bodies] == [False, True]
 
 
+def test_an_obstacle_that_was_over_may_be_active_again() -> None:
+    """It was told only when its interval was over, and then with a later one."""
+    over, again = (dataclasses.replace(BALL, active=each) for each in ((0.0, 0.5), (2.0, 9.0)))
+    news = {1.0: scene(obstacles=[over]), 2.0: scene(obstacles=[again])}
+    flight = fly(scene(), news).flight
+    assert rho.verify(flight).ok
+    assert away(flight, SPHERE, 2.0) >= -1e-6
+
+
+def test_cells_that_a_map_gains_are_as_uncertain_as_it_is() -> None:
+    few, more = (rho.Voxels([[20, y, 2] for y in range(n)], 0.25, [0, -1, 0]) for n in (2, 5))
+    first, now = (rho.Obstacle(each, name="map", position_error=0.1) for each in (few, more))
+    flight = fly(scene(obstacles=[first]), {1.0: scene(obstacles=[now])}).flight
+    assert rho.verify(flight).ok
+    assert [each.position_error for each in flight.scenario.bodies] == [0.1, 0.1]
+
+
 def test_an_obstacle_of_another_shape_replaces_the_one_before() -> None:
     sphere = rho.Sphere([5.0, 0.2, 1.0], 1.4)
     larger = dataclasses.replace(BALL, shape=sphere)

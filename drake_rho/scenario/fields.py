@@ -250,8 +250,8 @@ def unchecked(old: _Record, **changes: object) -> _Record:
 
 
 def _equal(self: Any, other: Any) -> bool:
-    if type(self) is not type(other):
-        return False
+    if self is other or type(self) is not type(other):
+        return self is other
     names = [field.name for field in dataclasses.fields(self)]
     return all(_same(getattr(self, name), getattr(other, name)) for name in names)
 

@@ -79,7 +79,7 @@ def _is_same(one: Named, other: Named) -> bool:
     """Return whether two items are the same thing, possibly changed."""
     if one.name is not None or other.name is not None:
         return one.name == other.name
-    return one is other or one == other
+    return one == other
 
 
 def just_before(time: float, grid: Grid) -> float:
@@ -157,9 +157,9 @@ class ChangingObstacles:
             if self._is_over(each):
                 for number in self.numbers[-1]:
                     self._end(number)
-            elif index is None:
+            elif index is None or not self.numbers[-1]:  # what was over before is new
                 self.numbers[-1] = (self._added(each),)
-            elif not _equal(each, before[index]):
+            elif each != before[index]:
                 change = self._change(position, before[index], each, ago)
                 if change is not None:
                     later.append(change)
@@ -237,8 +237,8 @@ class ChangingObstacles:
                     number, common, removed, f"{name} until {clock_time(self._time)}"
                 )
         if newer.added is not None:
-            added = Obstacle(newer.added, name=f"{name} from {clock_time(self._time)}")
-            parts.append(self._added(unchecked(added, penalty=now.penalty)))
+            called = f"{name} from {clock_time(self._time)}"
+            parts.append(self._added(unchecked(now, shape=newer.added, name=called)))
         return tuple(parts)
 
     def _remove_cells(self, number: int, common: Solid | None, removed: Solid, name: str) -> None:
@@ -253,10 +253,6 @@ class ChangingObstacles:
         else:
             self.bodies[number - 1] = unchecked(body, shape=common)
             self.bodies.append(former)
-
-
-def _equal(one: Obstacle, other: Obstacle) -> bool:
-    return one is other or one == other
 
 
 def _is_newer_map(before: Obstacle, now: Obstacle) -> bool:

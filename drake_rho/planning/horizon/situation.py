@@ -17,7 +17,6 @@ for the largest accelerations.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable
 from typing import Self
 
 import numpy as np
@@ -133,18 +132,15 @@ class Situation:
             ScenarioError: it differs in what stays the same in a flight.
         """
         known = self.known.with_news(now, time, _time_ahead(self.given, self.latency))
-        before = (zip(own.waypoints, free, strict=True) for own, free in self._with_flags)
-        flags = {id(waypoint): flag for pairs in before for waypoint, flag in pairs}
         free = tuple(
-            tuple(flags.get(id(each), each.time is None) for each in vehicle.waypoints)
-            for vehicle in known.flight.vehicles
+            flags
+            if now.waypoints is before.waypoints
+            else tuple(each.time is None for each in now.waypoints)
+            for flags, before, now in zip(
+                self.free, self.scenario.vehicles, known.flight.vehicles, strict=True
+            )
         )
         return dataclasses.replace(self, known=known, free=free)
-
-    @property
-    def _with_flags(self) -> Iterable[tuple[Vehicle, tuple[bool, ...]]]:
-        """Vehicles of the flight with the flags of their free waypoints."""
-        return zip(self.scenario.vehicles, self.free, strict=True)
 
     def with_window(self, window: Window) -> Self:
         """Return the situation after a window was planned.
