@@ -83,8 +83,11 @@ def _is_same(one: Named, other: Named) -> bool:
 
 
 def just_before(time: float, grid: Grid) -> float:
-    """Return the last time that counts as before a time on the scenario's clock [s]."""
-    return time - max(_JUST_BEFORE * grid.step, grid.clock.tick)
+    """Return a time that is before another on the scenario's clock [s].
+
+    So is the middle between both, which tells the windows on the two sides of it apart.
+    """
+    return time - max(_JUST_BEFORE * grid.step, 2.0 * grid.clock.tick)
 
 
 def until(
