@@ -292,11 +292,10 @@ def _check_windows(plan: Plan, windows: tuple[Window, ...]) -> None:
     increasing = all(early < late for early, late in pairwise([-1, *starts, knots - 1]))
     if not increasing or starts[:1] != [0] or not all(isinstance(start, int) for start in starts):
         raise ValueError("the windows do not cover the flight in order")
-    for window in windows:
-        if {window.plan.scenario.grid.knots, window.reference.scenario.grid.knots} != {
-            knots - window.first_knot
-        }:
-            raise ValueError("a window does not reach the end of the flight")
+    for window, until in zip(windows, [*starts[1:], knots - 1], strict=True):
+        own, reference = (each.scenario.grid.knots for each in (window.plan, window.reference))
+        if own != reference or not until < window.first_knot + own <= knots:
+            raise ValueError("a window does not reach the next one, or goes beyond the flight")
 
 
 def _pack(prefix: str, plan: Plan, maps: list[Map]) -> dict[str, Any]:

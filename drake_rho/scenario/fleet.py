@@ -461,6 +461,22 @@ class Fleet:
                 found[norm] = most
         return found
 
+    def reaching(self, distance: float) -> Fleet:
+        """Return the fleet with scales of motions that cover at least a distance [m]."""
+        reaches = np.maximum(self._reaches, distance)
+        parts = self._separation, self._bodies, self._missed, reaches
+        return Fleet(self._grid, self._vehicles, self._limits, *parts)
+
+    def aimed(self, vehicles: Sequence[Vehicle]) -> Fleet:
+        """Return the fleet of the rest of a flight with other goals, missed at a price."""
+        parts = self._separation, self._bodies, (True, False), self._reaches
+        fleet = Fleet(self._grid, vehicles, self._limits, *parts)
+        fleet.start_positions, fleet.start_velocities = self.start_positions, self.start_velocities
+        fleet.accelerations_before, fleet.weights = self.accelerations_before, self.weights
+        fleet._whole_flight = self._whole_flight
+        fleet._sides, fleet._largest = self._sides, self._largest
+        return fleet
+
     def started_at(
         self,
         grid: Grid,

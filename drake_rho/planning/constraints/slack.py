@@ -14,6 +14,7 @@ import numpy as np
 from drake_rho.motion.tube import ErrorTube
 from drake_rho.planning.constraints.margins import Margins
 from drake_rho.scenario.fields import FloatArray
+from drake_rho.scenario.fleet import Fleet
 from drake_rho.scenario.parts import UNITS, Quantity
 from drake_rho.scenario.records import Scenario
 from drake_rho.scenario.shapes.base import Shape
@@ -59,6 +60,20 @@ class TighteningSlack:
         return f"{self.name} ({self.where} {depth:.3g} {unit} inside, of {needed[vehicle]:.3g})"
 
 
+def of_given_ends(fleet: Fleet, quantity: Quantity, end: int, available: FloatArray) -> FloatArray:
+    """Return slack at start or goal, infinite for vehicles without a given value there.
+
+    Args:
+        fleet: vehicles.
+        quantity: quantity that is compared.
+        end: 0 for the start, -1 for the goal.
+        available: slack of each vehicle, shape (N,).
+    """
+    if end == 0 or quantity not in ("position", "velocity"):
+        return available
+    return np.where(fleet.fixed(quantity), available, np.inf)
+
+
 def states_at(scenario: Scenario, end: int) -> dict[Quantity, FloatArray]:
     """Return the given states at start or goal; with a smoothing, accelerations are zero there."""
     fleet = scenario.fleet
@@ -96,6 +111,9 @@ def ends_in_requirements(
         if partner is not None:
             values = values - values[partner]
         inside = -np.asarray(each.set.signed_distance(values)) - each.deviation
+        inside = of_given_ends(scenario.fleet, each.quantity, end, inside)
+        if partner is not None and np.isinf(inside[partner]):
+            inside = np.full_like(inside, np.inf)
         needed = margins.knots[each.quantity][[end]]
         yield _of_requirement(scenario, number, ENDS[end], inside, needed)
 

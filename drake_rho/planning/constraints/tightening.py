@@ -14,6 +14,7 @@ from drake_rho.planning.constraints.slack import (
     ENDS,
     TighteningSlack,
     ends_in_requirements,
+    of_given_ends,
     sizes_of_requirements,
     slacks_at_rest,
     states_at,
@@ -159,6 +160,7 @@ def _state_slacks(scenario: Scenario, margins: Margins, end: int) -> Iterator[Ti
         needed = margins.knots[quantity][[end]]
         if (bounds := fleet.bounds(quantity)) is not None:
             available = np.minimum(values - bounds.lower, bounds.upper - values).min(axis=1)
+            available = of_given_ends(fleet, quantity, end, available)
             tolerances = bounds.tolerances.min(axis=1)
             yield TighteningSlack(
                 f"{quantity} box", ENDS[end], quantity, available, needed, tolerances
@@ -166,6 +168,7 @@ def _state_slacks(scenario: Scenario, margins: Margins, end: int) -> Iterator[Ti
         for limit in fleet.norms.values():
             if limit.kind.quantity == quantity:
                 available = -limit.sets.signed_distance(np.arange(len(values)), values)
+                available = of_given_ends(fleet, quantity, end, available)
                 tolerances = limit.sets.tolerances
                 yield TighteningSlack(
                     limit.kind.name, ENDS[end], quantity, available, needed, tolerances
@@ -184,6 +187,7 @@ def _obstacle_slacks(scenario: Scenario, margins: Margins, end: int) -> Iterator
             continue
         distances = obstacle.distances(positions, np.array([time]))
         available = distances - fleet.radii - obstacle.deviation
+        available = of_given_ends(fleet, "position", end, available)
         tolerance = fleet.obstacle_tolerances(obstacle.shape)
         name = scenario.obstacle_name(number)
         yield TighteningSlack(name, ENDS[end], "position", available, needed, tolerance)
@@ -199,8 +203,10 @@ def _pair_slacks(scenario: Scenario, margins: Margins, end: int) -> Iterator[Tig
     positions = fleet.start_positions if end == 0 else fleet.goal_positions
     within = separation.distance + max_pair_margin(separation, margins)
     near = cKDTree(separation.scaled(positions)).query_pairs(within, output_type="ndarray")
-    distances = separation.shape.local_distance(positions[near[:, 0]] - positions[near[:, 1]])
     available = np.full(len(positions), np.inf)
+    if end != 0 and not fleet.fixed_positions.all():  # nominal goals are no places of vehicles
+        near = near[fleet.fixed_positions[near].all(axis=1)]
+    distances = separation.shape.local_distance(positions[near[:, 0]] - positions[near[:, 1]])
     for vehicles in near.T:
         np.minimum.at(available, vehicles, distances / 2.0)
     needed, tolerance = margins.knots["position"][[end]], np.array([separation.tolerance])

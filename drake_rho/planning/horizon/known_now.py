@@ -61,6 +61,8 @@ class Known:
     """whether anything was told in flight"""
     is_new: bool = False
     """whether it was told for the next window"""
+    endless: bool = False
+    """whether the grid told only gives the step: the flight has no end"""
 
     @classmethod
     def of(cls, given: Scenario, flight: Scenario) -> Self:
@@ -105,7 +107,7 @@ class Known:
             ScenarioError: the scenario differs in what stays the same in a flight, or two obstacles
                 or requirements have one name.
         """
-        _check(self.told, now)
+        _check(self.told, now, ("start", "step") if self.endless else ("start", "step", "knots"))
         flight = self.flight
         obstacles = ChangingObstacles(flight.bodies, self.numbers, time, flight.grid)
         former, numbers = obstacles.tell(self.told.bodies, now.bodies, ago)
@@ -134,12 +136,18 @@ def _as_before(flight: Scenario, bodies: Sequence[Obstacle]) -> tuple[AnyObstacl
     return flight.obstacles if same else tuple(bodies)
 
 
-def _check(before: Scenario, now: Scenario) -> None:
-    """Check that a scenario differs only in what may change in a flight."""
+def _check(before: Scenario, now: Scenario, of_grid: Sequence[str]) -> None:
+    """Check that a scenario differs only in what may change in a flight.
+
+    Args:
+        before: as it was told last.
+        now: as it is told now.
+        of_grid: fields of the grid that stay.
+    """
     if now.names != before.names:
         expected = f"the vehicles of the flight, {', '.join(before.names)}"
         raise ScenarioError("scenario.vehicles", list(now.names), expected)
-    for field in ("start", "step", "knots"):
+    for field in of_grid:
         value, own = getattr(now.grid, field), getattr(before.grid, field)
         if value != own:
             raise ScenarioError(f"scenario.grid.{field}", value, f"{own}, as in the flight")

@@ -27,6 +27,7 @@ from drake_rho.planning.horizon.interfaces import (
     with_options,
 )
 from drake_rho.planning.horizon.measured_states import checked_states, from_measured
+from drake_rho.planning.horizon.rolling import RollingHorizon
 from drake_rho.planning.horizon.situation import Situation, WindowStart, latency_in_samples
 from drake_rho.planning.horizon.waypoints_ahead import (
     free_of,
@@ -49,7 +50,7 @@ from drake_rho.system.threads import single_threaded_blas
 
 
 class RecedingHorizon:
-    """Model predictive control from measured states, with a horizon that shrinks towards the goals.
+    """Model predictive control from measured states: the horizon shrinks to the goals, or rolls.
 
     Every window plans again from the measured states, with a new error tube. The plan is for the
     whole fleet; if there is none, the fleet continues the previous plan in its tube. If the first
@@ -62,6 +63,12 @@ class RecedingHorizon:
 
     The times of free waypoints are found with the first window, by `plan`. Later they change only
     in proportion to an earlier arrival.
+
+    With `horizon`, every window plans that far ahead, and ends at rest where vehicles may stay. So
+    the mission needs no end: goals can change at any time, and without a goal (None) a vehicle
+    stops. What is proved is that vehicles stay safe, not that they arrive. Once a goal is within
+    reach, the time of the arrival stays. Requirements with an interval of time count as far as a
+    window plans.
 
     With a smoothing, windows continue the plan and the tube of the window before: a start at
     measured states would be a jump. A flight depends on the plan up to `Scenario.lead` later, so
@@ -93,6 +100,11 @@ class RecedingHorizon:
         bounded_cost: whether a new plan is accepted only if it costs no more than the rest of the
             previous one, moved to the measured states. The cost of the flight then has a bound
             (`Window.cost_bound`), whatever the disturbance.
+        horizon: time that every window plans ahead [s], rounded up to whole steps. Windows then end
+            at rest where vehicles may stay, drawn towards their goals along the shortest paths, and
+            the grid only gives the step. If not given, windows plan up to the last knot.
+        rest_for: time for which vehicles have to be able to stay there, as long as the errors of
+            obstacles grow [s]. Otherwise they can stay for ever.
 
     Attributes:
         replan_every: as given.
@@ -102,9 +114,11 @@ class RecedingHorizon:
 
     Raises:
         ValueError: `replan_every` is not a whole number of at least 1, the latency is longer than
-            a window is flown, or the cost is to be bounded with a free final time.
-        ScenarioError: a vehicle moves at its goal and the final time is free, or a limit is
-            soft and the final time is free or the cost is to be bounded.
+            a window is flown, the cost is to be bounded with a free final time, or another setting
+            does not fit the horizon.
+        ScenarioError: a vehicle moves at its goal and the final time is free, a limit is soft and
+            the final time is free or the cost is to be bounded, or the horizon rolls and the
+            scenario has waypoints, a smoothing, or a feedback with which errors grow.
     """
 
     @checked
@@ -123,6 +137,8 @@ class RecedingHorizon:
         contingencies: bool = False,
         latency: float = 0.0,
         bounded_cost: bool = False,
+        horizon: float | None = None,
+        rest_for: float = 60.0,
     ) -> None:
         whole = isinstance(replan_every, Integral)
         if not whole or replan_every < 1:
@@ -137,11 +153,17 @@ class RecedingHorizon:
                 expected = "False with a free final time, since earlier arrivals cost more"
                 raise ValueError(f"bounded_cost: got True, expected {expected}")
         self.latency = latency_in_samples(scenario, latency, int(replan_every))
+        if horizon is not None and (free_final_time or bounded_cost or reference is not None):
+            others = "free_final_time, bounded_cost and reference"
+            raise ValueError(f"horizon: got {horizon:g} s, expected none beside {others}")
         if reference is None:
             reference = free_reference if scenario.separation is None else tail_reference
         self.replan_every, self.free_final_time = int(replan_every), free_final_time
         self.windows: list[Window] = []
-        self._situation = Situation.of(scenario, self.latency)
+        self._situation, self._rolling = Situation.of(scenario, self.latency), None
+        if horizon is not None:
+            self._rolling = RollingHorizon.of(scenario, horizon, rest_for)
+            self._situation = self._rolling.begun(self._situation)
         self._options, self._progress = options or Options(), progress
         self._planner = WindowPlanner(
             with_options(self._options, planner),
@@ -149,6 +171,7 @@ class RecedingHorizon:
             reference,
             Backend.of(solver).solver,
             braking_after=self.replan_every if contingencies else None,
+            brakes=contingencies or horizon is not None,
             bounded_cost=bounded_cost,
         )
 
@@ -163,7 +186,7 @@ class RecedingHorizon:
     @property
     def knots(self) -> range:
         """Knots at which windows start, counted from 0."""
-        return range(0, self.scenario.grid.knots - 1, self.replan_every)
+        return range(0, self._situation.given.grid.knots - 1, self.replan_every)
 
     def planned(self, knot: int) -> FloatArray:
         """Return the planned states at a knot, from the last window, shape (N, 6).
@@ -226,6 +249,8 @@ class RecedingHorizon:
         if scenario is not None:
             situation.knot_at(time)  # an impossible time is refused first
             situation = situation.with_news(scenario, time)
+            if self._rolling is not None:
+                situation = self._rolling.begun(situation)
         with within_time(self._options.time_limit):
             window = self._window(situation, states, time)
         self.windows.append(window)
@@ -242,11 +267,7 @@ class RecedingHorizon:
         if situation.last is None:
             window = self._first(situation.at_start, measured)
         else:
-            start = self._timed(situation.at(knot, measured))
-            if self.free_final_time:
-                window = next_window(self._planner, start)
-            else:
-                window = self._planner.next(start)
+            window, start = self._next(situation, knot, measured)
             notes["off_tube"] = start.off if start.scenario.disturbance is not None else ()
         window = self._planner.with_contingency(window)
         if self._planner.bounded_cost:
@@ -255,6 +276,17 @@ class RecedingHorizon:
         notes["unseen"] = tuple(situation.scenario.names[i] for i in unseen)
         window = dataclasses.replace(window, **notes)
         return _with_sightings(window, situation.last or window)
+
+    def _next(
+        self, situation: Situation, knot: int, states: FloatArray
+    ) -> tuple[Window, WindowStart]:
+        """Return a window after the first, from measured states at a knot, and its start."""
+        if self._rolling is not None:
+            return self._rolling.next(self._planner, situation, knot, states)
+        start = self._timed(situation.at(knot, states))
+        if self.free_final_time:
+            return next_window(self._planner, start), start
+        return self._planner.next(start), start
 
     def _timed(self, start: WindowStart) -> WindowStart:
         """Return a start with times for waypoints told without; guesses if no plan has any."""
@@ -278,12 +310,17 @@ class RecedingHorizon:
         """
         if not self.windows:
             raise ValueError("windows: got none, expected at least one planned window")
-        return self._situation.flight(self.windows)
+        situation = self._situation
+        if self._rolling is not None:
+            situation = self._rolling.ended(situation)
+        return situation.flight(self.windows)
 
     def _first(self, scenario: Scenario, states: FloatArray) -> Window:
         """Return the first window of a scenario, from measured states."""
-        times = with_options(self._options, best_plan)
         measured = partial(from_measured, states=states)
+        if self._rolling is not None:
+            return self._rolling.first(self._planner, scenario, measured)
+        times = with_options(self._options, best_plan)
         return FirstWindow(self._planner, times, measured, self.free_final_time).of(scenario)
 
 

@@ -23,7 +23,7 @@ from drake_rho.planning.planners.convex import plan_convex
 from drake_rho.planning.planners.plan import plan
 from drake_rho.planning.programs.backend import Solver, SolverName
 from drake_rho.scenario.arguments import passes_to
-from drake_rho.scenario.fields import Count, Margin, record
+from drake_rho.scenario.fields import Count, Margin, Positive, record
 
 
 class Windows(TypedDict, total=False):
@@ -40,6 +40,8 @@ class Windows(TypedDict, total=False):
     contingencies: bool
     latency: float
     bounded_cost: bool
+    horizon: float | None
+    rest_for: float
 
 
 DEFAULTS = cast(
@@ -96,6 +98,20 @@ class PlainSettings:
             "bound"
         ),
     ] = DEFAULTS["bounded_cost"]
+    horizon: Annotated[
+        Positive | None,
+        Field(
+            description="seconds that every window plans ahead, ending at rest where vehicles may "
+            "stay; if not given, windows plan up to the last knot"
+        ),
+    ] = DEFAULTS["horizon"]
+    rest_for: Annotated[
+        Positive,
+        Field(
+            description="seconds for which vehicles have to be able to stay where a window of such "
+            "a horizon ends, as long as errors of obstacles grow"
+        ),
+    ] = DEFAULTS["rest_for"]
 
 
 _REFERENCES = {None: None, "free": free_reference, "tail": tail_reference}

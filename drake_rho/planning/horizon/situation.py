@@ -24,6 +24,7 @@ import numpy as np
 from drake_rho.motion.flight import Flight, Window
 from drake_rho.motion.plan import Plan
 from drake_rho.motion.scenario_tube import tracking_of
+from drake_rho.planning.horizon.fallbacks import moved
 from drake_rho.planning.horizon.known_now import Known
 from drake_rho.planning.horizon.measured_states import Measured, continued, off_tube
 from drake_rho.planning.horizon.waypoints_ahead import (
@@ -72,6 +73,13 @@ class WindowStart:
     """whether something was told in flight"""
     is_new: bool = False
     """whether it was told for this window"""
+    own_reference: Plan | None = None
+    """rest of the plan in force from the measured states, if it is not to be moved to the goals"""
+
+    @property
+    def reference(self) -> Plan:
+        """Rest of the plan in force, moved to the measured states."""
+        return self.own_reference or moved(self.remaining, self.scenario)
 
     @property
     def has_new_orders(self) -> bool:
@@ -238,7 +246,7 @@ class Situation:
         knot = round((planned.grid.start - grid.start) / grid.step)
         return from_states(
             self.scenario,
-            grid.from_knot(knot),
+            grid.from_knot(knot, planned.grid.knots - 1),
             fleet.start_positions,
             fleet.start_velocities,
             fleet.accelerations_before,

@@ -56,6 +56,8 @@ class WindowPlanner:
     """whether planners may change the times of waypoints"""
     braking_after: int | None = None
     """number of steps after which contingencies brake; None for windows without contingencies"""
+    brakes: bool = False
+    """whether windows without a plan brake to rest, if they can, rather than violate least"""
     bounded_cost: bool = False
     """whether to reject plans that cost more than the rest of the previous one, moved"""
 
@@ -105,7 +107,7 @@ class WindowPlanner:
         Args:
             start: rest of the flight and of the plan in force.
         """
-        scenario, previous = start.scenario, moved(start.remaining, start.scenario)
+        scenario, previous = start.scenario, start.reference
         window: Window | Failure | None = self._lack_of_slack(start)
         window = window or self._planned(scenario, start.knot, previous)
         if isinstance(window, Window):
@@ -140,7 +142,7 @@ class WindowPlanner:
             start: rest of the flight and of the plan in force.
         """
         previous, spent, none_found = window.reference, window.plan.statistics, ""
-        if self.braking_after is not None:
+        if self.brakes:
             flown = previous
             try:
                 stop = start.stop

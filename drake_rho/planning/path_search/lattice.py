@@ -169,19 +169,7 @@ class Lattice:
 
     def are_clear(self, one: FloatArray, other: FloatArray, samples: int = SAMPLES) -> BoolArray:
         """Return flags of segments between positions (E, 3) clear of obstacles at rest, (E,)."""
-        parts = np.linspace(0.0, 1.0, samples)[:, None, None]
-        x, lengths = one + parts * (other - one), np.linalg.norm(other - one, axis=1)
-        clear = np.ones(len(lengths), dtype=bool)
-        for body in self._still:
-            if isinstance(body.shape, Parts):
-                ends = one[clear] - body.first_center, other[clear] - body.first_center
-                required = required_distance(body, self._radius)
-                clear[clear] = ~segments_collide(body.shape, required, *ends, samples)
-                continue
-            at = x[:, clear] - body.first_center
-            d = body.shape.local_distance(at) - required_distance(body, self._radius)
-            clear[clear] = convex_lower_bound(d, lengths[clear]) >= 0.0
-        return clear
+        return are_clear(self._still, self._radius, one, other, samples)
 
     def visible_from(self, position: FloatArray) -> IntArray:
         """Return the numbers of nearby points joined to a position by a collision-free segment."""
@@ -224,6 +212,51 @@ class ShortestPaths:
         while self.before[path[-1]] >= 0:
             path.append(int(self.before[path[-1]]))
         return np.array(path)
+
+
+def are_clear(
+    still: Sequence[Obstacle],
+    radius: float,
+    one: FloatArray,
+    other: FloatArray,
+    samples: int = SAMPLES,
+) -> BoolArray:
+    """Return flags of segments between positions (E, 3) clear of obstacles at rest, (E,).
+
+    Args:
+        still: obstacles at rest.
+        radius: of the vehicle [m].
+        one: ends of the segments [m].
+        other: their other ends [m].
+        samples: number of points along a segment.
+    """
+    parts, steps = np.linspace(0.0, 1.0, samples)[:, None, None], other - one
+    lengths = np.linalg.norm(steps, axis=1)
+    clear = np.ones(len(lengths), dtype=bool)
+    for body in still:
+        required = required_distance(body, radius)
+        extent = float(np.linalg.norm(body.shape.extent)) + required
+        near = np.flatnonzero(clear & _come_within(one, steps, body.first_center, extent))
+        if len(near) == 0:
+            continue
+        begins = one[near] - body.first_center
+        if isinstance(body.shape, Parts):
+            ends = other[near] - body.first_center
+            clear[near] = ~segments_collide(body.shape, required, begins, ends, samples)
+            continue
+        d = body.shape.local_distance(begins + parts * steps[near]) - required
+        clear[near] = convex_lower_bound(d, lengths[near]) >= 0.0
+    return clear
+
+
+def _come_within(
+    one: FloatArray, steps: FloatArray, place: FloatArray, distance: float
+) -> BoolArray:
+    """Return which segments from positions (E, 3) come within a distance of a place, (E,)."""
+    away, squares = place - one, np.vecdot(steps, steps)
+    parts = np.clip(np.vecdot(away, steps) / np.where(squares > 0.0, squares, 1.0), 0.0, 1.0)
+    nearest = parts[:, None] * steps - away
+    return np.asarray(np.vecdot(nearest, nearest) <= distance**2)
 
 
 def _block(

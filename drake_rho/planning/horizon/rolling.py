@@ -1,0 +1,373 @@
+"""Windows of a horizon that rolls: each plans the same time ahead, and ends at rest.
+
+A window is drawn towards a point on the shortest path to its goal, at the price of
+`Objective.terminal_position`, and ends at rest where it may stay. So the plan in force, continued
+at rest, is valid for the next window, whatever the goals are. Once a goal is within reach, the
+arrival is a waypoint whose time stays.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from typing import Self
+
+import numpy as np
+
+from drake_rho.motion.flight import Window
+from drake_rho.motion.plan import Plan
+from drake_rho.motion.scenario_tube import tube_of
+from drake_rho.planning.horizon.fallbacks import moved
+from drake_rho.planning.horizon.places_of_rest import (
+    ending_at_rest,
+    largest_radius,
+    within_window,
+    without_growth,
+)
+from drake_rho.planning.horizon.situation import Situation, WindowStart
+from drake_rho.planning.horizon.windows import WindowPlanner
+from drake_rho.planning.path_search.guidance import Aim, Guide, Surroundings
+from drake_rho.scenario.errors import Description, ScenarioError
+from drake_rho.scenario.fields import LARGEST, FloatArray, unchecked
+from drake_rho.scenario.goals import Goal
+from drake_rho.scenario.parts import MOST_KNOTS, Grid, State, Vehicle, Waypoint
+from drake_rho.scenario.records import TOLERANCE, Scenario
+from drake_rho.scenario.shapes.quadrics import Sphere
+from drake_rho.scenario.smoothing import largest_accelerations
+from drake_rho.scenario.times import steps_lasting
+
+_PRICE = 100.0
+"""Default price of a distance from the goal, in efforts of covering it from rest to rest within the
+horizon."""
+
+_NEAR = 0.03
+"""Largest distance of a window's end from the goal, as a part of that of its start, at which the
+goal counts as within reach."""
+
+_FEWEST = 4
+"""Least number of steps of a window: an arrival one step before its end needs two."""
+
+_WIDER = 1.0 + 1e-6
+"""Factor on the radii of the error tube at an arrival, so that the tube fits."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Orders:
+    """Scenario of one window, whose goals are the points to which vehicles are drawn."""
+
+    scenario: Scenario
+    """rest of the flight for as long as a window plans"""
+    aims: tuple[Aim, ...]
+    """points to which vehicles are drawn"""
+
+    def arriving(self, plan: Plan) -> Self | None:
+        """Return the orders with arrivals of vehicles whose goals a plan nearly reaches.
+
+        None if there are no new arrivals.
+        """
+        begins, ends, scale = plan.positions[:, 0], plan.positions[:, -1], TOLERANCE
+        vehicles = list(self.scenario.vehicles)
+        for i, (vehicle, aim) in enumerate(zip(vehicles, self.aims, strict=True)):
+            left, away = (float(np.linalg.norm(x[i] - aim.point)) for x in (ends, begins))
+            under_way = away > scale * plan.scenario.fleet.scale("position")[i]
+            if aim.is_goal and not vehicle.waypoints and under_way and left <= _NEAR * away:
+                vehicles[i] = _arriving(vehicle, self.scenario)
+        if vehicles == list(self.scenario.vehicles):
+            return None
+        fleet = self.scenario.fleet.aimed(vehicles)
+        scenario = self.scenario.derived(vehicles=tuple(vehicles), fleet=fleet)
+        return dataclasses.replace(self, scenario=scenario)
+
+
+class RollingHorizon:
+    """Horizon that rolls with the flight.
+
+    Args:
+        steps: number of steps of a window.
+        rest_for: time after a window's end for which vehicles have to be able to stay there, as
+            long as the errors of obstacles grow [s].
+    """
+
+    @classmethod
+    def of(cls, scenario: Scenario, horizon: float, rest_for: float) -> Self:
+        """Return the horizon of a scenario's flight.
+
+        Args:
+            scenario: to be flown.
+            horizon: time that every window plans ahead [s], rounded up to whole steps.
+            rest_for: as above.
+
+        Raises:
+            ValueError: a time is not positive, or too long.
+            ScenarioError: the scenario has what a rolling horizon does not plan for.
+        """
+        longest = (MOST_KNOTS - 1) * scenario.grid.step
+        least = _FEWEST * scenario.grid.step
+        if not least <= horizon <= longest:
+            expected = f"a time from {least:g} to {longest:g} s, {_FEWEST} steps or more"
+            raise ValueError(f"horizon: got {horizon!r}, expected {expected}")
+        if not 0.0 < rest_for <= LARGEST:
+            raise ValueError(f"rest_for: got {rest_for!r}, expected a time above 0 in s")
+        _check(scenario)
+        return cls(steps_lasting(horizon, scenario.grid.step), rest_for)
+
+    def __init__(self, steps: int, rest_for: float) -> None:
+        self._steps, self._rest_for = steps, rest_for
+        self._guides = list[Guide]()
+
+    def endless(self, scenario: Scenario) -> Scenario:
+        """Return the scenario of a flight without an end, with the scales of a window."""
+        grid = unchecked(scenario.grid, knots=MOST_KNOTS)
+        window = scenario.derived(grid=unchecked(grid, knots=self._steps + 1))
+        shortest = float(self._reaches(window).min())
+        fleet = window.fleet.reaching(shortest if np.isfinite(shortest) else 0.0)
+        return scenario.derived(grid=grid, fleet=fleet)
+
+    def begun(self, situation: Situation) -> Situation:
+        """Return the situation of a flight without an end, in which a scenario was told."""
+        flight = self.endless(situation.scenario)
+        known = dataclasses.replace(situation.known, flight=flight, endless=True)
+        return dataclasses.replace(situation, known=known)
+
+    def ended(self, situation: Situation) -> Situation:
+        """Return the situation of a flight that ends with its last window.
+
+        Vehicles that do not arrive within that window have no goal.
+        """
+        flight, last = situation.scenario, situation.last
+        if last is None:
+            return situation
+        grid = unchecked(flight.grid, knots=last.first_knot + last.plan.scenario.grid.knots)
+        ends, goals = last.plan.positions[:, -1], flight.fleet.goal_positions
+        missed = np.linalg.norm(ends - goals, axis=1) > TOLERANCE * flight.fleet.scale("position")
+        vehicles = tuple(
+            unchecked(each, goal=Goal(None)) if late else each
+            for each, late in zip(flight.vehicles, missed, strict=True)
+        )
+        whole = flight.derived(grid=grid, vehicles=vehicles)
+        return dataclasses.replace(situation, known=situation.known.with_flight(whole))
+
+    def first(
+        self, windows: WindowPlanner, flight: Scenario, measured: Callable[[Scenario], Scenario]
+    ) -> Window:
+        """Return the first window of a flight.
+
+        Args:
+            windows: planner of windows.
+            flight: scenario of the flight.
+            measured: function that returns a scenario from the measured states.
+
+        Raises:
+            InfeasibleError: vehicles have no plan that ends at rest.
+            SolverError: the solvers fail numerically.
+        """
+        grid = flight.grid.from_knot(0, self._steps)
+        scenario = flight.derived(grid=grid, fleet=flight.fleet)
+        orders = self._orders(scenario, flight, None)
+        window = ending_at_rest(windows).first(orders.scenario, measured(orders.scenario))
+        return self._noted(window, orders)
+
+    def next(
+        self, windows: WindowPlanner, situation: Situation, knot: int, states: FloatArray
+    ) -> tuple[Window, WindowStart]:
+        """Return a window after the first, and its start.
+
+        Args:
+            windows: planner of windows.
+            situation: of the flight.
+            knot: at which the window begins, counted from 0.
+            states: measured positions [m] and velocities [m/s], shape (N, 6), as for
+                `Situation.at`.
+        """
+        if situation.last is None:
+            raise ValueError("windows: got none, expected at least one planned window")
+        grid, last = situation.last.plan.scenario.grid, self._continued(situation.last, knot)
+        start = dataclasses.replace(situation, last=last).at(knot, states)
+        required = within_window(start.remaining.scenario.requirements, grid)
+        kept = start.remaining.scenario.derived(requirements=required, hold_at_goal=True)
+        remaining = unchecked(start.remaining, scenario=kept)
+        orders = self._orders(start.scenario, situation.scenario, remaining)
+        reference = unchecked(_as_measured(remaining, start.scenario), scenario=orders.scenario)
+        start = dataclasses.replace(
+            start, scenario=orders.scenario, remaining=remaining, own_reference=reference
+        )
+        windows = ending_at_rest(windows)
+        window = windows.next(start)
+        arriving = None if window.infeasible else orders.arriving(window.plan)
+        if arriving is not None:
+            again = windows.next(dataclasses.replace(start, scenario=arriving.scenario))
+            window = window if again.infeasible else again.after(window.statistics)
+        return self._noted(window, orders), start
+
+    def _continued(self, last: Window, knot: int) -> Window:
+        """Return the last window, its plan continued at rest as far as the next one plans."""
+        steps = knot + self._steps - last.first_knot
+        stop = last.contingency and _until(last.contingency, steps)
+        return unchecked(last, plan=_until(last.plan, steps), contingency=stop)
+
+    def _noted(self, window: Window, orders: Orders) -> Window:
+        """Return a window with the time for which vehicles can stay, and goals out of reach."""
+        lost = tuple(
+            name
+            for name, aim in zip(orders.scenario.names, orders.aims, strict=True)
+            if not aim.reachable
+        )
+        grows = any(body.velocity_error > 0.0 for _, body in orders.scenario.avoided)
+        until = orders.scenario.grid.end + self._rest_for if grows else None
+        return dataclasses.replace(window, rest_until=until, unreachable=lost)
+
+    def _orders(self, scenario: Scenario, flight: Scenario, remaining: Plan | None) -> Orders:
+        """Return the orders of a window.
+
+        Args:
+            scenario: of the window, with any goals.
+            flight: scenario of the flight, with the goals as told.
+            remaining: rest of the plan in force; None before there is one.
+        """
+        aims = self._aims(scenario, flight, remaining)
+        before = flight.vehicles if remaining is None else remaining.scenario.vehicles
+        vehicles = tuple(
+            _aiming(vehicle, aim, own.waypoints if remaining else ())
+            for vehicle, aim, own in zip(scenario.vehicles, aims, before, strict=True)
+        )
+        objective, grid = scenario.objective, Grid(scenario.grid.step, self._steps + 1)
+        if objective.terminal_position == 0.0:
+            price = _PRICE * 12.0 / (grid.step * grid.duration**3)
+            objective = unchecked(objective, terminal_position=price)
+        ordered = scenario.derived(
+            vehicles=vehicles,
+            requirements=within_window(scenario.requirements, scenario.grid),
+            objective=objective,
+            hold_at_goal=True,
+            fleet=scenario.fleet.aimed(vehicles),
+            under_way=scenario.under_way,
+        )
+        return Orders(without_growth(ordered, self._rest_for), aims)
+
+    def _aims(
+        self, scenario: Scenario, flight: Scenario, remaining: Plan | None
+    ) -> tuple[Aim, ...]:
+        """Return the points to which vehicles are drawn, as seen from the end of their plan.
+
+        Arguments are those of `_orders`.
+        """
+        fleet, still = scenario.fleet, [each for each in scenario.avoided if each[1].is_steady]
+        bodies = tuple(body for _, body in still)
+        told = tuple(scenario.bodies[number - 1] for number, _ in still)
+        margin, reaches = largest_radius(scenario), self._reaches(scenario)
+        lower, upper = np.full((2, *fleet.start_positions.shape), [[[-np.inf]], [[np.inf]]])
+        if (bounds := fleet.bounds("position")) is not None:
+            lower, upper = bounds.lower, bounds.upper
+        begins, goals = fleet.start_positions, _goals(scenario, flight, remaining)
+        ends = begins if remaining is None else remaining.positions[:, -1]
+        self._guides += [Guide() for _ in range(len(ends) - len(self._guides))]
+        aims = list[Aim]()
+        for i, (guide, end) in enumerate(zip(self._guides, ends, strict=True)):
+            radius = float(fleet.radii[i]) + margin
+            around = Surroundings(bodies, told, radius, lower[i], upper[i])
+            farthest = max(float(reaches[i] - np.linalg.norm(end - begins[i])), 0.0)
+            aims.append(guide.aim(around, end, goals[i], farthest))
+        return tuple(aims)
+
+    def _reaches(self, scenario: Scenario) -> FloatArray:
+        """Return the distances that vehicles cover with least effort within a window [m], (N,).
+
+        From rest to rest in the time T, the effort is least with velocities that are quadratic in
+        time: the greatest is 3/2 of the mean one, and the greatest acceleration 6/T² of the
+        distance. A vehicle with the greatest velocity keeps it at first. Distances are infinite
+        where no limit bounds them.
+        """
+        duration, fleet = self._steps * scenario.grid.step, scenario.fleet
+        farthest = largest_accelerations(fleet) * duration**2 / 6.0
+        speeds = np.full(len(farthest), np.inf)
+        if (box := fleet.bounds("velocity")) is not None:
+            speeds = np.minimum(np.abs(box.lower), np.abs(box.upper)).min(axis=1)
+        if "max_speed" in fleet.norms:
+            speeds = np.minimum(speeds, fleet.norms["max_speed"].limits)
+        return np.asarray(np.minimum(farthest, 2.0 / 3.0 * duration * speeds))
+
+
+def _check(scenario: Scenario) -> None:
+    """Check that a rolling horizon can plan for a scenario.
+
+    Raises:
+        ScenarioError: it has waypoints, goals in motion, a smoothing, or gains of a feedback with
+            which errors grow without bound.
+    """
+    for i, vehicle in enumerate(scenario.vehicles):
+        where = f"vehicles[{i}]"
+        if vehicle.waypoints:
+            expected = "none with a horizon: the next goal can be told in flight"
+            got = Description(f"{len(vehicle.waypoints)} of {vehicle.name}")
+            raise ScenarioError(f"{where}.waypoints", got, expected)
+        if isinstance(vehicle.goal.velocity, np.ndarray) and vehicle.goal.velocity.any():
+            expected = "0 with a horizon, whose windows end at rest"
+            raise ScenarioError(f"{where}.goal.velocity", vehicle.goal.velocity.tolist(), expected)
+    if scenario.smoothing:
+        expected = "none with a horizon: smooth windows have to end at given places"
+        raise ScenarioError("smoothing", Description("one"), expected)
+    if scenario.disturbance is not None and not np.isfinite(largest_radius(scenario)):
+        expected = "gains with which errors stay bounded, so that vehicles can stay at rest"
+        raise ScenarioError("disturbance", Description("a feedback with none"), expected)
+
+
+def _goals(scenario: Scenario, flight: Scenario, remaining: Plan | None) -> FloatArray:
+    """Return the positions that vehicles are to reach [m], (N, 3).
+
+    Those without a goal stop: where the plan in force ends or, before there is one, where they do
+    with least effort. Arguments are those of `RollingHorizon._orders`.
+    """
+    fleet, anywhere = scenario.fleet, [each.goal.position is None for each in flight.vehicles]
+    if not any(anywhere):
+        return flight.fleet.goal_positions
+    stops = fleet.start_positions + scenario.grid.duration / 2.0 * fleet.start_velocities
+    if remaining is not None:
+        stops = remaining.positions[:, -1]
+    return np.where(np.array(anywhere)[:, None], stops, flight.fleet.goal_positions)
+
+
+def _as_measured(remaining: Plan, scenario: Scenario) -> Plan:
+    """Return the rest of the plan in force from measured states, to the same places.
+
+    Args:
+        remaining: the rest from the planned states.
+        scenario: from the measured states.
+    """
+    own = remaining.scenario
+    if np.array_equal(scenario.fleet.start_states, own.fleet.start_states):
+        return remaining
+    vehicles = tuple(
+        unchecked(each, goal=before.goal, waypoints=before.waypoints)
+        for each, before in zip(scenario.vehicles, own.vehicles, strict=True)
+    )
+    fleet = scenario.fleet.aimed(vehicles)
+    same = scenario.derived(vehicles=vehicles, objective=own.objective, fleet=fleet)
+    return moved(remaining, same)
+
+
+def _aiming(vehicle: Vehicle, aim: Aim, before: tuple[Waypoint, ...]) -> Vehicle:
+    """Return a vehicle that is drawn towards a point, and keeps its arrival there."""
+    kept = (each for each in before if aim.is_goal and np.array_equal(each.position, aim.point))
+    return unchecked(vehicle, goal=State(aim.point), waypoints=tuple(kept))
+
+
+def _arriving(vehicle: Vehicle, scenario: Scenario) -> Vehicle:
+    """Return a vehicle that is at rest at its goal from the last knot but one on.
+
+    With a disturbance it is there within the error tube.
+    """
+    grid = scenario.grid
+    time, goal = float(grid.start + grid.elapsed[-2]), vehicle.goal.position
+    if scenario.disturbance is None:
+        arrival = Waypoint(time, goal, velocity=np.zeros(3))
+    else:
+        tube = tube_of(scenario)
+        away, speed = _WIDER * float(tube.position(time)), _WIDER * float(tube.velocity(time))
+        arrival = Waypoint(time, goal, away, velocity=Sphere(np.zeros(3), speed))
+    return unchecked(vehicle, waypoints=(arrival,))
+
+
+def _until(plan: Plan, steps: int) -> Plan:
+    """Return a plan continued at rest until it has a number of steps."""
+    more = steps - plan.accelerations.shape[1]
+    return plan.holding(more * plan.scenario.grid.step) if more > 0 else plan
