@@ -239,12 +239,12 @@ def are_clear(
         near = np.flatnonzero(clear & _come_within(one, steps, body.first_center, extent))
         if len(near) == 0:
             continue
-        begins = one[near] - body.first_center
         if isinstance(body.shape, Parts):
-            ends = other[near] - body.first_center
-            clear[near] = ~segments_collide(body.shape, required, begins, ends, samples)
+            ends = one[near] - body.first_center, other[near] - body.first_center
+            clear[near] = ~segments_collide(body.shape, required, *ends, samples)
             continue
-        d = body.shape.local_distance(begins + parts * steps[near]) - required
+        at = one[near] + parts * steps[near] - body.first_center
+        d = body.shape.local_distance(at) - required
         clear[near] = convex_lower_bound(d, lengths[near]) >= 0.0
     return clear
 
