@@ -143,6 +143,10 @@ class Flight(ShownInNotebooks, metaclass=Described):
     windows: tuple[Window, ...]
     """windows of the flight, in the order of time"""
 
+    def __post_init__(self) -> None:
+        if (scaled := _with_scales_of(self.windows, self.plan)) is not self.plan:
+            object.__setattr__(self, "plan", scaled)
+
     @classmethod
     def composed(cls, scenario: Scenario, windows: Sequence[Window]) -> Self:
         """Return the flight of a scenario by windows, each flown until the next.
@@ -247,6 +251,23 @@ class Flight(ShownInNotebooks, metaclass=Described):
     def lasting(self, seconds: float) -> Flight:
         """Return the flight with another wall time of planning [s]."""
         return dataclasses.replace(self, plan=self.plan.lasting(seconds))
+
+
+def _with_scales_of(windows: Sequence[Window], plan: Plan) -> Plan:
+    """Return the motion of a flight with the scales of its windows, which give the tolerances.
+
+    Windows of a rolling horizon are on shorter grids. On the grid of a long flight, tolerances of
+    velocities and accelerations would be below the precision of the windows' programs.
+    """
+    scenario, own = plan.scenario, [each.plan.scenario for each in windows]
+    if all(
+        one.grid.knots + w.first_knot == scenario.grid.knots
+        for w, one in zip(windows, own, strict=True)
+    ):
+        return plan
+    window = scenario.derived(grid=own[0].grid.from_knot(0))
+    lengths = np.max([each.fleet.lengths for each in own], axis=0)
+    return unchecked(plan, scenario=scenario.derived(fleet=window.fleet.reaching(lengths)))
 
 
 def beginnings(scenario: Scenario, windows: Sequence[Window]) -> dict[int, FloatArray]:

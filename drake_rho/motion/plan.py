@@ -314,7 +314,7 @@ class Plan(ShownInNotebooks, metaclass=Described):
         disturbance = scenario.disturbance
         disturbance = disturbance and unchecked(disturbance, tracking=tracking_of(scenario))
         longer = scenario.derived(
-            grid=unchecked(grid, knots=grid.knots + steps), disturbance=disturbance
+            grid=grid.from_knot(0, grid.knots - 1 + steps), disturbance=disturbance
         )
         still = np.zeros((len(scenario.vehicles), steps, 3))
         return Plan(

@@ -47,8 +47,14 @@ def check_names(vehicles: Sequence[Vehicle]) -> None:
         names.add(vehicle.name)
 
 
-def check_obstacles(obstacles: Sequence[AnyObstacle], grid: Grid) -> None:
+def check_obstacles(obstacles: Sequence[AnyObstacle], end: float, grid: Grid) -> None:
     """Check that obstacles are solid and become known before the end of the flight.
+
+    Args:
+        obstacles: all of them.
+        end: of the flight, on the scenario's clock [s]; infinite for a window, which may end
+            earlier.
+        grid: of the flight or the window.
 
     Raises:
         ScenarioError: an obstacle is not solid, or becomes known later.
@@ -60,8 +66,8 @@ def check_obstacles(obstacles: Sequence[AnyObstacle], grid: Grid) -> None:
             raise error.inside(f"obstacles[{index}]") from None
     for index, each in enumerate(obstacles):
         known_from = each.known_from if isinstance(each, Obstacle) else 0.0
-        if grid.clock.after(known_from, max(grid.end, 0.0)):  # 0 stands for the start
-            expected = f"a time in the flight, which ends at {grid.end:g} s"
+        if grid.clock.after(known_from, max(end, 0.0)):  # 0 stands for the start
+            expected = f"a time in the flight, which ends at {end:g} s"
             raise ScenarioError(f"obstacles[{index}].known_from", known_from, expected)
 
 

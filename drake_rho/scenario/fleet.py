@@ -461,8 +461,8 @@ class Fleet:
                 found[norm] = most
         return found
 
-    def reaching(self, distance: float) -> Fleet:
-        """Return the fleet with scales of motions that cover at least a distance [m]."""
+    def reaching(self, distance: FloatArray | float) -> Fleet:
+        """Return the fleet with scales of motions that cover at least a distance [m], (N,)."""
         reaches = np.maximum(self._reaches, distance)
         parts = self._separation, self._bodies, self._missed, reaches
         return Fleet(self._grid, self._vehicles, self._limits, *parts)

@@ -207,7 +207,7 @@ class Scenario(ShownInNotebooks):
         if (objective := self.objective.on_clock(self.grid)) is not self.objective:
             object.__setattr__(self, "objective", objective)
         check_names(self.vehicles)
-        check_obstacles(self.obstacles, self.grid)
+        check_obstacles(self.obstacles, np.inf if under_way else self.grid.end, self.grid)
         check_maps(self.bodies, self.fleet)
         self.disturbance_or_calm.check(self.grid, self.lead)
         if not under_way:

@@ -86,7 +86,9 @@ def next_window(windows: WindowPlanner, start: WindowStart) -> Window:
     remaining, spent = start.remaining, Statistics()
     before = arrival_steps(remaining)
     if before > 0:
-        earlier = arriving(dataclasses.replace(windows, braking_after=None, brakes=False), start.free, before)
+        earlier = arriving(
+            dataclasses.replace(windows, braking_after=None, brakes=False), start.free, before
+        )
         window = earlier.next(start)
         if window.kept or not window.infeasible:
             return window

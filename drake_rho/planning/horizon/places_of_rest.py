@@ -228,7 +228,9 @@ def _places(body: Obstacle, scenario: Scenario, end: float) -> Iterator[tuple[Fl
     apart = _APART * (body.shape.thickness + float(fleet.radii.min()))
     begin = end if body.active is None else max(end, body.active[0])
     corners = [begin, *(each for each in body.corners.tolist() if begin < each < until)]
-    far = float(np.linalg.norm(fleet.start_positions - body.centers(np.array([begin])), axis=1).max())
+    far = float(
+        np.linalg.norm(fleet.start_positions - body.centers(np.array([begin])), axis=1).max()
+    )
     if body.track is not None and body.track.after == "goes_on":
         speed = float(np.linalg.norm(body.track.last_velocity))
         away = 2.0 * (far + float(fleet.lengths.max()) + float(np.linalg.norm(body.shape.extent)))

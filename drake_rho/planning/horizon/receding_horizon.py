@@ -49,6 +49,16 @@ from drake_rho.scenario.records import Scenario
 from drake_rho.system.threads import single_threaded_blas
 
 
+@dataclasses.dataclass(frozen=True, eq=False)
+class Proposal:
+    """Window that was planned, and the situation of the flight if it is flown."""
+
+    window: Window
+    """the window"""
+    situation: Situation
+    """situation after it"""
+
+
 class RecedingHorizon:
     """Model predictive control from measured states: the horizon shrinks to the goals, or rolls.
 
@@ -245,6 +255,17 @@ class RecedingHorizon:
             ValueError: the states have another shape or are not numbers, or the time is not that
                 of a later knot.
         """
+        self.accept(self.propose(states, time, scenario=scenario))
+        return self.windows[-1]
+
+    @checked
+    def propose(
+        self, states: npt.ArrayLike, time: float, *, scenario: Scenario | None = None
+    ) -> Proposal:
+        """Plan the next window without flying it: the plan in force stays until `accept`.
+
+        Args, results and errors are those of `step`.
+        """
         situation = self._situation
         if scenario is not None:
             situation.knot_at(time)  # an impossible time is refused first
@@ -253,9 +274,12 @@ class RecedingHorizon:
                 situation = self._rolling.begun(situation)
         with within_time(self._options.time_limit):
             window = self._window(situation, states, time)
-        self.windows.append(window)
-        self._situation = situation.with_window(window)
-        return window
+        return Proposal(window, situation.with_window(window))
+
+    def accept(self, proposal: Proposal) -> None:
+        """Fly a proposed window from its first knot on."""
+        self.windows.append(proposal.window)
+        self._situation = proposal.situation
 
     @with_wall_time
     @single_threaded_blas()

@@ -44,6 +44,9 @@ _NEAR = 0.03
 """Largest distance of a window's end from the goal, as a part of that of its start, at which the
 goal counts as within reach."""
 
+_CLEARLY = 1.0 + 1e-3
+"""Factor on the margin by which vehicles aim at the inside of a goal that is a set."""
+
 _FEWEST = 4
 """Least number of steps of a window: an arrival one step before its end needs two."""
 
@@ -117,8 +120,8 @@ class RollingHorizon:
 
     def endless(self, scenario: Scenario) -> Scenario:
         """Return the scenario of a flight without an end, with the scales of a window."""
-        grid = unchecked(scenario.grid, knots=MOST_KNOTS)
-        window = scenario.derived(grid=unchecked(grid, knots=self._steps + 1))
+        grid = scenario.grid.from_knot(0, MOST_KNOTS - 1)
+        window = scenario.derived(grid=grid.from_knot(0, self._steps))
         shortest = float(self._reaches(window).min())
         fleet = window.fleet.reaching(shortest if np.isfinite(shortest) else 0.0)
         return scenario.derived(grid=grid, fleet=fleet)
@@ -137,12 +140,14 @@ class RollingHorizon:
         flight, last = situation.scenario, situation.last
         if last is None:
             return situation
-        grid = unchecked(flight.grid, knots=last.first_knot + last.plan.scenario.grid.knots)
-        ends, goals = last.plan.positions[:, -1], flight.fleet.goal_positions
-        missed = np.linalg.norm(ends - goals, axis=1) > TOLERANCE * flight.fleet.scale("position")
+        steps = last.first_knot + last.plan.scenario.grid.knots - 1
+        grid = flight.grid.from_knot(0, steps)
+        margin, scale = largest_radius(last.plan.scenario), flight.fleet.scale("position")
         vehicles = tuple(
-            unchecked(each, goal=Goal(None)) if late else each
-            for each, late in zip(flight.vehicles, missed, strict=True)
+            each if _is_at(each.goal, end, margin, TOLERANCE * own) else _nowhere(each)
+            for each, end, own in zip(
+                flight.vehicles, last.plan.positions[:, -1], scale, strict=True
+            )
         )
         whole = flight.derived(grid=grid, vehicles=vehicles)
         return dataclasses.replace(situation, known=situation.known.with_flight(whole))
@@ -236,7 +241,7 @@ class RollingHorizon:
             objective = unchecked(objective, terminal_position=price)
         ordered = scenario.derived(
             vehicles=vehicles,
-            requirements=within_window(scenario.requirements, scenario.grid),
+            requirements=within_window(flight.requirements, scenario.grid),
             objective=objective,
             hold_at_goal=True,
             fleet=scenario.fleet.aimed(vehicles),
@@ -317,13 +322,41 @@ def _goals(scenario: Scenario, flight: Scenario, remaining: Plan | None) -> Floa
     Those without a goal stop: where the plan in force ends or, before there is one, where they do
     with least effort. Arguments are those of `RollingHorizon._orders`.
     """
-    fleet, anywhere = scenario.fleet, [each.goal.position is None for each in flight.vehicles]
+    fleet, goals, margin = scenario.fleet, flight.fleet.goal_positions, largest_radius(scenario)
+    if margin > 0.0 and not flight.fleet.given_positions.all():
+        goals = np.array(
+            [
+                _inside(each.goal, own, margin)
+                for each, own in zip(flight.vehicles, goals, strict=True)
+            ]
+        )
+    anywhere = [each.goal.position is None for each in flight.vehicles]
     if not any(anywhere):
-        return flight.fleet.goal_positions
+        return goals
     stops = fleet.start_positions + scenario.grid.duration / 2.0 * fleet.start_velocities
     if remaining is not None:
         stops = remaining.positions[:, -1]
-    return np.where(np.array(anywhere)[:, None], stops, flight.fleet.goal_positions)
+    return np.where(np.array(anywhere)[:, None], stops, goals)
+
+
+def _inside(goal: State | Goal, nominal: FloatArray, margin: float) -> FloatArray:
+    """Return the nominal place (3,) of a goal, moved by a margin [m] into its set if there is one."""
+    if goal.position is None or isinstance(goal.position, np.ndarray):
+        return nominal
+    inner: FloatArray = nominal - _CLEARLY * margin * goal.position.outward(nominal)
+    return inner if float(goal.position.signed_distance(inner)) <= -margin else nominal
+
+
+def _is_at(goal: State | Goal, place: FloatArray, margin: float, tolerance: float) -> bool:
+    """Return whether a place (3,) is at a goal or, with a margin [m], in its set."""
+    if isinstance(goal.position, np.ndarray):
+        return float(np.linalg.norm(place - goal.position)) <= tolerance
+    beyond = None if goal.position is None else goal.position.signed_distance(place)
+    return beyond is None or float(beyond) <= -margin
+
+
+def _nowhere(vehicle: Vehicle) -> Vehicle:
+    return unchecked(vehicle, goal=Goal(None))
 
 
 def _as_measured(remaining: Plan, scenario: Scenario) -> Plan:

@@ -74,7 +74,9 @@ class Surroundings:
     @property
     def scale(self) -> float:
         """Length that a lattice should resolve [m]."""
-        return min((0.5 * (self.radius + each.shape.thickness) for each in self.bodies), default=1.0)
+        return min(
+            (0.5 * (self.radius + each.shape.thickness) for each in self.bodies), default=1.0
+        )
 
     def region(self, ends: FloatArray, around: float) -> tuple[FloatArray, FloatArray]:
         """Return corners of the box in which a path between two ends (2, 3) is searched [m].
@@ -222,4 +224,3 @@ def _lattices(around: Surroundings, ends: FloatArray) -> Iterator[Lattice]:
 def _lattice(around: Surroundings, lower: FloatArray, upper: FloatArray, spacing: float) -> Lattice:
     raster = Raster.filling(lower, np.maximum(lower, upper), np.full(3, spacing))
     return Lattice(raster, around.bodies, around.radius)
-
