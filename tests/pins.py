@@ -210,8 +210,8 @@ def pin(planned: Pinned) -> dict[str, Any]:
     """Return the pinned values of a plan, a flight or a simulation.
 
     They are the costs of each vehicle's motion and of each window's plan [m²/s⁴], the time of
-    flight [s], and the report: its verdict and its checks by constraint, with their distances beyond
-    the limits: at which of two limits a vehicle is equally close depends on the last digits.
+    flight [s], and the report: its verdict and its checks by constraint, with their distances
+    beyond the limits. At which of two limits a vehicle is equally close depends on the last digits.
     """
     windows = () if planned.flight is None else planned.flight.windows
     report = rho.verify(planned)

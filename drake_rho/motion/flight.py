@@ -14,7 +14,7 @@ from drake_rho.motion.remainders import goes_on
 from drake_rho.motion.samples import Samples
 from drake_rho.motion.statistics import Statistics
 from drake_rho.scenario.described import Described, ShownInNotebooks
-from drake_rho.scenario.fields import Finite, FloatArray, NotNegative, Ordinal, unchecked
+from drake_rho.scenario.fields import Count, Finite, FloatArray, NotNegative, Ordinal, unchecked
 from drake_rho.scenario.records import Scenario
 from drake_rho.scenario.rest_of_flight import going_on
 
@@ -53,6 +53,8 @@ class Window(metaclass=Described):
     stopping: bool = False
     """true if `plan` is a contingency that brakes to rest, flown because nothing else keeps
     clear"""
+    skipped: Count = 0
+    """number of steps by which it began later than it should have after the window before"""
     rest_until: Finite | None = None
     """time until which vehicles can stay where a window of a rolling horizon ends [s], as errors of
     obstacles grow; None if they can stay for ever, or for another horizon"""

@@ -64,6 +64,7 @@ class RecedingHorizonController(LeafSystem):
     def __init__(
         self,
         horizon: Horizon | Scenario,
+        /,
         *,
         lag: float = 0.0,
         delay: int = 0,

@@ -63,7 +63,8 @@ def _worst_of(unit: str, columns: list[Column], scenario: Scenario, count: int) 
     for each in columns:
         excess = np.where(np.isnan(each.excess), np.inf, each.excess)
         violated = excess > each.tolerances
-        badness = np.where(violated, excess / each.tolerances, np.minimum(excess, 0.0))
+        tolerances = np.maximum(each.tolerances, np.finfo(np.float64).tiny)  # 0 of other vehicles
+        badness = np.where(violated, excess / tolerances, np.minimum(excess, 0.0))
         worse = (badness > worst) & each.concerned
         worst[worse], concerned = badness[worse], concerned | worse
         for name, values in numbers.items():

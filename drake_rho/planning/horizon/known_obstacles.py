@@ -206,7 +206,10 @@ class ChangingObstacles:
         """Add an obstacle that is known from now on, or later, and return its number."""
         seen_at = body.errors_from if body.velocity_error > 0.0 else body.seen_at
         later = max(self._time, body.known_from)
-        self.bodies.append(unchecked(body, **({"known_from": later, "seen_at": seen_at} | changes)))
+        known: dict[str, object] = {"known_from": later, "seen_at": seen_at}
+        if later <= 0.0:  # known_from counts from 0 on
+            known |= {"known_from": 0.0, "active": since(body.active, later, self._grid)}
+        self.bodies.append(unchecked(body, **(known | changes)))
         return len(self.bodies)
 
     def _seen(self, body: Obstacle, ago: float) -> int:

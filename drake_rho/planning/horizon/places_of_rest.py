@@ -10,6 +10,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterator, Sequence
 from functools import partial
+from itertools import pairwise
 
 import numpy as np
 
@@ -58,16 +59,16 @@ def _standing(scenario: Scenario, remaining: Plan | None, solver: Solver | None)
     return Plan.from_accelerations(scenario, still)
 
 
-def without_growth(scenario: Scenario, rest_for: float) -> Scenario:
-    """Return the scenario of a window in which errors of obstacles grow for a time after its end.
+def avoided_until(scenario: Scenario, until: float) -> Scenario:
+    """Return the scenario of a window in which obstacles whose errors grow are avoided for a time.
 
-    Obstacles that may be anywhere in the end are avoided until then.
+    Without an end they may be anywhere in the end.
 
     Args:
         scenario: of the window.
-        rest_for: the time [s].
+        until: time on the scenario's clock, not before the window's end [s].
     """
-    until, begin = scenario.grid.end + rest_for, scenario.grid.start - scenario.grid.step
+    begin = scenario.grid.start - scenario.grid.step
     bodies = tuple(
         unchecked(each, active=(begin, until) if each.active is None else each.active)
         if each.velocity_error > 0.0
@@ -238,7 +239,7 @@ def _places(body: Obstacle, scenario: Scenario, end: float) -> Iterator[tuple[Fl
     elif until < np.inf:
         corners.append(until)
     times = [np.array([begin])]
-    for first, then in zip(corners, corners[1:], strict=False):
+    for first, then in pairwise(corners):
         moved = float(np.linalg.norm(np.diff(body.centers(np.array([first, then])), axis=0)))
         count = min(max(int(np.ceil(moved / apart)), 1), _MOST_PLACES)
         times.append(np.linspace(first, then, count + 1)[1:])

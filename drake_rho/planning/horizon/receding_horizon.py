@@ -27,7 +27,7 @@ from drake_rho.planning.horizon.interfaces import (
     with_options,
 )
 from drake_rho.planning.horizon.measured_states import checked_states, from_measured
-from drake_rho.planning.horizon.rolling import RollingHorizon
+from drake_rho.planning.horizon.rolling import RollingHorizon, lasting_until
 from drake_rho.planning.horizon.situation import Situation, WindowStart, latency_in_samples
 from drake_rho.planning.horizon.waypoints_ahead import (
     free_of,
@@ -172,7 +172,7 @@ class RecedingHorizon:
         self.windows: list[Window] = []
         self._situation, self._rolling = Situation.of(scenario, self.latency), None
         if horizon is not None:
-            self._rolling = RollingHorizon.of(scenario, horizon, rest_for)
+            self._rolling = RollingHorizon.of(scenario, horizon, rest_for, self.replan_every)
             self._situation = self._rolling.begun(self._situation)
         self._options, self._progress = options or Options(), progress
         self._planner = WindowPlanner(
@@ -189,9 +189,14 @@ class RecedingHorizon:
     def scenario(self) -> Scenario:
         """Scenario as given, with what was told since when, and the times found for waypoints.
 
-        With a latency or a smoothing, obstacles become known in flight that much later.
+        With a latency or a smoothing, obstacles become known in flight that much later. With
+        `horizon` it ends with the last window, or with that of the last of `knots`.
         """
-        return self._situation.scenario
+        scenario, last = self._situation.scenario, self._situation.last
+        if self._rolling is None:
+            return scenario
+        latest = self.knots[-1] if last is None else max(self.knots[-1], last.first_knot)
+        return self._rolling.until(scenario, latest)
 
     @property
     def knots(self) -> range:
@@ -278,6 +283,8 @@ class RecedingHorizon:
 
     def accept(self, proposal: Proposal) -> None:
         """Fly a proposed window from its first knot on."""
+        if self._rolling is not None and self.windows:  # which rests after its end
+            self.windows[-1] = lasting_until(self.windows[-1], proposal.window.first_knot)
         self.windows.append(proposal.window)
         self._situation = proposal.situation
 
@@ -287,6 +294,8 @@ class RecedingHorizon:
         """Return the next window; see `step`."""
         measured = checked_states(situation.scenario, states)
         knot, notes = situation.knot_at(time), dict[str, Any]()
+        if (last := situation.last) is not None:
+            notes["skipped"] = max(knot - last.first_knot - self.replan_every, 0)
         tell(self._progress, f"window {knot // self.replan_every + 1} of {len(self.knots)}")
         if situation.last is None:
             window = self._first(situation.at_start, measured)

@@ -16,15 +16,16 @@ import numpy as np
 
 from drake_rho.motion.flight import Window
 from drake_rho.motion.plan import Plan
-from drake_rho.motion.scenario_tube import tube_of
+from drake_rho.motion.scenario_tube import tracking_of, tube_of
 from drake_rho.planning.horizon.fallbacks import moved
 from drake_rho.planning.horizon.places_of_rest import (
+    avoided_until,
     ending_at_rest,
     largest_radius,
     within_window,
-    without_growth,
 )
 from drake_rho.planning.horizon.situation import Situation, WindowStart
+from drake_rho.planning.horizon.waypoints_ahead import until
 from drake_rho.planning.horizon.windows import WindowPlanner
 from drake_rho.planning.path_search.guidance import Aim, Guide, Surroundings
 from drake_rho.scenario.errors import Description, ScenarioError
@@ -34,7 +35,7 @@ from drake_rho.scenario.parts import MOST_KNOTS, Grid, State, Vehicle, Waypoint
 from drake_rho.scenario.records import TOLERANCE, Scenario
 from drake_rho.scenario.shapes.quadrics import Sphere
 from drake_rho.scenario.smoothing import largest_accelerations
-from drake_rho.scenario.times import steps_lasting
+from drake_rho.scenario.times import SAME_TIME, steps_lasting
 
 _PRICE = 100.0
 """Default price of a distance from the goal, in efforts of covering it from rest to rest within the
@@ -43,6 +44,9 @@ horizon."""
 _NEAR = 0.03
 """Largest distance of a window's end from the goal, as a part of that of its start, at which the
 goal counts as within reach."""
+
+_THERE = 1e-4
+"""Distance from the goal at which a vehicle needs no arrival, in lengths of the motion."""
 
 _CLEARLY = 1.0 + 1e-3
 """Factor on the margin by which vehicles aim at the inside of a goal that is a set."""
@@ -68,11 +72,15 @@ class Orders:
 
         None if there are no new arrivals.
         """
-        begins, ends, scale = plan.positions[:, 0], plan.positions[:, -1], TOLERANCE
+        begins, ends, scales = (
+            plan.positions[:, 0],
+            plan.positions[:, -1],
+            plan.scenario.fleet.lengths,
+        )
         vehicles = list(self.scenario.vehicles)
         for i, (vehicle, aim) in enumerate(zip(vehicles, self.aims, strict=True)):
             left, away = (float(np.linalg.norm(x[i] - aim.point)) for x in (ends, begins))
-            under_way = away > scale * plan.scenario.fleet.scale("position")[i]
+            under_way = away > _THERE * scales[i]
             if aim.is_goal and not vehicle.waypoints and under_way and left <= _NEAR * away:
                 vehicles[i] = _arriving(vehicle, self.scenario)
         if vehicles == list(self.scenario.vehicles):
@@ -92,22 +100,24 @@ class RollingHorizon:
     """
 
     @classmethod
-    def of(cls, scenario: Scenario, horizon: float, rest_for: float) -> Self:
+    def of(cls, scenario: Scenario, horizon: float, rest_for: float, replan_every: int) -> Self:
         """Return the horizon of a scenario's flight.
 
         Args:
             scenario: to be flown.
             horizon: time that every window plans ahead [s], rounded up to whole steps.
             rest_for: as above.
+            replan_every: number of steps flown of each window.
 
         Raises:
             ValueError: a time is not positive, or too long.
             ScenarioError: the scenario has what a rolling horizon does not plan for.
         """
         longest = (MOST_KNOTS - 1) * scenario.grid.step
-        least = _FEWEST * scenario.grid.step
+        fewest = max(_FEWEST, replan_every)
+        least = (1.0 - SAME_TIME) * fewest * scenario.grid.step
         if not least <= horizon <= longest:
-            expected = f"a time from {least:g} to {longest:g} s, {_FEWEST} steps or more"
+            expected = f"a time from {least:g} to {longest:g} s, at least {fewest} steps"
             raise ValueError(f"horizon: got {horizon!r}, expected {expected}")
         if not 0.0 < rest_for <= LARGEST:
             raise ValueError(f"rest_for: got {rest_for!r}, expected a time above 0 in s")
@@ -119,12 +129,20 @@ class RollingHorizon:
         self._guides = list[Guide]()
 
     def endless(self, scenario: Scenario) -> Scenario:
-        """Return the scenario of a flight without an end, with the scales of a window."""
+        """Return the scenario of a flight without an end, with the scales and gains of a window."""
         grid = scenario.grid.from_knot(0, MOST_KNOTS - 1)
         window = scenario.derived(grid=grid.from_knot(0, self._steps))
         shortest = float(self._reaches(window).min())
         fleet = window.fleet.reaching(shortest if np.isfinite(shortest) else 0.0)
-        return scenario.derived(grid=grid, fleet=fleet)
+        disturbance = scenario.disturbance
+        if disturbance is not None and disturbance.tracking is None:
+            disturbance = unchecked(disturbance, tracking=tracking_of(window))
+        return scenario.derived(grid=grid, fleet=fleet, disturbance=disturbance)
+
+    def until(self, scenario: Scenario, knot: int) -> Scenario:
+        """Return the scenario of a flight that ends with a window from a knot."""
+        grid = scenario.grid.from_knot(0, knot + self._steps)
+        return scenario.derived(grid=grid, fleet=scenario.fleet)
 
     def begun(self, situation: Situation) -> Situation:
         """Return the situation of a flight without an end, in which a scenario was told."""
@@ -170,7 +188,7 @@ class RollingHorizon:
         scenario = flight.derived(grid=grid, fleet=flight.fleet)
         orders = self._orders(scenario, flight, None)
         window = ending_at_rest(windows).first(orders.scenario, measured(orders.scenario))
-        return self._noted(window, orders)
+        return self._noted(window, orders, np.inf)
 
     def next(
         self, windows: WindowPlanner, situation: Situation, knot: int, states: FloatArray
@@ -190,7 +208,8 @@ class RollingHorizon:
         start = dataclasses.replace(situation, last=last).at(knot, states)
         required = within_window(start.remaining.scenario.requirements, grid)
         kept = start.remaining.scenario.derived(requirements=required, hold_at_goal=True)
-        remaining = unchecked(start.remaining, scenario=kept)
+        end = kept.grid.end if last.rest_until is None else max(last.rest_until, kept.grid.end)
+        remaining = unchecked(start.remaining, scenario=avoided_until(kept, end))
         orders = self._orders(start.scenario, situation.scenario, remaining)
         reference = unchecked(_as_measured(remaining, start.scenario), scenario=orders.scenario)
         start = dataclasses.replace(
@@ -202,24 +221,29 @@ class RollingHorizon:
         if arriving is not None:
             again = windows.next(dataclasses.replace(start, scenario=arriving.scenario))
             window = window if again.infeasible else again.after(window.statistics)
-        return self._noted(window, orders), start
+        return self._noted(window, orders, end), start
 
     def _continued(self, last: Window, knot: int) -> Window:
         """Return the last window, its plan continued at rest as far as the next one plans."""
-        steps = knot + self._steps - last.first_knot
-        stop = last.contingency and _until(last.contingency, steps)
-        return unchecked(last, plan=_until(last.plan, steps), contingency=stop)
+        stop = last.contingency and _until(last.contingency, knot + self._steps - last.first_knot)
+        return unchecked(lasting_until(last, knot + self._steps), contingency=stop)
 
-    def _noted(self, window: Window, orders: Orders) -> Window:
-        """Return a window with the time for which vehicles can stay, and goals out of reach."""
+    def _noted(self, window: Window, orders: Orders, before: float) -> Window:
+        """Return a window with the time until which vehicles can stay, and goals without a path.
+
+        Args:
+            window: that was planned.
+            orders: of the window.
+            before: time until which they can stay where the plan in force ends [s].
+        """
         lost = tuple(
             name
             for name, aim in zip(orders.scenario.names, orders.aims, strict=True)
             if not aim.reachable
         )
         grows = any(body.velocity_error > 0.0 for _, body in orders.scenario.avoided)
-        until = orders.scenario.grid.end + self._rest_for if grows else None
-        return dataclasses.replace(window, rest_until=until, unreachable=lost)
+        last = before if window.kept else orders.scenario.grid.end + self._rest_for
+        return dataclasses.replace(window, rest_until=last if grows else None, unreachable=lost)
 
     def _orders(self, scenario: Scenario, flight: Scenario, remaining: Plan | None) -> Orders:
         """Return the orders of a window.
@@ -247,7 +271,7 @@ class RollingHorizon:
             fleet=scenario.fleet.aimed(vehicles),
             under_way=scenario.under_way,
         )
-        return Orders(without_growth(ordered, self._rest_for), aims)
+        return Orders(avoided_until(ordered, ordered.grid.end + self._rest_for), aims)
 
     def _aims(
         self, scenario: Scenario, flight: Scenario, remaining: Plan | None
@@ -340,7 +364,7 @@ def _goals(scenario: Scenario, flight: Scenario, remaining: Plan | None) -> Floa
 
 
 def _inside(goal: State | Goal, nominal: FloatArray, margin: float) -> FloatArray:
-    """Return the nominal place (3,) of a goal, moved by a margin [m] into its set if there is one."""
+    """Return the nominal place (3,) of a goal; of a set, it is inside by a margin [m] if possible."""
     if goal.position is None or isinstance(goal.position, np.ndarray):
         return nominal
     inner: FloatArray = nominal - _CLEARLY * margin * goal.position.outward(nominal)
@@ -400,7 +424,25 @@ def _arriving(vehicle: Vehicle, scenario: Scenario) -> Vehicle:
     return unchecked(vehicle, waypoints=(arrival,))
 
 
+def lasting_until(window: Window, knot: int) -> Window:
+    """Return a window whose plan is continued at rest until a knot of the flight, if it ends before.
+
+    The reference of a window on its own grid is as long.
+    """
+    steps = knot - window.first_knot
+    plan, reference = (_until(each, steps) for each in (window.plan, window.reference))
+    if plan is window.plan:
+        return window
+    return unchecked(
+        window, plan=plan, reference=plan if window.reference is window.plan else reference
+    )
+
+
 def _until(plan: Plan, steps: int) -> Plan:
     """Return a plan continued at rest until it has a number of steps."""
-    more = steps - plan.accelerations.shape[1]
-    return plan.holding(more * plan.scenario.grid.step) if more > 0 else plan
+    scenario, more = plan.scenario, steps - plan.accelerations.shape[1]
+    if more <= 0:
+        return plan
+    longer = until(scenario, scenario.grid.from_knot(0, steps), scenario.vehicles)
+    accelerations = np.pad(plan.accelerations, ((0, 0), (0, more), (0, 0)))
+    return Plan.from_accelerations(longer, accelerations, plan.statistics)

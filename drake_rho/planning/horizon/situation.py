@@ -310,9 +310,12 @@ def _sample(scenario: Scenario) -> float:
 
 
 def _states_at(plan: Plan, knot: int) -> FloatArray:
-    """Return the states at a knot, or those of a smoothing's averages `lead` before it, (N, 6)."""
+    """Return the states at a knot, or those of a smoothing's averages `lead` before it, (N, 6).
+
+    After the end of a plan these are the states at its end.
+    """
     if not plan.scenario.smoothing:
-        return plan.states(knot)
+        return plan.states(min(knot, plan.scenario.grid.knots - 1))
     begin = plan.scenario.grid.elapsed[knot : knot + 1] - plan.scenario.lead
     positions, velocities, _ = plan.averaged().states(begin)
     return np.concatenate([positions[:, 0], velocities[:, 0]], axis=1)

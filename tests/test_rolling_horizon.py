@@ -1,0 +1,366 @@
+"""A horizon that rolls with the flight: windows that end at rest where vehicles may stay."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import drake_rho as rho
+
+STEP, EVERY, HORIZON = 0.1, 2, 3.0
+GRID = rho.Grid.lasting(12.0, step=STEP)
+VOLUME = rho.Box([-6, -6, 0], [16, 6, 3])
+LIMITS = rho.Limits(position=VOLUME, max_speed=2.0, max_acceleration=3.0)
+RADIUS, WIND = 0.2, rho.Disturbance(0.2, position_error=0.01, velocity_error=0.02)
+SAMPLES = 101
+GOAL = rho.State([8, 0, 1.5])
+
+
+def vehicle(name: str, start: Sequence[float], goal: Any, **fields: Any) -> rho.Vehicle:
+    """Return a vehicle at rest at a start."""
+    return rho.Vehicle(name, rho.State(start), goal, radius=RADIUS, **fields)
+
+
+def scene(*obstacles: Any, goal: Any = GOAL, **fields: Any) -> rho.Scenario:
+    """Return a flight of 8 m among obstacles."""
+    scout = vehicle("scout", [0, 0, 1.5], goal)
+    return rho.Scenario("rolling", GRID, [scout], LIMITS, obstacles=obstacles, **fields)
+
+
+def with_goal(scenario: rho.Scenario, goal: Any) -> rho.Scenario:
+    """Return a scenario with another goal of its vehicle."""
+    scout = dataclasses.replace(scenario.vehicles[0], goal=goal)
+    return dataclasses.replace(scenario, vehicles=(scout,))
+
+
+def fly(
+    scenario: rho.Scenario,
+    news: Mapping[int, rho.Scenario] | None = None,
+    *,
+    knots: int = 120,
+    **settings: Any,
+) -> rho.RecedingHorizon:
+    """Return a horizon after windows from knots up to a last one, with news told at knots."""
+    settings = {"horizon": HORIZON, "fallback": None, "replan_every": EVERY} | settings
+    horizon, start = rho.RecedingHorizon(scenario, **settings), scenario.grid.start
+    for knot in range(0, knots, EVERY):
+        now = (news or {}).get(knot)
+        horizon.step(horizon.planned(knot), start + knot * STEP, scenario=now)
+    return horizon
+
+
+def samples(flight: rho.Flight) -> tuple[np.ndarray, np.ndarray]:
+    """Return times (M,) and positions (M, N, 3), integrated from the accelerations alone."""
+    plan, parts = flight.plan, np.linspace(0.0, STEP, SAMPLES)[:, None, None]
+    states = flight.scenario.fleet.start_states
+    p, v, times, positions = states[:, :3], states[:, 3:], [], []
+    for k in range(plan.accelerations.shape[1]):
+        a = plan.accelerations[:, k]
+        times.append(plan.times[k] + parts[:, 0, 0])
+        positions.append(p + parts * v + parts**2 / 2.0 * a)
+        p, v = p + STEP * v + STEP**2 / 2.0 * a, v + STEP * a
+    return np.concatenate(times), np.concatenate(positions)
+
+
+def place(flight: rho.Flight, time: float) -> np.ndarray:
+    """Return the position of the first vehicle at a time [m], shape (3,)."""
+    found: np.ndarray = flight.at(time).positions[0, 0]
+    return found
+
+
+def least_distance(flight: rho.Flight, center: Any, size: float, since: float = 0.0) -> float:
+    """Return the least distance from a ball [m], whose centre may be a function of times."""
+    times, x = samples(flight)
+    centers = center(times) if callable(center) else np.broadcast_to(center, (len(times), 3))
+    away = np.linalg.norm(x - centers[:, None], axis=2)[times >= since]
+    return float(away.min()) - size - RADIUS
+
+
+PILLARS = [
+    rho.Cylinder([x, y, 1.5], 0.4, 3.0)
+    for x, y in ([2.0, 0.1], [4.0, -0.9], [4.0, 1.1], [6.0, 0.2], [3.0, 2.0], [3.0, -2.4])
+]
+
+
+@pytest.fixture(scope="module")
+def among_pillars() -> rho.RecedingHorizon:
+    """Return a horizon after a flight among pillars."""
+    return fly(scene(*PILLARS))
+
+
+def test_a_vehicle_arrives_and_stays(among_pillars: rho.RecedingHorizon) -> None:
+    flight = among_pillars.flight
+    assert rho.verify(flight).ok
+    times, x = samples(flight)
+    assert np.abs(x[-1, 0] - [8, 0, 1.5]).max() < 1e-6
+    arrived = times[np.argmax(np.linalg.norm(x[:, 0] - [8, 0, 1.5], axis=1) < 1e-3)]
+    assert arrived < 8.0  # the straight line takes 4.7 s at least
+    for pillar in PILLARS:
+        away = np.linalg.norm(x[:, 0, :2] - pillar.center[:2], axis=1).min()
+        assert away >= pillar.radius + RADIUS - 1e-6
+
+
+def test_windows_plan_the_same_time_ahead_and_end_at_rest(
+    among_pillars: rho.RecedingHorizon,
+) -> None:
+    for window in among_pillars.windows:
+        assert window.plan.scenario.grid.duration == pytest.approx(HORIZON)
+        assert np.abs(window.plan.velocities[:, -1]).max() < 1e-6
+        assert not window.infeasible
+        assert window.rest_until is None
+
+
+def test_every_window_may_be_the_last(among_pillars: rho.RecedingHorizon) -> None:
+    for window in among_pillars.windows[::7]:
+        assert rho.verify(window.plan.holding(60.0)).ok
+
+
+def test_the_time_of_an_arrival_stays(among_pillars: rho.RecedingHorizon) -> None:
+    arrivals = [
+        waypoint.time or 0.0
+        for window in among_pillars.windows
+        for waypoint in window.plan.scenario.vehicles[0].waypoints
+    ]
+    assert len(arrivals) > 5
+    assert len(set(arrivals)) == 1
+    at = among_pillars.flight.at(arrivals[0])
+    assert np.abs(at.positions[0, 0] - [8, 0, 1.5]).max() < 1e-6
+    assert np.abs(at.velocities).max() < 1e-6
+
+
+def test_goals_change_and_a_vehicle_without_one_stops() -> None:
+    scenario = scene(*PILLARS)
+    news = {
+        20: with_goal(scenario, rho.State([0, 3, 1.5])),
+        90: with_goal(scenario, rho.Goal(None)),
+        130: with_goal(scenario, rho.Goal(rho.Box([8, -1, 1], [10, 1, 2]))),
+    }
+    flight = fly(scenario, news, knots=240).flight
+    assert rho.verify(flight).ok
+    times, x = samples(flight)
+    assert np.abs(place(flight, 8.9) - [0, 3, 1.5]).max() < 1e-3
+    still = x[(times > 11.5) & (times < 13.0), 0]
+    assert np.ptp(still, axis=0).max() < 1e-6
+    assert news[130].vehicles[0].goal.position.signed_distance(x[-1, 0]) <= 1e-6
+
+
+def test_a_vehicle_in_motion_without_a_goal_stops_with_least_effort() -> None:
+    start = rho.State([0, 0, 1.5], [2, 0, 0])
+    scout = rho.Vehicle("scout", start, rho.Goal(None), radius=RADIUS)
+    horizon = fly(rho.Scenario("stop", GRID, [scout], LIMITS), knots=40)
+    flight = horizon.flight
+    assert rho.verify(flight).ok
+    # a constant acceleration of -v/T ends at v T / 2
+    assert samples(flight)[1][-1, 0, 0] == pytest.approx(2.0 * HORIZON / 2.0, rel=0.02)
+
+
+def test_a_moving_obstacle_across_the_goal_is_waited_for() -> None:
+    velocity = np.array([0.0, 0.6, 0.0])
+    crossing = rho.Obstacle(rho.Sphere([8, -4, 1.5], 0.5), velocity=velocity)
+    horizon = fly(scene(crossing), knots=160)
+    flight = horizon.flight
+    assert rho.verify(flight).ok
+    assert (
+        least_distance(flight, lambda t: np.array([8, -4, 1.5]) + t[:, None] * velocity, 0.5)
+        >= -1e-6
+    )
+    assert np.abs(place(flight, 5.0) - [8, 0, 1.5]).max() > 0.5
+    assert np.abs(samples(flight)[1][-1, 0] - [8, 0, 1.5]).max() < 1e-6
+    for window in horizon.windows[::9]:  # what moves on is far away then
+        assert rho.verify(window.plan.holding(60.0)).ok
+
+
+def test_where_errors_grow_vehicles_can_stay_for_the_declared_time() -> None:
+    drifting = rho.Obstacle(
+        rho.Sphere([4, -1.5, 1.5], 0.5), position_error=0.1, velocity_error=0.1, seen_at=0.0
+    )
+    horizon = fly(scene(drifting), knots=90, rest_for=8.0)
+    assert rho.verify(horizon.flight).ok
+    for window in horizon.windows:
+        assert window.rest_until is not None
+        left = window.rest_until - window.plan.scenario.grid.end
+        assert left == pytest.approx(8.0) or (window.kept and 6.0 < left < 8.0)
+        place = window.plan.positions[0, -1]
+        grown = 0.1 + 0.1 * window.rest_until
+        assert np.linalg.norm(place - [4, -1.5, 1.5]) >= 0.5 + grown + RADIUS - 1e-6
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_flights_in_wind_stay_safe_and_arrive(seed: int) -> None:
+    scenario = scene(rho.Sphere([4, 0.1, 1.5], 0.5), disturbance=WIND)
+    blow = np.random.default_rng(seed)
+    wind = rho.winds.coloured_noise(scenario, blow, intensity=1.0, correlation=0.3)
+    rng = np.random.default_rng(seed)
+    simulation = rho.simulate(scenario, wind=wind, rng=rng, horizon=HORIZON)
+    assert rho.verify(simulation).ok
+    away = np.linalg.norm(simulation.positions[:, 0] - [4, 0.1, 1.5], axis=1)
+    assert away.min() >= 0.5 + RADIUS
+    assert np.linalg.norm(simulation.positions[-1, 0] - [8, 0, 1.5]) < 0.3
+    for window in simulation.windows[::6]:
+        assert rho.verify(window.plan.holding(30.0)).ok  # with the radii of its tube after the end
+
+
+def test_vehicles_that_swap_places_keep_their_separation() -> None:
+    both = [
+        vehicle("a", [0, 0, 1.5], rho.State([8, 0, 1.5])),
+        vehicle("b", [8, 0.1, 1.5], rho.State([0, 0.1, 1.5])),
+    ]
+    scenario = rho.Scenario("swap", GRID, both, LIMITS, separation=rho.Separation(1.0))
+    flight = rho.plan_rho(scenario, horizon=HORIZON)
+    assert rho.verify(flight).ok
+    _, x = samples(flight)
+    assert np.linalg.norm(x[:, 0] - x[:, 1], axis=1).min() >= 1.0 - 1e-6
+    assert np.abs(x[-1] - [[8, 0, 1.5], [0, 0.1, 1.5]]).max() < 1e-6
+
+
+WALLS = [
+    rho.Obstacle(rho.Box(lower, upper), name=name)
+    for name, lower, upper in (
+        ("left", [6.0, -2.0, 0.0], [6.4, 2.0, 3.0]),
+        ("right", [9.6, -2.0, 0.0], [10.0, 2.0, 3.0]),
+        ("below", [6.0, -2.0, 0.0], [10.0, -1.6, 3.0]),
+        ("above", [6.0, 1.6, 0.0], [10.0, 2.0, 3.0]),
+    )
+]
+
+
+def test_a_goal_behind_walls_is_named_and_reached_once_they_open() -> None:
+    closed, opened = scene(*WALLS), scene(*WALLS[1:])
+    horizon = fly(closed, {100: opened}, knots=200)
+    assert all(window.unreachable == ("scout",) for window in horizon.windows[:50])
+    assert not any(window.unreachable for window in horizon.windows[50:])
+    flight = horizon.flight
+    assert rho.verify(flight).ok
+    assert place(flight, 9.9)[0] < 6.0 - RADIUS + 1e-6
+    assert np.abs(samples(flight)[1][-1, 0] - [8, 0, 1.5]).max() < 1e-6
+
+
+def test_a_way_around_a_wide_wall_is_found() -> None:
+    wall = rho.Box([3.0, -6.0, 0.0], [3.4, 4.5, 3.0])
+    flight = fly(scene(wall), knots=160).flight
+    assert rho.verify(flight).ok
+    assert np.abs(samples(flight)[1][-1, 0] - [8, 0, 1.5]).max() < 1e-6
+
+
+def test_what_appears_across_the_plan_is_not_touched() -> None:
+    # at 2 m/s a vehicle stops within 0.67 m, and flies 0.4 m until the next window
+    center = np.array([4.2, 0.05, 1.5])
+    seen = scene(rho.Obstacle(rho.Sphere(center, 0.6), name="seen"))
+    horizon = fly(scene(), {16: seen}, knots=120)
+    assert place(horizon.flight, 1.6)[0] < center[0] - 0.6 - RADIUS - 1.1
+    assert rho.verify(horizon.flight).ok
+    assert least_distance(horizon.flight, center, 0.6, since=1.6) >= -1e-6
+    assert np.abs(samples(horizon.flight)[1][-1, 0] - [8, 0, 1.5]).max() < 1e-6
+
+
+def test_requirements_with_an_interval_hold_in_it() -> None:
+    slowly = rho.KeepIn(rho.Ball([0, 0, 0], 0.8), of="velocity", active=(3.0, 6.0), name="slowly")
+    flight = fly(scene(requirements=[slowly])).flight
+    assert rho.verify(flight).ok
+    speeds = np.linalg.norm(flight.at(np.linspace(0.0, 9.0, 901)).velocities[0], axis=1)
+    assert speeds[301:600].max() <= 0.8 + 1e-6
+    assert speeds.max() > 1.5
+
+
+def test_steps_that_skip_knots_go_on_and_say_so() -> None:
+    horizon = fly(scene(*PILLARS), knots=20)
+    window = horizon.step(horizon.planned(30), 3.0)
+    assert window.skipped == 10
+    late = horizon.step(horizon.planned(130), 13.0)  # after the end of the plan, and of the grid
+    assert late.skipped == 98
+    assert late.plan.positions[0, 0] == pytest.approx(window.plan.positions[0, -1])
+    assert rho.verify(horizon.flight).ok
+    with pytest.raises(ValueError, match=r"time: got 2.0, expected the time of a knot from 13.1"):
+        horizon.step(horizon.planned(140), 2.0)
+
+
+@pytest.mark.parametrize("start", [-30.0, 1.7e9])
+def test_clocks_make_no_difference(start: float) -> None:
+    usual = fly(scene(*PILLARS), knots=60).flight.plan
+    other = dataclasses.replace(scene(*PILLARS), grid=dataclasses.replace(GRID, start=start))
+    assert fly(other, knots=60).flight.plan.positions == pytest.approx(usual.positions, abs=1e-4)
+
+
+def test_files_keep_flights_and_their_verdicts(
+    among_pillars: rho.RecedingHorizon, tmp_path: Path
+) -> None:
+    rho.save(among_pillars.flight, tmp_path / "flight.npz")
+    again = rho.load(tmp_path / "flight.npz")
+    assert str(rho.verify(again)) == str(rho.verify(among_pillars.flight))
+    assert np.array_equal(again.plan.accelerations, among_pillars.flight.plan.accelerations)
+
+
+def test_long_flights_at_their_limits_are_verified_like_their_windows() -> None:
+    tight = dataclasses.replace(LIMITS, max_acceleration=0.8)
+    scenario = dataclasses.replace(scene(), limits=tight)
+    ends = [rho.State([8, 0, 1.5]), rho.State([0, 3, 1.5])]
+    news = {40 * (n + 1): with_goal(scenario, ends[(n + 1) % 2]) for n in range(14)}
+    flight = fly(scenario, news, knots=600).flight
+    assert flight.scenario.grid.duration > 60.0
+    assert rho.verify(flight).ok
+    norms = np.linalg.norm(flight.plan.accelerations, axis=2)
+    assert 0.8 - 1e-6 <= norms.max() <= 0.8 + 1e-6
+
+
+def test_a_price_of_the_distance_makes_flights_faster_or_gentler() -> None:
+    gentle = dataclasses.replace(scene(), objective=rho.Objective(terminal_position=20.0))
+    usual, slower = (fly(each, knots=40).flight for each in (scene(), gentle))
+    assert slower.cost < usual.cost
+    assert place(slower, 2.0)[0] < place(usual, 2.0)[0]
+
+
+REFUSED: dict[str, tuple[dict[str, Any], str]] = {
+    "too short": (
+        {"horizon": 0.2, "replan_every": 2},
+        "horizon: got 0.2, expected a time from 0.4 to",
+    ),
+    "too short for the period": ({"replan_every": 40}, "horizon: got 3.0, expected a time from 4"),
+    "not a number": ({"horizon": np.nan}, "horizon: got nan"),
+    "no rest": ({"rest_for": 0.0}, "rest_for: got 0.0, expected a time above 0"),
+    "a free final time": ({"free_final_time": True}, "horizon: got 3 s, expected none beside"),
+    "a reference": ({"reference": rho.tail_reference}, "horizon: got 3 s, expected none beside"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_settings_that_do_not_fit_are_refused(case: str) -> None:
+    settings, expected = REFUSED[case]
+    with pytest.raises(ValueError, match=re.escape(expected)):
+        rho.RecedingHorizon(scene(), **({"horizon": HORIZON} | settings))
+
+
+UNPLANNED: dict[str, tuple[rho.Scenario, str]] = {
+    "waypoints": (
+        dataclasses.replace(
+            scene(),
+            vehicles=(
+                vehicle(
+                    "scout",
+                    [0, 0, 1.5],
+                    rho.State([8, 0, 1.5]),
+                    waypoints=[rho.Waypoint(3.0, [4, 1, 1.5])],
+                ),
+            ),
+        ),
+        "vehicles[0].waypoints",
+    ),
+    "a goal in motion": (
+        scene(goal=rho.State([8, 0, 1.5], [1, 0, 0])),
+        "vehicles[0].goal.velocity",
+    ),
+    "a smoothing": (scene(smoothing=rho.Smoothing(0.1)), "smoothing"),
+}
+
+
+@pytest.mark.parametrize("case", UNPLANNED)
+def test_scenarios_that_do_not_fit_are_refused(case: str) -> None:
+    scenario, field = UNPLANNED[case]
+    with pytest.raises(rho.ScenarioError) as refused:
+        rho.RecedingHorizon(scenario, horizon=HORIZON)
+    assert refused.value.field == field
