@@ -22,7 +22,7 @@ from drake_rho.planning.errors import InfeasibleError
 from drake_rho.planning.horizon.interfaces import Planner
 from drake_rho.planning.horizon.windows import WindowPlanner
 from drake_rho.planning.programs.backend import Solver
-from drake_rho.scenario.fields import FloatArray, unchecked
+from drake_rho.scenario.fields import BoolArray, FloatArray, unchecked
 from drake_rho.scenario.maps.parts import Parts
 from drake_rho.scenario.obstacles import Obstacle
 from drake_rho.scenario.parts import Grid
@@ -155,8 +155,8 @@ def _among_near(
 
 
 def _are_near(
-    bodies: tuple[_Numbered, ...], scenario: Scenario, plan: Plan, further: FloatArray | float = 0.0
-) -> np.ndarray:
+    bodies: Sequence[_Numbered], scenario: Scenario, plan: Plan, further: FloatArray | float = 0.0
+) -> BoolArray:
     """Return which obstacles a motion may touch, from balls around them at the knots, (B,).
 
     Args:
@@ -165,19 +165,29 @@ def _are_near(
         plan: the motion.
         further: distance from them that is near as well [m], shape (N,).
     """
+    near = np.ones(len(bodies), dtype=bool)
+    bounded = [
+        index
+        for index, (_, body) in enumerate(bodies)
+        if not isinstance(body.shape, Parts) and np.isfinite(body.shape.extent).all()
+    ]
+    if not bounded:
+        return near
     elapsed, step = scenario.grid.elapsed, scenario.grid.step
     required = scenario.fleet.radii + largest_radius(scenario) + further
     within = required[:, None] + step * np.linalg.norm(plan.velocities, axis=2)
-    near = np.ones(len(bodies), dtype=bool)
-    for index, (_, body) in enumerate(bodies):
-        extent = float(np.linalg.norm(body.shape.extent))
-        if np.isfinite(extent) and not isinstance(body.shape, Parts):
-            centers = body.centers(elapsed)
-            moves = np.linalg.norm(np.diff(centers, axis=0), axis=1)
-            moved = np.maximum(np.append(moves, 0.0), np.append(0.0, moves))
-            reached = extent + body.deviation + body.uncertainty(elapsed) + moved
-            away = np.linalg.norm(plan.positions - centers, axis=2)
-            near[index] = bool(np.any(away <= within + reached))
+    centers = np.array([bodies[index][1].centers(elapsed) for index in bounded])
+    reached = np.array(
+        [
+            float(np.linalg.norm(body.shape.extent)) + body.deviation + body.uncertainty(elapsed)
+            for body in (bodies[index][1] for index in bounded)
+        ]
+    )
+    moves = np.linalg.norm(np.diff(centers, axis=1), axis=2)
+    reached[:, :-1] += moves  # what moves on the way from a knot to the next counts at both
+    reached[:, 1:] += moves
+    away = np.linalg.norm(plan.positions - centers[:, None], axis=3)
+    near[bounded] = np.any(away <= within + reached[:, None], axis=(1, 2))
     return near
 
 

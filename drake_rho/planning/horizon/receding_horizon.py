@@ -370,8 +370,9 @@ def _with_sightings(window: Window, before: Window) -> Window:
     late = {number for number, _ in scenario.known if scenario.bodies[number - 1].known_from > 0.0}
     if not late:
         return window
-    known = {number for number, _ in before.plan.scenario.known}
-    violated = violations_of(Problem.of(scenario), window.plan).inside.keys() & late
+    known, violated = {number for number, _ in before.plan.scenario.known}, set[int]()
+    if window.infeasible or scenario.penalties:  # a new plan avoids all that it has to
+        violated = violations_of(Problem.of(scenario), window.plan).inside.keys() & late
     return dataclasses.replace(
         window, learned=tuple(sorted(late - known)), not_avoided=tuple(sorted(violated))
     )

@@ -225,8 +225,9 @@ class RollingHorizon:
 
     def _continued(self, last: Window, knot: int) -> Window:
         """Return the last window, its plan continued at rest as far as the next one plans."""
-        stop = last.contingency and _until(last.contingency, knot + self._steps - last.first_knot)
-        return unchecked(lasting_until(last, knot + self._steps), contingency=stop)
+        steps = knot + self._steps - last.first_knot
+        stop = last.contingency and _until(last.contingency, steps)
+        return unchecked(last, plan=_until(last.plan, steps), contingency=stop)
 
     def _noted(self, window: Window, orders: Orders, before: float) -> Window:
         """Return a window with the time until which vehicles can stay, and goals without a path.
@@ -425,17 +426,13 @@ def _arriving(vehicle: Vehicle, scenario: Scenario) -> Vehicle:
 
 
 def lasting_until(window: Window, knot: int) -> Window:
-    """Return a window whose plan is continued at rest until a knot of the flight, if it ends before.
-
-    The reference of a window on its own grid is as long.
-    """
+    """Return a window that is continued at rest until a knot of the flight, if it ends before."""
     steps = knot - window.first_knot
-    plan, reference = (_until(each, steps) for each in (window.plan, window.reference))
-    if plan is window.plan:
+    own = _until(window.plan, steps)
+    if own is window.plan:
         return window
-    return unchecked(
-        window, plan=plan, reference=plan if window.reference is window.plan else reference
-    )
+    reference = own if window.reference is window.plan else _until(window.reference, steps)
+    return unchecked(window, plan=own, reference=reference)
 
 
 def _until(plan: Plan, steps: int) -> Plan:

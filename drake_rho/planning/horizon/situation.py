@@ -93,6 +93,12 @@ class WindowStart:
         )
 
     @property
+    def begins_as_planned(self) -> bool:
+        """Whether the window begins exactly where the plan in force is."""
+        planned = self.remaining.scenario.fleet.start_states
+        return np.array_equal(self.scenario.fleet.start_states, planned)
+
+    @property
     def on_plan(self) -> bool:
         """Whether all vehicles are in the tube of the plan in force, so that it stays valid."""
         return bool(self.scenario.smoothing) or not self.off

@@ -192,7 +192,7 @@ class WindowPlanner:
         if scenario.disturbance is not None:
             has_slack = not last.kept
         else:
-            same = scenario is start.remaining.scenario and not last.infeasible
+            same = start.begins_as_planned and not (last.infeasible or start.is_new)
             has_slack = same and not _new_obstacles(start)
         if has_slack:
             return None
