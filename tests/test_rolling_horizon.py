@@ -364,3 +364,47 @@ def test_scenarios_that_do_not_fit_are_refused(case: str) -> None:
     with pytest.raises(rho.ScenarioError) as refused:
         rho.RecedingHorizon(scenario, horizon=HORIZON)
     assert refused.value.field == field
+
+
+def _mission(rng: np.random.Generator) -> tuple[rho.RecedingHorizon, list[np.ndarray]]:
+    """Return a horizon after a random mission, and the obstacles (x, y, radius) of its world.
+
+    Obstacles are seen within 5 m, more than a vehicle needs to brake, and the goal changes once.
+    """
+    start = np.array([-5.0, -5.0, 1.5])
+    world = [np.array([*rng.uniform(-4.5, 5.0, 2), rng.uniform(0.3, 0.7)]) for _ in range(14)]
+    goals = list[np.ndarray]()
+    while len(goals) < 2:
+        place = np.array([*rng.uniform(-4.5, 5.0, 2), rng.uniform(1.0, 2.0)])
+        if all(np.hypot(*(place[:2] - o[:2])) > o[2] + RADIUS + 0.4 for o in world):
+            goals.append(place)
+    known: dict[int, rho.Obstacle] = {}
+
+    def now(number: int, place: np.ndarray) -> rho.Scenario:
+        for i, o in enumerate(world):
+            if i not in known and np.hypot(*(place[:2] - o[:2])) < 5.0 + o[2]:
+                pillar = rho.Cylinder([o[0], o[1], 1.5], o[2], 3.0)
+                known[i] = rho.Obstacle(pillar, name=f"pillar {i}")
+        scout = vehicle("scout", start.tolist(), rho.State(goals[number]))
+        return rho.Scenario("mission", GRID, [scout], LIMITS, obstacles=list(known.values()))
+
+    horizon = rho.RecedingHorizon(now(0, start), horizon=HORIZON, replan_every=EVERY, fallback=None)
+    horizon.step(horizon.planned(0), 0.0)
+    for knot in range(EVERY, 240, EVERY):
+        states = horizon.planned(knot)
+        told = now(int(knot >= 60), states[0, :3])
+        horizon.step(states, knot * STEP, scenario=told)
+    assert np.linalg.norm(horizon.planned(240)[0, :3] - goals[1]) < 1e-3
+    return horizon, world
+
+
+@pytest.mark.parametrize(
+    "seed", [0, 1, *(pytest.param(n, marks=pytest.mark.slow) for n in range(2, 12))]
+)
+def test_random_missions_stay_safe(seed: int) -> None:
+    horizon, world = _mission(np.random.default_rng(seed))
+    assert rho.verify(horizon.flight).ok
+    _, x = samples(horizon.flight)
+    for pillar in world:
+        away = np.linalg.norm(x[:, 0, :2] - pillar[:2], axis=1).min()
+        assert away >= pillar[2] + RADIUS - 1e-6

@@ -365,7 +365,7 @@ def _goals(scenario: Scenario, flight: Scenario, remaining: Plan | None) -> Floa
 
 
 def _inside(goal: State | Goal, nominal: FloatArray, margin: float) -> FloatArray:
-    """Return the nominal place (3,) of a goal; of a set, it is inside by a margin [m] if possible."""
+    """Return the nominal place (3,) of a goal, inside by a margin [m] if it is a set."""
     if goal.position is None or isinstance(goal.position, np.ndarray):
         return nominal
     inner: FloatArray = nominal - _CLEARLY * margin * goal.position.outward(nominal)
