@@ -40,6 +40,8 @@ SETTINGS: dict[str, dict[str, Any]] = {
     "contingencies": {"contingencies": True},
     "latency": {"latency": 0.4},
     "bounded_cost": {"bounded_cost": True},
+    "horizon": {"horizon": 2.0},
+    "rest_for": {"rest_for": 5.0},
 }
 """A value other than the default of every setting."""
 
@@ -123,7 +125,7 @@ def test_a_flight_with_every_setting_is_a_horizon_stepped_with_planned_states(
 
 
 @pytest.mark.parametrize(
-    "name", ["reference", "contingencies", "latency", "bounded_cost", "free_final_time"]
+    "name", ["reference", "contingencies", "latency", "bounded_cost", "free_final_time", "horizon"]
 )
 def test_a_setting_has_an_effect_on_a_flight(name: str, scenario: rho.Scenario) -> None:
     without = rho.plan_rho(scenario, replan_every=4)

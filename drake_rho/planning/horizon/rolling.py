@@ -35,7 +35,7 @@ from drake_rho.scenario.parts import MOST_KNOTS, Grid, State, Vehicle, Waypoint
 from drake_rho.scenario.records import TOLERANCE, Scenario
 from drake_rho.scenario.shapes.quadrics import Sphere
 from drake_rho.scenario.smoothing import largest_accelerations
-from drake_rho.scenario.times import SAME_TIME, steps_lasting
+from drake_rho.scenario.times import steps_lasting
 
 _PRICE = 100.0
 """Default price of a distance from the goal, in efforts of covering it from rest to rest within the
@@ -113,11 +113,10 @@ class RollingHorizon:
             ValueError: a time is not positive, or too long.
             ScenarioError: the scenario has what a rolling horizon does not plan for.
         """
-        longest = (MOST_KNOTS - 1) * scenario.grid.step
-        fewest = max(_FEWEST, replan_every)
-        least = (1.0 - SAME_TIME) * fewest * scenario.grid.step
-        if not least <= horizon <= longest:
-            expected = f"a time from {least:g} to {longest:g} s, at least {fewest} steps"
+        step, fewest = scenario.grid.step, max(_FEWEST, replan_every)
+        longest = (MOST_KNOTS - 1) * step
+        if not 0.0 < horizon <= longest or steps_lasting(horizon, step) < fewest:
+            expected = f"a time from {fewest * step:g} to {longest:g} s, at least {fewest} steps"
             raise ValueError(f"horizon: got {horizon!r}, expected {expected}")
         if not 0.0 < rest_for <= LARGEST:
             raise ValueError(f"rest_for: got {rest_for!r}, expected a time above 0 in s")

@@ -106,12 +106,13 @@ class PlainSettings:
         ),
     ] = DEFAULTS["horizon"]
     rest_for: Annotated[
-        Positive,
+        Positive | None,
         Field(
             description="seconds for which vehicles have to be able to stay where a window of such "
-            "a horizon ends, as long as errors of obstacles grow"
+            f"a horizon ends, as long as errors of obstacles grow; {DEFAULTS['rest_for']:g} if not "
+            "given"
         ),
-    ] = DEFAULTS["rest_for"]
+    ] = None
 
 
 _REFERENCES = {None: None, "free": free_reference, "tail": tail_reference}
