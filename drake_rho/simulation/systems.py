@@ -49,7 +49,7 @@ class RecedingHorizonController(LeafSystem):
     with a lag, with planned accelerations commanded in advance).
 
     Args:
-        horizon: a `rho.RecedingHorizon` that has not begun, or a scenario, for which one is made.
+        source: a `rho.RecedingHorizon` that has not begun, or a scenario, for which one is made.
         lag: time that the plant takes to reach a command [s].
         delay: number of samples of the scenario's delay due to this lag.
         **windows: settings of windows, as for `RecedingHorizon`; for a scenario only.
@@ -63,20 +63,19 @@ class RecedingHorizonController(LeafSystem):
     @takes_windows
     def __init__(
         self,
-        horizon: Horizon | Scenario,
-        /,
+        source: Horizon | Scenario,
         *,
         lag: float = 0.0,
         delay: int = 0,
         **windows: Unpack[Windows],
     ) -> None:
         super().__init__()
-        if isinstance(horizon, Scenario):
-            horizon = RecedingHorizon(horizon, **windows)
+        if isinstance(source, Scenario):
+            source = RecedingHorizon(source, **windows)
         else:
             refuse_settings(windows, "receding horizon")
-        self._feedback, self._lag = Feedback(as_flown(horizon), delay), lag
-        count = len(horizon.scenario.vehicles)
+        self._feedback, self._lag = Feedback(as_flown(source), delay), lag
+        count = len(source.scenario.vehicles)
         self._states = self.DeclareVectorInputPort("states", 6 * count)
         self._memory = self.DeclareAbstractState(Value[object](self._feedback.start))
         memory = {self.abstract_state_ticket(self._memory)}
