@@ -27,19 +27,14 @@ from drake_rho.scenario.records import Scenario
 from drake_rho.scenario.requirements import KeepIn
 from drake_rho.scenario.rest_of_flight import with_obstacles
 
-_FIXED = (
-    "limits",
-    "separation",
-    "between_knots",
-    "disturbance",
-    "smoothing",
-    "hold_at_goal",
-    "objective",
-)
-"""Fields of a scenario that stay the same in a flight."""
+_OF_MISSIONS = ("between_knots", "disturbance", "smoothing", "hold_at_goal")
+"""Fields of a scenario that stay the same in a mission."""
+
+_OF_FLIGHTS = ("limits", "separation", "objective")
+"""Fields that stay the same in a flight; in a mission of several flights they may change."""
 
 _OF_VEHICLES = ("limits", "radius", "weight")
-"""Fields of a vehicle that stay the same in a flight."""
+"""Fields of a vehicle that do."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -144,23 +139,48 @@ def _check(before: Scenario, now: Scenario, of_grid: Sequence[str]) -> None:
         now: as it is told now.
         of_grid: fields of the grid that stay.
     """
+    for error in (*_changes(before, now, of_grid, _OF_MISSIONS), *changes_of(before, now)):
+        raise error
+
+
+def changes_of(before: Scenario, now: Scenario) -> list[ScenarioError]:
+    """Return the errors of what stays the same in a flight and differs, if it may in a mission.
+
+    Args:
+        before: as it was told last.
+        now: as it is told now.
+
+    Raises:
+        ScenarioError: what stays the same in a mission differs, or two obstacles or requirements
+            have one name.
+    """
+    for error in _changes(before, now, ("start", "step"), _OF_MISSIONS):
+        raise error
+    _check_names("obstacles", [each.name for each in now.bodies])
+    _check_names("requirements", [each.name for each in now.requirements])
     if now.names != before.names:
         expected = f"the vehicles of the flight, {', '.join(before.names)}"
-        raise ScenarioError("scenario.vehicles", list(now.names), expected)
-    for field in of_grid:
-        value, own = getattr(now.grid, field), getattr(before.grid, field)
-        if value != own:
-            raise ScenarioError(f"scenario.grid.{field}", value, f"{own}, as in the flight")
-    for field in _FIXED:
-        if (value := getattr(now, field)) != getattr(before, field):
-            raise ScenarioError(f"scenario.{field}", value, "that of the flight, which stays")
+        return [ScenarioError("scenario.vehicles", list(now.names), expected)]
+    found = list(_changes(before, now, (), _OF_FLIGHTS))
     for i, (own, other) in enumerate(zip(now.vehicles, before.vehicles, strict=True)):
         for field in _OF_VEHICLES:
             if (value := getattr(own, field)) != getattr(other, field):
                 where = f"scenario.vehicles[{i}].{field}"
-                raise ScenarioError(where, value, "that of the flight, which stays")
-    _check_names("obstacles", [each.name for each in now.bodies])
-    _check_names("requirements", [each.name for each in now.requirements])
+                found.append(ScenarioError(where, value, "that of the flight, which stays"))
+    return found
+
+
+def _changes(
+    before: Scenario, now: Scenario, of_grid: Sequence[str], fields: Sequence[str]
+) -> Iterator[ScenarioError]:
+    """Yield the errors of fields of the grid and of a scenario that differ."""
+    for field in of_grid:
+        value, own = getattr(now.grid, field), getattr(before.grid, field)
+        if value != own:
+            yield ScenarioError(f"scenario.grid.{field}", value, f"{own}, as in the flight")
+    for field in fields:
+        if (value := getattr(now, field)) != getattr(before, field):
+            yield ScenarioError(f"scenario.{field}", value, "that of the flight, which stays")
 
 
 def _check_names(field: str, names: Sequence[str | None]) -> None:

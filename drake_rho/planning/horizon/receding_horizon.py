@@ -26,7 +26,9 @@ from drake_rho.planning.horizon.interfaces import (
     tail_reference,
     with_options,
 )
+from drake_rho.planning.horizon.known_now import changes_of
 from drake_rho.planning.horizon.measured_states import checked_states, from_measured
+from drake_rho.planning.horizon.next_flight import is_crowded, next_flight
 from drake_rho.planning.horizon.rolling import RollingHorizon, lasting_until
 from drake_rho.planning.horizon.situation import Situation, WindowStart, latency_in_samples
 from drake_rho.planning.horizon.waypoints_ahead import (
@@ -57,6 +59,8 @@ class Proposal:
     """the window"""
     situation: Situation
     """situation after it"""
+    ended: Flight | None = None
+    """flight that ends where it begins, if another one begins there"""
 
 
 class RecedingHorizon:
@@ -170,6 +174,8 @@ class RecedingHorizon:
             reference = free_reference if scenario.separation is None else tail_reference
         self.replan_every, self.free_final_time = int(replan_every), free_final_time
         self.windows: list[Window] = []
+        self._ended, self._passed, self._ends_flight = list[Flight](), 0, False
+        self._given = scenario
         self._situation, self._rolling = Situation.of(scenario, self.latency), None
         if horizon is not None:
             self._rolling = RollingHorizon.of(scenario, horizon, rest_for, self.replan_every)
@@ -195,13 +201,15 @@ class RecedingHorizon:
         scenario, last = self._situation.scenario, self._situation.last
         if self._rolling is None:
             return scenario
-        latest = self.knots[-1] if last is None else max(self.knots[-1], last.first_knot)
+        latest = last.first_knot if last is not None else 0
+        if not self._ended:
+            latest = max(latest, self.knots[-1])
         return self._rolling.until(scenario, latest)
 
     @property
     def knots(self) -> range:
         """Knots at which windows start, counted from 0."""
-        return range(0, self._situation.given.grid.knots - 1, self.replan_every)
+        return range(0, self._given.grid.knots - 1, self.replan_every)
 
     def planned(self, knot: int) -> FloatArray:
         """Return the planned states at a knot, from the last window, shape (N, 6).
@@ -212,7 +220,7 @@ class RecedingHorizon:
         Args:
             knot: counted from 0, not before the start of the last window.
         """
-        return self._situation.planned(knot)
+        return self._situation.planned(knot - self._passed)
 
     @checked
     def step(
@@ -271,18 +279,52 @@ class RecedingHorizon:
 
         Args, results and errors are those of `step`.
         """
-        situation = self._situation
+        situation, ended = self._situation, None
         if scenario is not None:
             situation.knot_at(time)  # an impossible time is refused first
+        if self._begins_flight(scenario):
+            ended, situation, scenario = self._next_flight(time, scenario)
+        if scenario is not None:
             situation = situation.with_news(scenario, time)
             if self._rolling is not None:
                 situation = self._rolling.begun(situation)
         with within_time(self._options.time_limit):
             window = self._window(situation, states, time)
-        return Proposal(window, situation.with_window(window))
+        return Proposal(window, situation.with_window(window), ended)
+
+    def _begins_flight(self, scenario: Scenario | None) -> bool:
+        """Return whether the next window begins another flight."""
+        known, last = self._situation.known, self._situation.last
+        if self._rolling is None or last is None:
+            return False
+        changed = scenario is not None and changes_of(known.told, scenario)
+        return bool(changed) or self._ends_flight or is_crowded(known)
+
+    def _next_flight(
+        self, time: float, scenario: Scenario | None
+    ) -> tuple[Flight, Situation, Scenario | None]:
+        """Return the flight that ends, the situation of the next one, and what is left to tell.
+
+        Args:
+            time: at which the next window begins, on the scenario's clock [s].
+            scenario: as it is known now, if it is told.
+        """
+        rolling, situation = self._rolling, self._situation
+        assert rolling is not None  # noqa: S101  # callers check this
+        knot = situation.knot_at(time)
+        windows = [*self.windows[:-1], lasting_until(self.windows[-1], knot)]
+        ended = rolling.ended(situation, knot).flight(windows)
+        changed = scenario is not None and changes_of(situation.known.told, scenario)
+        now, left = (scenario, None) if changed else (None, scenario)
+        remaining = rolling.remaining(situation, knot)
+        return ended, next_flight(situation, remaining, now, rolling.endless), left
 
     def accept(self, proposal: Proposal) -> None:
         """Fly a proposed window from its first knot on."""
+        if proposal.ended is not None:
+            self._ended.append(proposal.ended)
+            self._passed += proposal.ended.scenario.grid.knots - 1
+            self.windows, self._ends_flight = [], False
         if self._rolling is not None and self.windows:  # which rests after its end
             self.windows[-1] = lasting_until(self.windows[-1], proposal.window.first_knot)
         self.windows.append(proposal.window)
@@ -339,8 +381,47 @@ class RecedingHorizon:
         """Flight composed of the windows so far, each flown until the next.
 
         Raises:
+            ValueError: there is no window yet, or a mission has several flights (`flights`).
+        """
+        if self._ended:
+            expected = "one: `flights` has all of them"
+            raise ValueError(f"flight: got {len(self._ended) + 1} flights, expected {expected}")
+        return self._flight
+
+    @property
+    def flights(self) -> tuple[Flight, ...]:
+        """Flights of the mission so far, each until the next one begins.
+
+        There is one, unless `horizon` is given. Then another flight begins where vehicles leave or
+        join, limits, separation or objective change, or where a map has changed so often that it is
+        told anew; and where `end_flight` says so.
+
+        Raises:
             ValueError: there is no window yet.
         """
+        return (*self._ended, self._flight)
+
+    def end_flight(self) -> tuple[Flight, ...]:
+        """Let another flight begin with the next window, and forget the flights before.
+
+        So missions without an end can be stored piece by piece, with bounded memory.
+
+        Returns:
+            The flights that ended since the last call; the current one will be among those that the
+            next call returns.
+
+        Raises:
+            ValueError: `horizon` is not given.
+        """
+        if self._rolling is None:
+            raise ValueError("horizon: got None, expected a time: other flights end at their goals")
+        self._ends_flight, ended = bool(self.windows), tuple(self._ended)
+        self._ended.clear()
+        return ended
+
+    @property
+    def _flight(self) -> Flight:
+        """Current flight."""
         if not self.windows:
             raise ValueError("windows: got none, expected at least one planned window")
         situation = self._situation

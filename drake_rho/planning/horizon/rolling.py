@@ -125,7 +125,7 @@ class RollingHorizon:
 
     def __init__(self, steps: int, rest_for: float) -> None:
         self._steps, self._rest_for = steps, rest_for
-        self._guides = list[Guide]()
+        self._guides = dict[str, Guide]()
 
     def endless(self, scenario: Scenario) -> Scenario:
         """Return the scenario of a flight without an end, with the scales and gains of a window."""
@@ -149,22 +149,36 @@ class RollingHorizon:
         known = dataclasses.replace(situation.known, flight=flight, endless=True)
         return dataclasses.replace(situation, known=known)
 
-    def ended(self, situation: Situation) -> Situation:
-        """Return the situation of a flight that ends with its last window.
+    def remaining(self, situation: Situation, knot: int) -> Plan:
+        """Return the rest of the plan in force from a knot, as far as a window plans.
 
-        Vehicles that do not arrive within that window have no goal.
+        Raises:
+            ValueError: there is no window yet.
+        """
+        if situation.last is None:
+            raise ValueError("windows: got none, expected at least one planned window")
+        last = self._continued(situation.last, knot)
+        return last.plan.tail(knot - last.first_knot)
+
+    def ended(self, situation: Situation, knot: int | None = None) -> Situation:
+        """Return the situation of a flight that ends at a knot, by default with its last window.
+
+        Vehicles that are not at rest at their goals then have none.
         """
         flight, last = situation.scenario, situation.last
         if last is None:
             return situation
-        steps = last.first_knot + last.plan.scenario.grid.knots - 1
-        grid = flight.grid.from_knot(0, steps)
+        if knot is None:
+            knot = last.first_knot + last.plan.scenario.grid.knots - 1
+        grid, plan = flight.grid.from_knot(0, knot), lasting_until(last, knot).plan
         margin, scale = largest_radius(last.plan.scenario), flight.fleet.scale("position")
+        states = plan.states(knot - last.first_knot)
+        still = ~np.any(np.abs(states[:, 3:]) > TOLERANCE * scale[:, None], axis=1)
         vehicles = tuple(
-            each if _is_at(each.goal, end, margin, TOLERANCE * own) else _nowhere(each)
-            for each, end, own in zip(
-                flight.vehicles, last.plan.positions[:, -1], scale, strict=True
-            )
+            each
+            if rests and _is_at(each.goal, state[:3], margin, TOLERANCE * own)
+            else unchecked(each, goal=Goal(None, np.zeros(3) if rests else None))
+            for each, state, rests, own in zip(flight.vehicles, states, still, scale, strict=True)
         )
         whole = flight.derived(grid=grid, vehicles=vehicles)
         return dataclasses.replace(situation, known=situation.known.with_flight(whole))
@@ -289,9 +303,9 @@ class RollingHorizon:
             lower, upper = bounds.lower, bounds.upper
         begins, goals = fleet.start_positions, _goals(scenario, flight, remaining)
         ends = begins if remaining is None else remaining.positions[:, -1]
-        self._guides += [Guide() for _ in range(len(ends) - len(self._guides))]
         aims = list[Aim]()
-        for i, (guide, end) in enumerate(zip(self._guides, ends, strict=True)):
+        for i, (name, end) in enumerate(zip(scenario.names, ends, strict=True)):
+            guide = self._guides.setdefault(name, Guide())
             radius = float(fleet.radii[i]) + margin
             around = Surroundings(bodies, told, radius, lower[i], upper[i])
             farthest = max(float(reaches[i] - np.linalg.norm(end - begins[i])), 0.0)
@@ -377,10 +391,6 @@ def _is_at(goal: State | Goal, place: FloatArray, margin: float, tolerance: floa
         return float(np.linalg.norm(place - goal.position)) <= tolerance
     beyond = None if goal.position is None else goal.position.signed_distance(place)
     return beyond is None or float(beyond) <= -margin
-
-
-def _nowhere(vehicle: Vehicle) -> Vehicle:
-    return unchecked(vehicle, goal=Goal(None))
 
 
 def _as_measured(remaining: Plan, scenario: Scenario) -> Plan:

@@ -118,6 +118,8 @@ class Situation:
     """number of samples of the feedback by which states are predicted"""
     last: Window | None = None
     """last window, with the plan in force; None before the first"""
+    is_begun: bool = False
+    """whether the last window is of the flight before, and continues in this one"""
 
     @classmethod
     def of(cls, given: Scenario, latency: int) -> Self:
@@ -166,7 +168,8 @@ class Situation:
         of_others = known.has_news and (window.kept or window.infeasible)  # of former orders
         if any(map(any, self.free)) and not of_others:
             scenario = timed_as(scenario, window.plan.scenario)
-        return dataclasses.replace(self, known=known.with_flight(scenario), last=window)
+        known = known.with_flight(scenario)
+        return dataclasses.replace(self, known=known, last=window, is_begun=False)
 
     @property
     def at_start(self) -> Scenario:
@@ -186,7 +189,9 @@ class Situation:
             ValueError: the time is not that of a knot at which the next window can begin.
         """
         grid = self.scenario.grid
-        knots = range(self.last.first_knot + 1, grid.knots - 1) if self.last else range(1)
+        knots = range(1)
+        if self.last is not None:
+            knots = range(self.last.first_knot + (not self.is_begun), grid.knots - 1)
         steps = (time - grid.start) / grid.step
         knot = round(steps) if np.isfinite(steps) else -1
         late = abs(steps - knot) > _CLOCK and not grid.clock.same(
