@@ -408,3 +408,129 @@ def test_random_missions_stay_safe(seed: int) -> None:
     for pillar in world:
         away = np.linalg.norm(x[:, 0, :2] - pillar[:2], axis=1).min()
         assert away >= pillar[2] + RADIUS - 1e-6
+
+
+def test_limits_change_where_another_flight_begins(tmp_path: Path) -> None:
+    scenario = scene(*PILLARS)
+    fast = dataclasses.replace(LIMITS, max_speed=3.0, max_acceleration=5.0)
+    horizon = fly(scenario, {16: dataclasses.replace(scenario, limits=fast)}, knots=100)
+    before, after = horizon.flights
+    assert before.scenario.grid.end == after.scenario.grid.start == pytest.approx(1.6)
+    assert after.scenario.limits == fast
+    for number, flight in enumerate(horizon.flights):
+        assert rho.verify(flight).ok
+        rho.save(flight, tmp_path / f"{number}.npz")
+        assert str(rho.verify(rho.load(tmp_path / f"{number}.npz"))) == str(rho.verify(flight))
+    assert np.linalg.norm(before.plan.velocities, axis=2).max() <= 2.0 + 1e-6
+    assert np.linalg.norm(after.plan.velocities, axis=2).max() > 2.2
+    ends = [np.array(each) for each in (samples(before)[1][-1], samples(after)[1][0])]
+    assert np.abs(ends[0] - ends[1]).max() < 1e-9
+    with pytest.raises(ValueError, match="flight: got 2 flights, expected one"):
+        _ = horizon.flight
+
+
+def test_a_limit_below_the_speed_flown_is_met_as_soon_as_it_can_be() -> None:
+    scenario = scene()
+    slow = dataclasses.replace(scenario, limits=dataclasses.replace(LIMITS, max_speed=1.0))
+    _, after = fly(scenario, {20: slow}, knots=100).flights
+    speeds = np.linalg.norm(after.plan.velocities[0], axis=1)
+    assert speeds[0] > 1.5  # as flown before
+    braking = int(np.ceil((speeds[0] - 1.0) / (3.0 * STEP)))
+    assert speeds[braking + 1 :].max() <= 1.0 + 1e-6
+
+
+def _fleet(separation: float, *members: rho.Vehicle) -> rho.Scenario:
+    return rho.Scenario("fleet", GRID, members, LIMITS, separation=rho.Separation(separation))
+
+
+A = vehicle("a", [0, 0, 1.5], rho.State([8, 0, 1.5]))
+B = vehicle("b", [8, 0.1, 1.5], rho.State([0, 0.1, 1.5]))
+C = vehicle("c", [4, 4, 1.5], rho.State([4, -4, 1.5]))
+
+
+def test_vehicles_join_and_leave_and_their_separation_changes() -> None:
+    horizon = rho.RecedingHorizon(_fleet(1.0, A, B), horizon=HORIZON, replan_every=EVERY)
+    for knot in range(0, 140, EVERY):
+        states, now = horizon.planned(knot), None
+        if knot == 20:
+            states, now = np.vstack([states, [4, 4, 1.5, 0, 0, 0]]), _fleet(1.0, A, B, C)
+        if knot == 60:
+            states, now = states[1:], _fleet(1.4, B, C)
+        horizon.step(states, knot * STEP, scenario=now)
+    flights = horizon.flights
+    assert [each.scenario.names for each in flights] == [("a", "b"), ("a", "b", "c"), ("b", "c")]
+    for flight, least in zip(flights, (1.0, 1.0, 1.4), strict=True):
+        assert rho.verify(flight).ok
+        x = samples(flight)[1]
+        for i in range(x.shape[1]):
+            for j in range(i):
+                assert np.linalg.norm(x[:, i] - x[:, j], axis=1).min() >= least - 1e-6
+    assert np.abs(samples(flights[-1])[1][-1] - [[0, 0.1, 1.5], [4, -4, 1.5]]).max() < 1e-6
+
+
+@pytest.mark.parametrize(
+    ("start", "field"),
+    [
+        (rho.State([0.3, 0.2, 1.5]), "scenario.vehicles[2].start"),
+        (rho.State([4, 4, 1.5], [1, 0, 0]), "scenario.vehicles[2].start.velocity"),
+    ],
+)
+def test_a_vehicle_that_cannot_join_is_one_error(start: rho.State, field: str) -> None:
+    horizon = rho.RecedingHorizon(_fleet(0.8, A, B), horizon=HORIZON, replan_every=EVERY)
+    horizon.step(horizon.planned(0), 0.0)
+    # the start is clear of the others' own starts, which are ignored in flight
+    moved = [
+        dataclasses.replace(each, start=rho.State([x, -4, 1.5])) for each, x in ((A, 0), (B, 8))
+    ]
+    now = _fleet(0.8, *moved, dataclasses.replace(C, start=start))
+    states = np.vstack([horizon.planned(EVERY), np.concatenate([start.position, np.zeros(3)])])
+    with pytest.raises(rho.ScenarioError) as refused:
+        horizon.step(states, EVERY * STEP, scenario=now)
+    assert refused.value.field == field
+    assert len(horizon.windows) == 1
+    horizon.step(horizon.planned(EVERY), EVERY * STEP)  # the mission goes on
+
+
+def test_flights_that_ended_can_be_stored_and_forgotten() -> None:
+    horizon, ended = fly(scene(*PILLARS), knots=20), list[rho.Flight]()
+    for knot in range(20, 100, EVERY):
+        if knot % 20 == 0:
+            ended += horizon.end_flight()
+        horizon.step(horizon.planned(knot), knot * STEP)
+        assert len(horizon.windows) <= 10
+    ended += horizon.end_flight()
+    assert [each.scenario.grid.start for each in ended] == pytest.approx([0.0, 2.0, 4.0, 6.0])
+    assert all(rho.verify(each).ok for each in ended)
+    whole = fly(scene(*PILLARS), knots=100).flight
+    for each in ended:
+        times = np.linspace(each.scenario.grid.start, each.scenario.grid.end, 7)
+        assert each.at(times).positions == pytest.approx(whole.at(times).positions, abs=1e-6)
+
+
+def test_a_map_seen_piece_by_piece_is_told_anew() -> None:
+    rng = np.random.default_rng(3)
+    places = np.unique(rng.integers([2, -12, 0], [30, 13, 1], (90, 3)), axis=0)
+    centers = 0.25 * (places[:, :2] + 0.5)
+    far = [np.linalg.norm(centers - end, axis=1) > 0.6 for end in ([0.0, 0.0], [8.0, 0.0])]
+    places, centers = places[far[0] & far[1]], centers[far[0] & far[1]]
+    known = np.zeros(len(places), dtype=bool)
+
+    def seen(position: np.ndarray) -> rho.Scenario:
+        known[np.linalg.norm(centers - position[:2], axis=1) < 2.5] = True
+        columns = np.repeat(places[known], 12, axis=0)
+        columns[:, 2] = np.tile(np.arange(12), known.sum())
+        return scene(rho.Obstacle(rho.Voxels(columns, 0.25), name="map"))
+
+    horizon = rho.RecedingHorizon(seen(np.zeros(3)), horizon=HORIZON, replan_every=1, fallback=None)
+    horizon.step(horizon.planned(0), 0.0)
+    for knot in range(1, 120):
+        states = horizon.planned(knot)
+        horizon.step(states, knot * STEP, scenario=seen(states[0, :3]))
+    assert len(horizon.flights) > 1
+    for flight in horizon.flights:
+        assert rho.verify(flight).ok
+        assert len(flight.scenario.bodies) < 20
+        x = samples(flight)[1][:, 0, None, :2]
+        beyond = np.maximum(np.abs(x - centers[known]) - 0.125, 0.0)
+        assert np.linalg.norm(beyond, axis=2).min() >= RADIUS - 1e-6
+    assert np.abs(samples(horizon.flights[-1])[1][-1, 0] - [8, 0, 1.5]).max() < 1e-6

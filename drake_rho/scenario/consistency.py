@@ -118,9 +118,12 @@ def check_ends(
     check_limits(fleet, vehicles, under_way=under_way)
     obstacles = [_at_ends(each, grid) for each in obstacles]
     margin, lead = smoothing
+    goals = fleet.given_goals("position")
+    if under_way:  # the goals of windows that may be missed are no places of vehicles
+        goals = np.where(fleet.fixed_positions[:, None], goals, np.nan)
     ends = (
         ("start", fleet.start_positions, grid.start, -lead),
-        ("goal", fleet.given_goals("position"), grid.end, lead),
+        ("goal", goals, grid.end, lead),
     )
     for end, positions, time, longer in ends[under_way:]:
         for at in np.linspace(time, time + longer, _RESTING if lead > 0.0 else 1):
