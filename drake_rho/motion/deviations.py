@@ -67,10 +67,9 @@ class Deviations:
         return np.asarray(~np.isnan(self.from_planned[0]))
 
 
-def largest_deviation(flight: Flight) -> Deviation | None:
-    """Return the largest deviation of measured positions; None without measurements."""
-    found = Deviations.of(flight)
-    if found is None or not found.seen.any():
+def largest_deviation(flight: Flight | None) -> Deviation | None:
+    """Return the largest deviation of measured positions in a flight; None without any."""
+    if flight is None or (found := Deviations.of(flight)) is None or not found.seen.any():
         return None
     far, fast = found.from_planned
     i, m = np.unravel_index(np.nanargmax(far), far.shape)

@@ -148,9 +148,10 @@ class MeasurementLog:
         """
         times, array = np.array(time, dtype=np.float64), np.array(states, dtype=np.float64)
         shape = (*times.shape, len(scenario.vehicles), 6)
-        if times.ndim > 1 or array.shape != shape:
-            expected = f"{shape} for {times.shape or 'a single'} time" + "s" * bool(times.shape)
-            raise ValueError(f"states: got shape {array.shape}, expected {expected}")
+        if times.ndim > 1:
+            raise ValueError(f"time: got shape {times.shape}, expected (M,) or a single time")
+        if array.shape != shape:
+            raise ValueError(f"states: got shape {array.shape}, expected {shape}")
         times, array = np.atleast_1d(times), array.reshape(-1, *shape[-2:])
         last = [part.times[-1:] for part in self._parts[-1:]]
         check_increasing(np.concatenate([*last, times]), scenario.grid.clock)

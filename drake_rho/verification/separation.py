@@ -17,6 +17,7 @@ import numpy as np
 
 from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.parts import Separation
+from drake_rho.scenario.records import Scenario
 from drake_rho.verification.check import AT_ALL_TIMES, AT_KNOTS, PRECISION, Column
 from drake_rho.verification.continuous_time import Least, least_over_time
 from drake_rho.verification.steps import Steps
@@ -51,25 +52,32 @@ class Closest:
 
 def closest_at_knots(trajectory: PiecewiseTrajectory, separation: Separation) -> Closest:
     """Return the closest approaches at the knots, for N >= 2 vehicles."""
-    from scipy.spatial import cKDTree  # imported here because it takes a tenth of a second to load
-
     positions = trajectory.positions[:, trajectory.knots]
     points = np.moveaxis(separation.scaled(positions), 1, 0)
     count, errors = points.shape[1], 2.0 * trajectory.errors(trajectory.knots)
     if not np.all(np.abs(points) < _LARGEST):  # also where a coordinate is NaN
         nothing = np.zeros(count)
         return Closest(np.zeros(count, dtype=int), nothing, np.full(count, np.nan), nothing)
-    found = [cKDTree(each).query(each, k=2) for each in points]
-    distances = np.array([each[0][:, 1] for each in found])
-    neighbours = np.array([each[1] for each in found])  # a point's first neighbour is the point
-    own = neighbours[..., 0] == np.arange(count)  # itself, or its second if two coincide
-    partners = np.where(own, neighbours[..., 1], neighbours[..., 0])
+    partners, distances = (
+        np.array(each) for each in zip(*map(nearest_others, points), strict=True)
+    )
     if trajectory.has_errors and not separation.is_round:
         far = FAR * separation.distance + errors
         partners, distances = _closest_to_ellipsoid(positions, separation, partners, far)
     k, vehicles = np.argmin(distances - errors[:, None], axis=0), np.arange(count)
     times = trajectory.elapsed[trajectory.knots][k]
     return Closest(partners[k, vehicles], times, distances[k, vehicles], errors[k])
+
+
+def nearest_others(points: FloatArray) -> tuple[IntArray, FloatArray]:
+    """Return the nearest other one of each of M >= 2 points, and its distance, shape (M,) each."""
+    from scipy.spatial import cKDTree  # imported here because it takes a tenth of a second to load
+
+    distances, neighbours = cKDTree(points).query(points, k=2)
+    own = neighbours[:, 0] == np.arange(
+        len(points)
+    )  # else the point itself is second: two coincide
+    return np.where(own, neighbours[:, 1], neighbours[:, 0]), distances[:, 1]
 
 
 def _closest_to_ellipsoid(
@@ -230,20 +238,36 @@ def check_separation(trajectory: PiecewiseTrajectory, far: float = FAR) -> Itera
     precision = PRECISION * separation.tolerance
     always = closest_at_all_times(trajectory, separation, knots, precision, far)
     for part, found in ((AT_KNOTS, knots), (AT_ALL_TIMES, always)):
-        names = [scenario.vehicles[partner].name for partner in found.partners]
-        limits = separation.distance + found.errors
-        yield Column(
-            kind="separation",
-            constraint="separation",
-            parts=[f"from {name} {part}" for name in names],
-            times=scenario.grid.start + found.times,
-            values=found.distances,
-            limits=limits,
-            excess=limits - found.distances,
-            tolerances=np.full(len(names), separation.tolerance),
-            errors=found.errors,
-            unit="m",
-            concerned=np.ones(len(names), dtype=bool),
-            asked=part == AT_KNOTS or scenario.between_knots,
-            partners=found.partners,
-        )
+        asked = part == AT_KNOTS or scenario.between_knots
+        yield separation_column(scenario, separation, part, found, asked=asked)
+
+
+def separation_column(
+    scenario: Scenario, separation: Separation, part: str, found: Closest, *, asked: bool = True
+) -> Column:
+    """Return the check of each vehicle's distance from its closest other vehicle.
+
+    Args:
+        scenario: scenario of the motion.
+        separation: its separation constraint.
+        part: instants at which it is verified.
+        found: closest approaches, of infinite distances for vehicles without any.
+        asked: whether the scenario requires it.
+    """
+    names = [scenario.vehicles[partner].name for partner in found.partners]
+    limits = separation.distance + found.errors
+    return Column(
+        kind="separation",
+        constraint="separation",
+        parts=[f"from {name} {part}" for name in names],
+        times=scenario.grid.start + found.times,
+        values=found.distances,
+        limits=limits,
+        excess=limits - found.distances,
+        tolerances=np.full(len(names), separation.tolerance),
+        errors=found.errors,
+        unit="m",
+        concerned=~np.isposinf(found.distances),
+        asked=asked,
+        partners=found.partners,
+    )

@@ -82,7 +82,7 @@ class Summary(metaclass=Described):
             time_bound=flown.statistics.time_bound,
             cost_bound=flown.windows[0].cost_bound if flown.windows else None,
             largest_jump=None if flown.simulation else largest_jump(flown.plan),
-            largest_deviation=flown.flight and largest_deviation(flown.flight),
+            largest_deviation=largest_deviation(flown.flight),
         )
 
 
