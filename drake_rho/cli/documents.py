@@ -44,7 +44,7 @@ _KEYS: dict[type, str] = {
     Sighting: "obstacle time_s=time avoided planned_for",
     Statistics: "seconds programs linearisations converged cut last_fall solver",
     Summary: "top_speed_mps=top_speed costs least_effort minimised time_bound_s=time_bound "
-    "cost_bound largest_deviation?",
+    "cost_bound largest_deviation",
     TimeCertificate: "scenario duration_s=duration bound_s=bound gap is_globally_optimal holds "
     "premise left_out relaxations cut vehicles",
     TimeSensitivity: "scenario duration_s=duration limits cut",

@@ -19,6 +19,7 @@ from drake_rho.motion.deviations import Deviations, largest_deviation
 from drake_rho.motion.flight import Flight
 from drake_rho.scenario.clock import clock_number, clock_time
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
+from drake_rho.scenario.pairs import nearest_others
 from drake_rho.scenario.parts import Quantity
 from drake_rho.scenario.records import TOLERANCE, Scenario
 from drake_rho.verification.boxes import box_column, box_constrained
@@ -32,7 +33,7 @@ from drake_rho.verification.obstacles import (
     obstacle_column,
 )
 from drake_rho.verification.requirements import requirement_column, requirement_constrained
-from drake_rho.verification.separation import Closest, nearest_others, separation_column
+from drake_rho.verification.separation import Closest, separation_column
 from drake_rho.verification.trajectory import PiecewiseTrajectory
 from drake_rho.verification.tubes import NO_ERRORS, Tubes
 
@@ -127,7 +128,7 @@ def _closest(scaled: FloatArray, samples: Deviations) -> Closest:
     times, distances = np.zeros(count), np.full(count, np.inf)
     for m in np.flatnonzero(samples.seen.sum(axis=0) > 1).tolist():
         who = np.flatnonzero(samples.seen[:, m])
-        others, away = nearest_others(scaled[who, m])
+        away, others = nearest_others(scaled[who, m])
         closer = away < distances[who]
         closest = who[closer]
         partners[closest], distances[closest] = who[others[closer]], away[closer]
@@ -171,8 +172,8 @@ def _outside_tube(flight: Flight, samples: Deviations) -> Iterator[str]:
     estimated = disturbance.position_error, disturbance.velocity_error
     outside = np.zeros(samples.seen.shape, dtype=bool)
     for quantity, error, off in zip(quantities, estimated, samples.from_planned, strict=True):
-        rounding = TOLERANCE * scenario.fleet.scale(quantity)[:, None]
-        outside |= off > tubes.at(quantity, times) + error + rounding  # false for NaN
+        negligible = TOLERANCE * scenario.fleet.scale(quantity)[:, None]
+        outside |= off > tubes.at(quantity, times) + error + negligible  # false for NaN
     if not outside.any():
         yield "all measured samples are within the error tube and the errors of the estimate"
         return

@@ -52,32 +52,25 @@ class Closest:
 
 def closest_at_knots(trajectory: PiecewiseTrajectory, separation: Separation) -> Closest:
     """Return the closest approaches at the knots, for N >= 2 vehicles."""
+    from scipy.spatial import cKDTree  # imported here because it takes a tenth of a second to load
+
     positions = trajectory.positions[:, trajectory.knots]
     points = np.moveaxis(separation.scaled(positions), 1, 0)
     count, errors = points.shape[1], 2.0 * trajectory.errors(trajectory.knots)
     if not np.all(np.abs(points) < _LARGEST):  # also where a coordinate is NaN
         nothing = np.zeros(count)
         return Closest(np.zeros(count, dtype=int), nothing, np.full(count, np.nan), nothing)
-    partners, distances = (
-        np.array(each) for each in zip(*map(nearest_others, points), strict=True)
-    )
+    found = [cKDTree(each).query(each, k=2) for each in points]
+    distances = np.array([each[0][:, 1] for each in found])
+    neighbours = np.array([each[1] for each in found])  # a point's first neighbour is the point
+    own = neighbours[..., 0] == np.arange(count)  # itself, or its second if two coincide
+    partners = np.where(own, neighbours[..., 1], neighbours[..., 0])
     if trajectory.has_errors and not separation.is_round:
         far = FAR * separation.distance + errors
         partners, distances = _closest_to_ellipsoid(positions, separation, partners, far)
     k, vehicles = np.argmin(distances - errors[:, None], axis=0), np.arange(count)
     times = trajectory.elapsed[trajectory.knots][k]
     return Closest(partners[k, vehicles], times, distances[k, vehicles], errors[k])
-
-
-def nearest_others(points: FloatArray) -> tuple[IntArray, FloatArray]:
-    """Return the nearest other one of each of M >= 2 points, and its distance, shape (M,) each."""
-    from scipy.spatial import cKDTree  # imported here because it takes a tenth of a second to load
-
-    distances, neighbours = cKDTree(points).query(points, k=2)
-    own = neighbours[:, 0] == np.arange(
-        len(points)
-    )  # else the point itself is second: two coincide
-    return np.where(own, neighbours[:, 1], neighbours[:, 0]), distances[:, 1]
 
 
 def _closest_to_ellipsoid(

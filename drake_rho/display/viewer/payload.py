@@ -170,6 +170,7 @@ def _layers(stage: Stage) -> list[dict[str, object]]:
     scenario = stage.shown.scenario
     entries = [
         ("Trails", ["trails"], True),
+        ("Measured", ["measured"], stage.shown.measured is not None),
         ("Predictions", ["predictions"], len(stage.windows) > 0),
         ("Contingencies", ["contingencies"], _with_contingencies(stage)),
         ("Tubes", ["tube", "tubes"], largest_tube(stage.simulation) > 0.0),
@@ -233,6 +234,7 @@ def _legend(stage: Stage) -> list[dict[str, str]]:
             f"half the required separation of {apart:g} m: shells must not overlap",
             scenario.separation is not None,
         ),
+        ("measured", "measured positions", stage.shown.measured is not None),
         ("planned", "faint: planned position", stage.simulation is not None),
         ("tube", f"error tube, at most {tube:.2g} m around the plan{small}", tube > 0.0),
         ("wind", f"wind; the longest arrow is {wind:.3g} m/s²", wind > 0.0),
