@@ -154,7 +154,7 @@ class MeasurementLog:
             raise ValueError(f"states: got shape {array.shape}, expected {shape}")
         times, array = np.atleast_1d(times), array.reshape(-1, *shape[-2:])
         last = [part.times[-1:] for part in self._parts[-1:]]
-        check_increasing(np.concatenate([*last, times]), scenario.grid.clock)
+        check_increasing(np.concatenate([*last, times]), scenario.grid.clock, "time")
         part = Measurements(scenario.names, times, array[..., :3], array[..., 3:])
         part.check_flight_of(scenario)
         if len(times) > 0:
@@ -170,12 +170,13 @@ class MeasurementLog:
         return Measurements(self._parts[0].names, *arrays)
 
 
-def check_increasing(times: FloatArray, clock: Clock) -> None:
+def check_increasing(times: FloatArray, clock: Clock, name: str = "times") -> None:
     """Check that each time is finite and after the one before.
 
     Args:
         times: on the scenario's clock [s], shape (M,).
         clock: by which they are compared.
+        name: of the argument, for the error.
 
     Raises:
         ValueError: a time is not.
@@ -185,4 +186,4 @@ def check_increasing(times: FloatArray, clock: Clock) -> None:
     if wrong.any():
         m = int(np.argmax(wrong))
         before = f"a time after {clock_time(float(times[m - 1]), 12)}" if m > 0 else "a finite time"
-        raise ValueError(f"times: got {clock_time(float(times[m]), 12)}, expected {before}")
+        raise ValueError(f"{name}: got {clock_time(float(times[m]), 12)}, expected {before}")

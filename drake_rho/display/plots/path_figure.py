@@ -236,7 +236,8 @@ class _Content:
         if plan.kind == "scenario":
             words.append("dashed: straight lines, not planned")
         elif self.in_windows:
-            words = ["thick: flown", "thin: the rest of each window's prediction", *words]
+            thick = "flown" if plan.measured is None else "planned"
+            words = [f"thick: {thick}", "thin: the rest of each window's prediction", *words]
             if any(window.braking is not None for window in plan.windows):
                 words.insert(2, "dotted, to a cross: contingencies, which brake to rest")
         else:
