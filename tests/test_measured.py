@@ -222,7 +222,7 @@ def in_wind(wind: float) -> rho.Flight:
 
 
 def test_a_loop_in_wind_is_recorded_and_stays_in_its_tube() -> None:
-    flight = in_wind(0.15)
+    flight = in_wind(0.05)
     report = rho.verify(flight)
     assert report.ok
     assert flight.measured is not None
@@ -230,9 +230,9 @@ def test_a_loop_in_wind_is_recorded_and_stays_in_its_tube() -> None:
     deviation = report.summary.largest_deviation
     assert deviation is not None
     assert deviation.position == pytest.approx(
-        0.15 * 0.5**2 / 2
+        0.05 * 0.5**2 / 2
     )  # the last two steps have one plan
-    assert deviation.velocity == pytest.approx(0.15 * 0.5)
+    assert deviation.velocity == pytest.approx(0.05 * 0.5)
     assert report.notes[-1].startswith("all measured samples are within the error tube")
 
 
@@ -360,8 +360,8 @@ def test_figures_and_page_show_measured_samples() -> None:
         assert "measured" not in before
     (panel, *_) = rho.distances_figure(with_log).axes
     far = np.linalg.norm(states[:, 0, :3] - [5.0, 1.3, 1.0], axis=1)
-    drawn = [np.asarray(line.get_ydata()) for line in panel.lines if len(line.get_xdata()) == 143]
-    assert any(np.allclose(each, far, equal_nan=True) for each in drawn)
+    drawn = [np.asarray(line.get_ydata()) for line in panel.lines]
+    assert any(len(each) == 143 and np.allclose(each, far, equal_nan=True) for each in drawn)
     assert "black: measured" in "".join(
         each.get_text() for each in rho.paths_figure(with_log).texts
     )
