@@ -243,6 +243,24 @@ def test_samples_outside_the_tube_are_told_with_the_first_time() -> None:
     assert "q1 from 100.02 s, q2 from 100.02 s" in told[0]
 
 
+def test_the_true_motion_as_a_log_is_judged_as_the_simulation_is() -> None:
+    """Values at the samples are those that `verify` finds for the true motion at every instant."""
+    courier = rho.load_scenario("courier")
+    true = rho.simulate(courier, wind=rho.winds.constant(courier, [0, 0.1, 0]))
+    log = rho.Measurements(courier.names, true.times, true.positions, true.velocities)
+    report = rho.verify(dataclasses.replace(true.flight, measured=log))
+    samples = {(each.kind, each.constraint): each for each in rows(report)}
+    of_truth = [each for each in rho.verify(true).checks if not each.part.endswith("knots")]
+    common = [each for each in of_truth if (each.kind, each.constraint) in samples]
+    assert {each.kind for each in common} == {"obstacles", "max_speed"}
+    assert len(common) == 4
+    for each in common:
+        sample = samples[each.kind, each.constraint]
+        assert sample.value == pytest.approx(each.value, abs=1e-5)
+        assert sample.limit == each.limit
+    assert report.notes[-1].startswith("all measured samples are within")
+
+
 def test_records_are_kept_in_files_with_every_bit(tmp_path: Path) -> None:
     flight = fly(scene())
     states = log_of(flight, TIMES)

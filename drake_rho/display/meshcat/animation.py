@@ -187,7 +187,7 @@ def draw(meshcat: Meshcat, stage: Stage, *, trails: bool) -> None:
         add_ends(tree, scene, scenario)
         if trails:
             add_trails(tree, scene, plan)
-    add_measured(tree, plan)
+        add_measured(tree, plan)
     add_predictions(tree, stage.windows)
     if stage.simulation is not None:
         add_disturbed(tree, scene, plan, stage.simulation, stage.vehicles)
