@@ -244,7 +244,7 @@ def test_samples_outside_the_tube_are_told_with_the_first_time() -> None:
 
 
 def test_the_true_motion_as_a_log_is_judged_as_the_simulation_is() -> None:
-    """Values at the samples are those that `verify` finds for the true motion at every instant."""
+    """The worst sample is nearly as bad as the true motion at every instant, and never worse."""
     courier = rho.load_scenario("courier")
     true = rho.simulate(courier, wind=rho.winds.constant(courier, [0, 0.1, 0]))
     log = rho.Measurements(courier.names, true.times, true.positions, true.velocities)
@@ -256,7 +256,7 @@ def test_the_true_motion_as_a_log_is_judged_as_the_simulation_is() -> None:
     assert len(common) == 4
     for each in common:
         sample = samples[each.kind, each.constraint]
-        assert sample.value == pytest.approx(each.value, abs=1e-5)
+        assert each.excess - 1e-4 <= sample.excess <= each.excess + 1e-9
         assert sample.limit == each.limit
     assert report.notes[-1].startswith("all measured samples are within")
 
