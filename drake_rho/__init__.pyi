@@ -33,6 +33,7 @@ from .motion.files import load as load
 from .motion.files import save as save
 from .motion.flight import Flight as Flight
 from .motion.flight import Window as Window
+from .motion.measurements import Measurements as Measurements
 from .motion.plan import Plan as Plan
 from .motion.samples import Samples as Samples
 from .motion.scenario_tube import error_tube as error_tube

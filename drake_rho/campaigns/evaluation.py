@@ -30,6 +30,12 @@ class Evaluation:
     tube_share: float | None = None
     """largest ratio of position error to tube radius; None for a plan or a flight, or without a
     disturbance"""
+    largest_deviation: float | None = None
+    """largest deviation of measured positions from the planned motion [m]; None without
+    measurements"""
+    measured_clearance: float | None = None
+    """least distance of measured positions from an obstacle beyond the required distance [m];
+    negative if too close; None without obstacles or measurements"""
     without_contingency: int | None = None
     """number of windows without a contingency; None if contingencies are off"""
     programs: int
@@ -39,6 +45,7 @@ class Evaluation:
 def evaluate(flown: Flown) -> Evaluation:
     """Evaluate a plan, a flight as flown, or the true motion of a simulation."""
     report, simulation = verify(flown), flown.simulation
+    deviation = report.summary.largest_deviation
     return Evaluation(
         violated=_worst(report),
         cost=flown.cost,
@@ -46,6 +53,8 @@ def evaluate(flown: Flown) -> Evaluation:
         obstacle_clearance=_least(report, "obstacles"),
         separation_clearance=_least(report, "separation"),
         tube_share=None if simulation is None else _share_of_tube(simulation),
+        largest_deviation=None if deviation is None else deviation.position,
+        measured_clearance=_least(report, "obstacles", measured=True),
         without_contingency=_without_contingency(flown),
         programs=flown.statistics.programs,
     )
@@ -56,9 +65,16 @@ def _worst(report: Report) -> str:
     return f"{violations[0].constraint} of {violations[0].vehicle}" if violations else ""
 
 
-def _least(report: Report, kind: str) -> float | None:
-    """Return the least clearance over the required checks of a kind [m]."""
-    excess = [check.excess for check in report.checks if check.asked and check.kind == kind]
+def _least(report: Report, kind: str, *, measured: bool = False) -> float | None:
+    """Return the least clearance over the required checks of a kind [m].
+
+    Args:
+        report: the report.
+        kind: kind of the checks.
+        measured: whether it is that of measured samples, not of the motion.
+    """
+    checks = [each for each in report.checks if each.kind == kind and each.asked]
+    excess = [check.excess for check in checks if check.is_measured == measured]
     return -max(excess) if excess else None
 
 

@@ -86,6 +86,10 @@ class Row:
     """least distance between vehicles beyond the required separation [m]"""
     tube_share: float | None = None
     """for a simulation, the largest ratio of position error to tube radius"""
+    largest_deviation: float | None = None
+    """for a flight with measurements, the largest deviation from the planned motion [m]"""
+    measured_clearance: float | None = None
+    """for such a flight, the least measured distance from an obstacle beyond that required [m]"""
     without_contingency: int | None = None
     """number of windows without a contingency, if contingencies are on"""
     programs: int | None = None

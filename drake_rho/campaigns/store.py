@@ -21,7 +21,7 @@ from drake_rho.system.files import check_readable, reason_of
 _APPLICATION = 0x72686F31
 """Application identifier of the SQLite file: 'rho1'."""
 
-FORMAT = 4
+FORMAT = 5
 """Version of the tables' format, in the file's `user_version`."""
 
 _PATIENCE = 30.0

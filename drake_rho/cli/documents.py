@@ -18,6 +18,7 @@ from drake_rho.analysis.changes import Change, NewNumbers
 from drake_rho.analysis.diagnosis import Diagnosis
 from drake_rho.analysis.sensitivity import LimitEffect, TimeSensitivity
 from drake_rho.analysis.time_certificate import TimeCertificate, VehicleTimeBound
+from drake_rho.motion.deviations import Deviation
 from drake_rho.motion.flight import Sighting, Window
 from drake_rho.motion.statistics import Statistics
 from drake_rho.paper.study import Claim, Example
@@ -32,6 +33,7 @@ _KEYS: dict[type, str] = {
     Check: "vehicle constraint=what time_s=time value limit excess errors unit holds asked "
     "penalty? price?",
     Claim: "number claim=text evidence found",
+    Deviation: "vehicle time_s=time position_m=position velocity_mps=velocity",
     Diagnosis: "scenario feasible conflicts premise violations changes "
     "shortest_duration_s=shortest_duration longest_duration_s=longest_duration is_monotone "
     "acceleration_factor bearable_wind_mps2=bearable_wind cut untried",
@@ -42,7 +44,7 @@ _KEYS: dict[type, str] = {
     Sighting: "obstacle time_s=time avoided planned_for",
     Statistics: "seconds programs linearisations converged cut last_fall solver",
     Summary: "top_speed_mps=top_speed costs least_effort minimised time_bound_s=time_bound "
-    "cost_bound",
+    "cost_bound largest_deviation",
     TimeCertificate: "scenario duration_s=duration bound_s=bound gap is_globally_optimal holds "
     "premise left_out relaxations cut vehicles",
     TimeSensitivity: "scenario duration_s=duration limits cut",

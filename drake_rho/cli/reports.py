@@ -98,9 +98,9 @@ def _document(
 
 
 def _least(report: Report, kind: str) -> float | None:
-    """Return the least value of the required checks of a kind."""
-    values = (each.value for each in report.checks if each.asked and each.kind == kind)
-    return min(values, default=None)
+    """Return the least value of the required checks of a kind, without those of samples."""
+    checks = [each for each in report.checks if each.kind == kind and not each.is_measured]
+    return min((each.value for each in checks if each.asked), default=None)
 
 
 def _text(flown: Flown, printed: Printed) -> Iterator[str | Table]:

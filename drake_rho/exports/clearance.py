@@ -56,7 +56,8 @@ def spare_of(flown: Flown, deviations: FloatArray) -> Spare:
     """
     report, scenario = verify(flown), flown.scenario
     own = dict(zip((vehicle.name for vehicle in scenario.vehicles), deviations, strict=True))
-    checks = [check for check in report.checks if check.asked and check.kind in _DISTANCES]
+    planned = [check for check in report.checks if not check.is_measured]
+    checks = [check for check in planned if check.asked and check.kind in _DISTANCES]
     checks = [check for check in checks if check.unit == UNITS["position"]]
     closer = [_closer_by(check, scenario, own) for check in checks]
     return Spare(

@@ -6,6 +6,7 @@ ending.
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import zipfile
 from collections.abc import Mapping, Sequence
@@ -19,6 +20,7 @@ from pydantic import TypeAdapter
 from drake_rho.motion.documents import is_document, read_document
 from drake_rho.motion.flight import Flight, Window, beginnings
 from drake_rho.motion.flown import Flown
+from drake_rho.motion.measurements import Measurements
 from drake_rho.motion.plan import Plan
 from drake_rho.motion.simulation import Simulation
 from drake_rho.motion.statistics import Statistics
@@ -64,6 +66,8 @@ _ELAPSED, _LOST = "simulation.elapsed", "simulation.lost"
 _STATISTICS = TypeAdapter(Statistics)
 _JUMPS = "plan.jumps"
 """Name of the knots at which a flight jumps; missing if it has no jumps."""
+_MEASURED = ("times", "positions", "velocities")
+"""Arrays of a flight's measurements; all are missing if it has none."""
 _PARTS = ("scenario", "statistics", *_ARRAYS)
 
 
@@ -96,7 +100,7 @@ def save(planned: Flown, path: str | Path) -> None:
     maps = list[Map]()  # each stored once for all windows
     content = {"format": f"drake_rho {planned.kind} 1"} | _pack("plan", planned.plan, maps)
     if planned.flight is not None:
-        content |= _pack_windows(planned.windows, maps)
+        content |= _pack_windows(planned.windows, maps) | _pack_measured(planned.flight.measured)
     if planned.plan.jumps:
         content[_JUMPS] = np.array(planned.plan.jumps)
     if planned.simulation is not None:
@@ -183,6 +187,8 @@ def _unpack_all(path: str | Path, content: Archive) -> Flown:
     if form != _PLAN:
         expected |= {"first_knots", "infeasible"}
         optional |= set(_WINDOW_FIELDS)
+        if "measured.times" in content:
+            expected |= {f"measured.{name}" for name in _MEASURED}
     if form == _SIMULATION:
         expected |= {"plant", *(f"simulation.{name}" for name in _SIMULATED)}
         optional |= {_ELAPSED, _LOST}
@@ -235,7 +241,7 @@ def _unpack_flight(content: Archive, first_knots: list[int], maps: Sequence[Map]
     if plan.scenario.smoothing:
         motion = plan.motion()
         windows = tuple(each.going_on(motion.flown_until(each.first_knot)) for each in windows)
-    return _with_jumps(Flight(plan, windows))
+    return _with_jumps(Flight(plan, windows, _unpack_measured(plan.scenario, content)))
 
 
 def _with_jumps(flight: Flight) -> Flight:
@@ -250,7 +256,7 @@ def _with_jumps(flight: Flight) -> Flight:
     forgetful = Plan.from_accelerations(plan.scenario, flown.plan.accelerations)
     if any(not np.array_equal(getattr(plan, each), getattr(forgetful, each)) for each in _ARRAYS):
         return flight
-    return Flight(flown.plan.with_statistics(plan.statistics), flight.windows)
+    return dataclasses.replace(flight, plan=flown.plan.with_statistics(plan.statistics))
 
 
 def _prefixes(windows: int, content: Mapping[str, np.ndarray]) -> list[dict[str, str]]:
@@ -260,6 +266,21 @@ def _prefixes(windows: int, content: Mapping[str, np.ndarray]) -> list[dict[str,
         if f"{each['contingency']}.scenario" not in content:
             del each["contingency"]
     return every
+
+
+def _pack_measured(measured: Measurements | None) -> dict[str, Any]:
+    if measured is None:
+        return {}
+    return {f"measured.{name}": getattr(measured, name) for name in _MEASURED}
+
+
+def _unpack_measured(scenario: Scenario, content: Archive) -> Measurements | None:
+    if "measured.times" not in content:
+        return None
+    (count,) = content.shape("measured.times")
+    for name in _MEASURED[1:]:
+        _check_shape(content, f"measured.{name}", (count, len(scenario.vehicles), 3))
+    return Measurements(scenario.names, *(content[f"measured.{name}"] for name in _MEASURED))
 
 
 def _pack_simulation(simulation: Simulation) -> dict[str, Any]:

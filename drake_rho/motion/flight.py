@@ -9,6 +9,7 @@ from typing import Literal, Self
 import numpy as np
 import numpy.typing as npt
 
+from drake_rho.motion.measurements import Measurements
 from drake_rho.motion.plan import Plan, summary
 from drake_rho.motion.remainders import goes_on
 from drake_rho.motion.samples import Samples
@@ -137,6 +138,11 @@ class Flight(ShownInNotebooks, metaclass=Described):
 
     It is a sequence of pieces. A window that begins at measured states starts a new piece, to which
     the motion jumps; other windows continue the piece before.
+
+    A log of the real flight may be added afterwards, with `dataclasses.replace(flight, measured=)`.
+
+    Raises:
+        ValueError: the measurements are of other vehicles, or from before the flight.
     """
 
     plan: Plan
@@ -144,8 +150,12 @@ class Flight(ShownInNotebooks, metaclass=Described):
     these states were measured, the motion jumps (`Plan.jumps`)"""
     windows: tuple[Window, ...]
     """windows of the flight, in the order of time"""
+    measured: Measurements | None = None
+    """states measured in the flight, which it was not planned from; None without any"""
 
     def __post_init__(self) -> None:
+        if self.measured is not None:
+            self.measured.check_flight_of(self.scenario)
         if (scaled := _with_scales_of(self.windows, self.plan)) is not self.plan:
             object.__setattr__(self, "plan", scaled)
 

@@ -1,33 +1,14 @@
-"""Jumps of flights where windows begin at measured states: `Jump`."""
+"""Jumps of flights where windows begin at measured states."""
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 
+from drake_rho.motion.deviations import Deviation
 from drake_rho.motion.plan import Plan
 from drake_rho.scenario.clock import clock_time
-from drake_rho.scenario.described import Described
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.records import TOLERANCE
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Jump(metaclass=Described):
-    """Difference of a vehicle's measured state from the motion before it."""
-
-    vehicle: str
-    """name of the vehicle"""
-    time: float
-    """time on the scenario's clock [s]"""
-    position: float
-    """distance between the positions before and after [m]"""
-    velocity: float
-    """norm of the change of the velocity [m/s]"""
-
-    def __str__(self) -> str:
-        return f"{self.position:.3g} m and {self.velocity:.3g} m/s"
 
 
 def jump_sizes(plan: Plan) -> tuple[FloatArray, FloatArray]:
@@ -48,7 +29,7 @@ def jump_sizes(plan: Plan) -> tuple[FloatArray, FloatArray]:
     )
 
 
-def largest_jump(plan: Plan) -> Jump | None:
+def largest_jump(plan: Plan) -> Deviation | None:
     """Return the largest jump of a motion; None if there is none beyond rounding.
 
     It is the one of the position or, where no position jumps, of the velocity.
@@ -59,7 +40,7 @@ def largest_jump(plan: Plan) -> Jump | None:
     for sizes, scale in ((away, fleet.scale("position")), (faster, fleet.scale("velocity"))):
         if (sizes > TOLERANCE * scale[:, None]).any():
             i, j = np.unravel_index(np.argmax(sizes), sizes.shape)
-            return Jump(
+            return Deviation(
                 vehicle=plan.scenario.names[i],
                 time=float(plan.times[plan.jumps[j]]),
                 position=float(away[i, j]),

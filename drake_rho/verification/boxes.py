@@ -14,7 +14,7 @@ from drake_rho.scenario.bounds import Bounds
 from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.parts import UNITS
 from drake_rho.scenario.records import Quantity, Scenario
-from drake_rho.verification.check import AT_ALL_TIMES, AT_KNOTS, PRECISION, Column
+from drake_rho.verification.check import AT_ALL_TIMES, AT_KNOTS, MEASURED, PRECISION, Column
 from drake_rho.verification.continuous_time import Least, least_over_time
 from drake_rho.verification.highest_over_time import Curves, Highest, Measure
 from drake_rho.verification.keep_in import Constrained
@@ -26,9 +26,9 @@ def check_position_box(trajectory: PiecewiseTrajectory) -> Iterator[Column]:
     """Verify the position box, if there is one, at the knots and at every instant."""
     box = trajectory.scenario.fleet.bounds("position")
     if box is not None:
-        constrained = _constrained(trajectory, "position", box)
-        yield _check_box(trajectory.scenario, "position", AT_KNOTS, box, constrained.at_knots())
-        yield _check_box(trajectory.scenario, "position", AT_ALL_TIMES, box, constrained.greatest())
+        constrained = box_constrained(trajectory, "position", box)
+        yield box_column(trajectory.scenario, "position", AT_KNOTS, box, constrained.at_knots())
+        yield box_column(trajectory.scenario, "position", AT_ALL_TIMES, box, constrained.greatest())
 
 
 def check_boxes(trajectory: PiecewiseTrajectory) -> Iterator[Column]:
@@ -38,12 +38,14 @@ def check_boxes(trajectory: PiecewiseTrajectory) -> Iterator[Column]:
     quantities: tuple[Quantity, ...] = ("velocity", "acceleration", "jerk")
     for quantity in quantities:
         if (box := scenario.fleet.bounds(quantity)) is not None:
-            greatest = _constrained(trajectory, quantity, box).greatest()
-            yield _check_box(scenario, quantity, AT_KNOTS, box, greatest)
+            greatest = box_constrained(trajectory, quantity, box).greatest()
+            yield box_column(scenario, quantity, AT_KNOTS, box, greatest)
     yield from position[1:]
 
 
-def _constrained(trajectory: PiecewiseTrajectory, quantity: Quantity, box: Bounds) -> Constrained:
+def box_constrained(
+    trajectory: PiecewiseTrajectory, quantity: Quantity, box: Bounds
+) -> Constrained:
     """Return a quantity of all vehicles that has to stay in a box."""
     precision = PRECISION * box.tolerances
     return Constrained.by_all(trajectory, quantity, _sides, precision, _greatest_sides)
@@ -102,7 +104,7 @@ def _near_sides(curves: Curves, vehicles: int) -> tuple[IntArray, IntArray, IntA
     return which, side, axis
 
 
-def _check_box(
+def box_column(
     scenario: Scenario, quantity: Quantity, when: str, bounds: Bounds, greatest: Highest
 ) -> Column:
     """Return the check of one box: each vehicle's most violated, or else closest, side."""
@@ -114,7 +116,7 @@ def _check_box(
     i = np.arange(len(values))
     # every knot was skipped; of a vehicle at rest, rounding may swap the two values
     no_value = (values[:, 0, 0] == np.inf) & (values[:, 1, 0] == -np.inf)
-    at = f" {when}" if quantity == "position" else ""
+    at = f" {when}" if quantity == "position" or when == MEASURED else ""
     return Column(
         kind=quantity,
         constraint=f"{quantity} box",
@@ -126,7 +128,7 @@ def _check_box(
         excess=excess[i, side, axis],
         tolerances=bounds.tolerances[i, axis],
         unit=UNITS[quantity],
-        asked=when == AT_KNOTS or scenario.between_knots,
+        asked=when != AT_ALL_TIMES or scenario.between_knots,
         concerned=np.isfinite(bounds.lower[:, 0]) & ~no_value,
     )
 

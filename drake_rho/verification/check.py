@@ -14,6 +14,9 @@ from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 AT_KNOTS, AT_ALL_TIMES = "at knots", "at all times"
 """Instants at which a constraint is verified, as named in `Check.part`."""
 
+MEASURED = "at measured samples"
+"""Instants at which states were measured: a check of these states, not of the motion."""
+
 PRECISION = 0.01
 """Precision of the worst values between the knots, as a fraction of a constraint's tolerance."""
 
@@ -62,6 +65,11 @@ class Check(metaclass=Described):
         if self.penalty is None:
             return None
         return 0.0 if self.holds else self.penalty * self.excess
+
+    @property
+    def is_measured(self) -> bool:
+        """Whether it is of measured states, at the samples, and not of the motion."""
+        return self.part.endswith(MEASURED)
 
     @property
     def what(self) -> str:
@@ -129,6 +137,10 @@ class Column:
         if penalties is None:
             return self
         return dataclasses.replace(self, asked=False, penalties=penalties if counted else None)
+
+    def where(self, concerned: BoolArray) -> Self:
+        """Return the column for those of its vehicles that a flag selects, shape (N,)."""
+        return dataclasses.replace(self, concerned=self.concerned & concerned)
 
     def is_beyond(self, vehicle: int, part: float = 1.0) -> bool:
         """Return whether a vehicle is beyond a limit by more than a part of the tolerance."""

@@ -98,6 +98,18 @@ class Constrained:
             return self._greatest_accelerations()
         return self._greatest_jerks()
 
+    def at_samples(self, times: FloatArray, values: FloatArray, unseen: BoolArray) -> Highest:
+        """Return the greatest measure of other values, at those of their times that are required.
+
+        Args:
+            times: since the first knot [s], shape (T,).
+            values: of the quantity of all vehicles, in its unit, shape (N, T, 3).
+            unseen: flags of values that do not count, shape (N, T).
+        """
+        here = self._active(times)
+        times, values, unseen = times[here], values[:, here], unseen[:, here]
+        return self._greatest_of(times, values, np.zeros(len(times)), unseen)
+
     def at_knots(self) -> Highest:
         """Return the greatest measure of positions at the knots, or at the one instant."""
         instants = self._active(self.trajectory.elapsed)

@@ -31,18 +31,23 @@ def check_norms(trajectory: PiecewiseTrajectory) -> Iterator[Column]:
             yield _check_tilt(limit, trajectory.times[:-1], trajectory.commands)
 
 
-def _check_length(trajectory: PiecewiseTrajectory, limit: NormLimit) -> Column:
-    """Return the check of the largest norm of each vehicle."""
+def length_constrained(trajectory: PiecewiseTrajectory, limit: NormLimit) -> Constrained:
+    """Return a quantity of all vehicles whose norm is limited."""
 
     def length(who: IntArray, x: FloatArray, times: FloatArray) -> FloatArray:
         return limit.kind.measured(x)
 
     precision, quantity = PRECISION * limit.sets.tolerances, limit.kind.quantity
-    found = Constrained.by_all(trajectory, quantity, length, precision).greatest()
+    return Constrained.by_all(trajectory, quantity, length, precision)
+
+
+def _check_length(trajectory: PiecewiseTrajectory, limit: NormLimit) -> Column:
+    """Return the check of the largest norm of each vehicle."""
+    found = length_constrained(trajectory, limit).greatest()
     times, values = trajectory.scenario.grid.start + found.times, found.values
     values = np.where(np.isneginf(values), 0.0, values)  # every jerk is unknown
     most = np.where(found.errors > 0.0, limit.limits - found.errors, limit.limits)
-    return _column(limit, Highest(times, values, found.errors), most, limit.sets.tolerances)
+    return norm_column(limit, Highest(times, values, found.errors), most, limit.sets.tolerances)
 
 
 def _check_tilt(limit: NormLimit, times: FloatArray, commands: FloatArray) -> Column:
@@ -62,7 +67,7 @@ def _check_tilt(limit: NormLimit, times: FloatArray, commands: FloatArray) -> Co
     violated = np.any(excess > tolerances, axis=1, keepdims=True)
     k = np.argmax(np.where(violated, excess / tolerances, angles), axis=1)
     found = Highest(times[k], _pick(angles, k), np.zeros(len(k)))
-    return _column(limit, found, limit.limits, _pick(tolerances, k))
+    return norm_column(limit, found, limit.limits, _pick(tolerances, k))
 
 
 def _check_inside_cone(trajectory: PiecewiseTrajectory, limit: NormLimit) -> Column:
@@ -93,11 +98,14 @@ def _check_inside_cone(trajectory: PiecewiseTrajectory, limit: NormLimit) -> Col
     )
 
 
-def _column(limit: NormLimit, found: Highest, most: FloatArray, tolerances: FloatArray) -> Column:
+def norm_column(
+    limit: NormLimit, found: Highest, most: FloatArray, tolerances: FloatArray, part: str = ""
+) -> Column:
+    """Return the check of each vehicle's largest norm, at times on the scenario's clock."""
     return Column(
         kind=limit.field,
         constraint=limit.kind.name,
-        parts=[""] * len(found.values),
+        parts=[part] * len(found.values),
         times=found.times,
         values=found.values,
         limits=most,

@@ -21,6 +21,7 @@ from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.maps.map import Map
 from drake_rho.scenario.maps.parts import Boxes, Parts, Triangles, nearest_on_triangles
 from drake_rho.scenario.obstacles import Obstacle
+from drake_rho.scenario.records import Scenario
 from drake_rho.scenario.shapes.base import Solid
 from drake_rho.scenario.times import Clock
 from drake_rho.verification.check import AT_ALL_TIMES, AT_KNOTS, PRECISION, Column
@@ -116,36 +117,55 @@ def check_obstacle(trajectory: PiecewiseTrajectory, number: int) -> Iterator[Col
         trajectory: the trajectory to verify.
         number: number of the obstacle, from 1.
     """
-    scenario, start = trajectory.scenario, trajectory.scenario.grid.start
+    scenario = trajectory.scenario
     obstacle, name = scenario.bodies_in_flight[number - 1], scenario.obstacle_name(number)
     late = number not in {number for number, _ in scenario.known}
     since = obstacle.known_from if late else 0.0
     seen = relative_to(trajectory, obstacle, since)
-    required = scenario.fleet.radii + obstacle.deviation
     for known in (True, False) if late else (True,):
         both = seen.closest(obstacle.shape, since, known=known)
         for part, found in zip((AT_KNOTS, AT_ALL_TIMES), both, strict=True):
-            limits = np.where(found.errors > 0.0, required + found.errors, required)
-            column = Column(
-                kind="obstacles",
-                constraint=name if known else f"{name} before it is known",
-                parts=[part] * len(limits),
-                times=start + found.times,
-                values=found.clearances,
-                limits=limits,
-                excess=limits - found.clearances,
-                tolerances=scenario.fleet.obstacle_tolerances(obstacle.shape),
-                errors=found.errors,
-                unit="m",
-                asked=known and (part == AT_KNOTS or scenario.between_knots),
-                concerned=~np.isposinf(found.clearances),  # else it is never avoided in this flight
-            )
+            asked = known and (part == AT_KNOTS or scenario.between_knots)
+            column = obstacle_column(scenario, number, part, found, asked=asked)
+            if not known:
+                column = dataclasses.replace(column, constraint=f"{name} before it is known")
             counted = known and part == (AT_ALL_TIMES if scenario.between_knots else AT_KNOTS)
             yield column.softened(obstacle.prices(scenario.fleet.weights), counted=counted)
 
 
+def obstacle_column(
+    scenario: Scenario, number: int, part: str, found: Nearest, *, asked: bool = True
+) -> Column:
+    """Return the check of each vehicle's least clearance from an obstacle.
+
+    Args:
+        scenario: scenario of the motion.
+        number: number of the obstacle, from 1.
+        part: instants at which it is verified.
+        found: least clearances.
+        asked: whether the scenario requires it.
+    """
+    obstacle, fleet = scenario.bodies[number - 1], scenario.fleet
+    required = fleet.radii + obstacle.deviation
+    limits = np.where(found.errors > 0.0, required + found.errors, required)
+    return Column(
+        kind="obstacles",
+        constraint=scenario.obstacle_name(number),
+        parts=[part] * len(limits),
+        times=scenario.grid.start + found.times,
+        values=found.clearances,
+        limits=limits,
+        excess=limits - found.clearances,
+        tolerances=fleet.obstacle_tolerances(obstacle.shape),
+        errors=found.errors,
+        unit="m",
+        asked=asked,
+        concerned=~np.isposinf(found.clearances),  # else it is never avoided in this flight
+    )
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
-class _Closest:
+class Nearest:
     """Least clearance of each vehicle from an obstacle, with errors; arrays of shape (N,)."""
 
     times: FloatArray
@@ -225,7 +245,7 @@ class RelativeMotion:
         """Largest uncertainty in each piece [m], shape (J,)."""
         return self.uncertainty[1:]
 
-    def closest(self, shape: Solid, since: float, *, known: bool) -> tuple[_Closest, _Closest]:
+    def closest(self, shape: Solid, since: float, *, known: bool) -> tuple[Nearest, Nearest]:
         """Return the least clearances from the shape: at the knots, and at all times.
 
         Exact distances are skipped at instants that the bounding box shows not to be closest.
@@ -245,9 +265,9 @@ class RelativeMotion:
         if knots.any():
             x, errors = self.positions[:, knots], trajectory.errors(knots)
             beyond = errors + self.uncertainty[knots]
-            k, values = _least_at(shape, x, outside[:, knots] - beyond, beyond)
+            k, values = least_at(shape, x, outside[:, knots] - beyond, beyond)
             times, off = instants[knots][k], errors[k]
-        at_knots = _Closest(times, values + off, off)
+        at_knots = Nearest(times, values + off, off)
 
         # a smooth motion begins before the first knot, from which obstacles are known
         since = since if since > 0.0 else instants[0]
@@ -282,7 +302,7 @@ class RelativeMotion:
         always, off, at = np.array(times), np.array(off), least.steps[found]
         always[found] = trajectory.moments(piece[at], least.moments[found])
         off[found] = error_radii.radii(at, least.moments[found, None])[:, 0]
-        return at_knots, _Closest(always, least.values + off, off)
+        return at_knots, Nearest(always, least.values + off, off)
 
 
 def relative_to(
@@ -308,7 +328,7 @@ def relative_to(
     return RelativeMotion(trajectory, obstacle, clock, positions, steps, errors)
 
 
-def _least_at(
+def least_at(
     shape: Solid, x: FloatArray, at_least: FloatArray, errors: FloatArray
 ) -> tuple[IntArray, FloatArray]:
     """Return the index of each vehicle's closest position to a shape, and its distance there.

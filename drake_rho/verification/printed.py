@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 from drake_rho.scenario.clock import clock_number, clock_time
 from drake_rho.system.numbers import percent
-from drake_rho.verification.check import AT_ALL_TIMES, AT_KNOTS, Check
+from drake_rho.verification.check import AT_ALL_TIMES, AT_KNOTS, MEASURED, Check
 from drake_rho.verification.summary import Summary
 
 LONGEST = 12
@@ -70,6 +70,8 @@ def facts(
         if violated and nearest.holds:
             worst = max(violated, key=lambda check: check.badness)
             yield "  between knots", f"{_place(worst)}; not required"
+        if (sample := closest(checks, kind, measured=True)) is not None:
+            yield "  measured", _distance(sample)
     at = clock_time(summary.fastest_at)
     yield "top speed", f"{summary.top_speed:.4g} m/s, {summary.fastest} at {at}"
     times = f"{clock_number(summary.start)} to {clock_time(summary.end)}"
@@ -93,9 +95,16 @@ def in_words(check: Check) -> str:
     return f"soft: {check.what}, exceeded for {check.vehicle} {much}, for {check.price:.6g} m²/s⁴"
 
 
-def closest(checks: Iterable[Check], kind: str) -> Check | None:
-    """Return the required check of a kind with the smallest margin; None if there is none."""
-    required = (check for check in checks if check.asked and check.kind == kind)
+def closest(checks: Iterable[Check], kind: str, *, measured: bool = False) -> Check | None:
+    """Return the required check of a kind with the smallest margin; None if there is none.
+
+    Args:
+        checks: all checks.
+        kind: kind of the check.
+        measured: whether it is of measured samples, not of the motion.
+    """
+    which = (each for each in checks if each.kind == kind and each.is_measured == measured)
+    required = (check for check in which if check.asked)
     return max(required, key=lambda check: check.badness, default=None)
 
 
@@ -112,7 +121,8 @@ def _distance(check: Check) -> str:
 def _place(check: Check) -> str:
     """Return a vehicle's distance from an obstacle or another vehicle, and when."""
     other = check.constraint if check.kind == "obstacles" else check.part.removeprefix("from ")
-    other = other.removesuffix(AT_KNOTS).removesuffix(AT_ALL_TIMES).rstrip()
+    for instants in (AT_KNOTS, AT_ALL_TIMES, MEASURED):
+        other = other.removesuffix(instants).rstrip()
     how = f"{check.value:.4g} m from" if check.value >= 0.0 else f"{-check.value:.4g} m inside"
     if abs(check.value) <= check.tolerance:
         how = "on the surface of"

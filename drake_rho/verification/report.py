@@ -71,7 +71,7 @@ class Report(metaclass=Described):
     @property
     def tightest(self) -> tuple[Check, ...]:
         """Check with the smallest margin, for each constraint."""
-        tightest: dict[tuple[str, str, bool], Check] = {}
+        tightest: dict[tuple[str, str, bool, bool], Check] = {}
         for check in self.checks:
             before = tightest.get(_kind(check))
             if before is None or check.badness > before.badness:
@@ -80,12 +80,18 @@ class Report(metaclass=Described):
 
     @property
     def clearance(self) -> Check | None:
-        """Check of the vehicle that is closest to an obstacle; None if no clearance is required."""
+        """Check of the vehicle that is closest to an obstacle; None if no clearance is required.
+
+        It is that of the motion, not of measured samples.
+        """
         return closest(self.checks, "obstacles")
 
     @property
     def separation(self) -> Check | None:
-        """Check of the two vehicles that are closest; None if no separation is required."""
+        """Check of the two vehicles that are closest; None if no separation is required.
+
+        It is that of the motion, not of measured samples.
+        """
         return closest(self.checks, "separation")
 
     def __str__(self) -> str:
@@ -176,9 +182,9 @@ def _outcome(sighting: Sighting) -> str:
     return " and was not avoided: no plan was found in time"
 
 
-def _kind(check: Check) -> tuple[str, str, bool]:
+def _kind(check: Check) -> tuple[str, str, bool, bool]:
     """Return the kind of a check: one row of a table, whose excesses have one unit."""
-    return check.constraint, check.unit, check.part.endswith(AT_ALL_TIMES)
+    return check.constraint, check.unit, check.part.endswith(AT_ALL_TIMES), check.is_measured
 
 
 def _price(check: Check) -> float:

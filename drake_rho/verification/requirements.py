@@ -11,7 +11,7 @@ import numpy as np
 
 from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.requirements import KeepIn
-from drake_rho.verification.check import AT_ALL_TIMES, AT_KNOTS, PRECISION, Column
+from drake_rho.verification.check import AT_ALL_TIMES, AT_KNOTS, MEASURED, PRECISION, Column
 from drake_rho.verification.highest_over_time import Highest
 from drake_rho.verification.keep_in import EVER, Constrained
 from drake_rho.verification.trajectory import PiecewiseTrajectory
@@ -26,8 +26,8 @@ def check_requirements(trajectory: PiecewiseTrajectory) -> Iterator[Column]:
         elif required.quantity == "position" and not required.is_goal:
             yield from check_positions(trajectory, number)
         else:
-            quantity = _constrained(trajectory, required)
-            yield _column(quantity, number, quantity.greatest(), "")
+            quantity = requirement_constrained(trajectory, required)
+            yield requirement_column(quantity, number, quantity.greatest(), "")
 
 
 def check_positions(trajectory: PiecewiseTrajectory, number: int) -> Iterator[Column]:
@@ -37,12 +37,12 @@ def check_positions(trajectory: PiecewiseTrajectory, number: int) -> Iterator[Co
         trajectory: trajectory of all vehicles.
         number: number of the requirement, from 1; it is active in the flight.
     """
-    quantity = _constrained(trajectory, trajectory.scenario.required[number - 1])
-    yield _column(quantity, number, quantity.at_knots(), AT_KNOTS)
-    yield _column(quantity, number, quantity.greatest(), AT_ALL_TIMES)
+    quantity = requirement_constrained(trajectory, trajectory.scenario.required[number - 1])
+    yield requirement_column(quantity, number, quantity.at_knots(), AT_KNOTS)
+    yield requirement_column(quantity, number, quantity.greatest(), AT_ALL_TIMES)
 
 
-def _constrained(trajectory: PiecewiseTrajectory, required: KeepIn) -> Constrained:
+def requirement_constrained(trajectory: PiecewiseTrajectory, required: KeepIn) -> Constrained:
     """Return the quantity that a requirement keeps in its set."""
     scenario, grid = trajectory.scenario, trajectory.scenario.grid
     own, names, fleet = required.since(grid), scenario.names, scenario.fleet
@@ -73,7 +73,7 @@ def _constrained(trajectory: PiecewiseTrajectory, required: KeepIn) -> Constrain
     )
 
 
-def _column(quantity: Constrained, number: int, worst: Highest, when: str) -> Column:
+def requirement_column(quantity: Constrained, number: int, worst: Highest, when: str) -> Column:
     """Return the checks of the vehicles concerned at their worst instants."""
     scenario = quantity.trajectory.scenario
     required, count = scenario.required[number - 1], len(scenario.vehicles)
@@ -97,7 +97,8 @@ def _column(quantity: Constrained, number: int, worst: Highest, when: str) -> Co
     )
     always = scenario.between_knots or quantity.is_instant
     prices = required.prices(scenario.fleet, scenario.names)
-    return column.softened(prices, counted=when != (AT_KNOTS if always else AT_ALL_TIMES))
+    counted = when not in (MEASURED, AT_KNOTS if always else AT_ALL_TIMES)
+    return column.softened(prices, counted=counted)
 
 
 def _about(required: KeepIn) -> str:

@@ -17,6 +17,7 @@ import numpy as np
 
 from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.parts import Separation
+from drake_rho.scenario.records import Scenario
 from drake_rho.verification.check import AT_ALL_TIMES, AT_KNOTS, PRECISION, Column
 from drake_rho.verification.continuous_time import Least, least_over_time
 from drake_rho.verification.steps import Steps
@@ -230,20 +231,36 @@ def check_separation(trajectory: PiecewiseTrajectory, far: float = FAR) -> Itera
     precision = PRECISION * separation.tolerance
     always = closest_at_all_times(trajectory, separation, knots, precision, far)
     for part, found in ((AT_KNOTS, knots), (AT_ALL_TIMES, always)):
-        names = [scenario.vehicles[partner].name for partner in found.partners]
-        limits = separation.distance + found.errors
-        yield Column(
-            kind="separation",
-            constraint="separation",
-            parts=[f"from {name} {part}" for name in names],
-            times=scenario.grid.start + found.times,
-            values=found.distances,
-            limits=limits,
-            excess=limits - found.distances,
-            tolerances=np.full(len(names), separation.tolerance),
-            errors=found.errors,
-            unit="m",
-            concerned=np.ones(len(names), dtype=bool),
-            asked=part == AT_KNOTS or scenario.between_knots,
-            partners=found.partners,
-        )
+        asked = part == AT_KNOTS or scenario.between_knots
+        yield separation_column(scenario, separation, part, found, asked=asked)
+
+
+def separation_column(
+    scenario: Scenario, separation: Separation, part: str, found: Closest, *, asked: bool = True
+) -> Column:
+    """Return the check of each vehicle's distance from its closest other vehicle.
+
+    Args:
+        scenario: scenario of the motion.
+        separation: its separation constraint.
+        part: instants at which it is verified.
+        found: closest approaches, of infinite distances for vehicles without any.
+        asked: whether the scenario requires it.
+    """
+    names = [scenario.vehicles[partner].name for partner in found.partners]
+    limits = separation.distance + found.errors
+    return Column(
+        kind="separation",
+        constraint="separation",
+        parts=[f"from {name} {part}" for name in names],
+        times=scenario.grid.start + found.times,
+        values=found.distances,
+        limits=limits,
+        excess=limits - found.distances,
+        tolerances=np.full(len(names), separation.tolerance),
+        errors=found.errors,
+        unit="m",
+        concerned=~np.isposinf(found.distances),
+        asked=asked,
+        partners=found.partners,
+    )

@@ -9,8 +9,9 @@ from typing import Literal
 import numpy as np
 
 from drake_rho.motion.costs import costs_by_term
+from drake_rho.motion.deviations import Deviation, largest_deviation
 from drake_rho.motion.flown import Flown
-from drake_rho.motion.jumps import Jump, largest_jump
+from drake_rho.motion.jumps import largest_jump
 from drake_rho.motion.plan import Plan
 from drake_rho.scenario.described import Described
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
@@ -52,8 +53,10 @@ class Summary(metaclass=Described):
     """time that every plan on as many knots takes at least [s]; None if it is not known"""
     cost_bound: float | None = None
     """largest cost of a flight with bounded costs, known from its first window [m²/s⁴]"""
-    largest_jump: Jump | None = None
+    largest_jump: Deviation | None = None
     """largest jump of a flight whose windows began at measured states; None if there is none"""
+    largest_deviation: Deviation | None = None
+    """largest deviation of measured positions from the planned motion; None without measurements"""
 
     @classmethod
     def of(cls, trajectory: PiecewiseTrajectory, flown: Flown) -> Summary:
@@ -79,6 +82,7 @@ class Summary(metaclass=Described):
             time_bound=flown.statistics.time_bound,
             cost_bound=flown.windows[0].cost_bound if flown.windows else None,
             largest_jump=None if flown.simulation else largest_jump(flown.plan),
+            largest_deviation=largest_deviation(flown.flight),
         )
 
 

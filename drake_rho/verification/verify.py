@@ -12,9 +12,10 @@ from drake_rho.motion.flown import Flown
 from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.verification.averages import averaged
-from drake_rho.verification.check import Check
+from drake_rho.verification.check import Check, Column
 from drake_rho.verification.checkers import checkers, refuse_unchecked
 from drake_rho.verification.jerks import notes_on_free_jerks
+from drake_rho.verification.measured import check_measured, notes_on_measured
 from drake_rho.verification.notes import (
     notes_on,
     notes_on_jumps,
@@ -75,6 +76,15 @@ def verify(flown: Flown) -> Report:
     name vehicles that cannot hold for ever, and until when they can, unless the scenario says
     otherwise (`hold_at_goal`); if it requires holding, there are checks, which count.
 
+    Measurements of a flight (`Flight.measured`) have checks of their own, "at measured samples",
+    which count too: boxes and limits of positions and velocities, requirements, distances from
+    obstacles once they are known, and between vehicles seen at the same time. States count as
+    measured: neither the error tube nor the errors of the estimate are added, and distances from an
+    uncertain obstacle are from its nearest possible position, as always. Nothing is said about the
+    time between samples, about vehicles that were not seen, and about the time after the end. Notes
+    give the largest deviation from the planned motion and, with a disturbance, whether all samples
+    are within the tube.
+
     For a simulation the true motion is verified, without a tube and against the limits as given.
     Limits on accelerations apply to the commands, and the limit on jerk to the plans. A vehicle
     reaches its goal if it ends within the radii of the last window's tube.
@@ -122,12 +132,20 @@ def verify(flown: Flown) -> Report:
         ]
         summary = Summary.of(trajectory, flown)
         notes += notes_on_rest(last.scenario, last.positions[:, -1])
+        measured = list[Column]()
+        if flown.flight is not None:
+            measured += check_measured(trajectory, flown.flight)
+            notes += notes_on_measured(flown.flight)
     scenario = trajectory.scenario
     refuse_unchecked(scenario, columns)
     names = [vehicle.name for vehicle in scenario.vehicles]
-    by_vehicle = zip(*(column.checks(names) for column in columns), strict=True)
+    by_vehicle = zip(*(column.checks(names) for column in [*columns, *measured]), strict=True)
     checks = tuple(check for checks in by_vehicle for check in checks if check is not None)
-    hit = {each.constraint for each in checks if each.kind == "obstacles" and not each.holds}
+    hit = {
+        each.constraint
+        for each in checks
+        if each.kind == "obstacles" and not each.holds and not each.is_measured
+    }
     sightings = tuple(
         dataclasses.replace(each, avoided=_is_avoided(each) and each.obstacle not in hit)
         for each in flown.sightings

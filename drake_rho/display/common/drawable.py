@@ -12,6 +12,7 @@ from functools import singledispatch
 import numpy as np
 
 from drake_rho.motion.close_pairs import CloseApproaches
+from drake_rho.motion.deviations import Deviations
 from drake_rho.motion.dynamics import Motion
 from drake_rho.motion.flight import Flight, Window
 from drake_rho.motion.flown import Flown
@@ -49,6 +50,8 @@ class Drawn:
     """predictions of the windows of a flight"""
     simulation: Simulation | None = None
     """simulation whose true motion this is, if any"""
+    measured: Deviations | None = None
+    """measured samples of a flight, drawn beside its motion, if any"""
 
     def motion(self) -> Motion:
         """Return the motion as a function of the time since the first knot."""
@@ -150,7 +153,8 @@ def _(flown: Plan) -> Drawn:
 @drawn.register
 def _(flown: Flight) -> Drawn:
     windows = _predictions(flown.windows, flown.scenario.grid.knots - 1)
-    return dataclasses.replace(drawn(flown.plan), kind="flight", windows=windows)
+    motion, measured = drawn(flown.plan), Deviations.of(flown)
+    return dataclasses.replace(motion, kind="flight", windows=windows, measured=measured)
 
 
 @drawn.register

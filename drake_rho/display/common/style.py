@@ -41,6 +41,13 @@ CONTINGENCY = "#B3541E"
 LIMIT_STYLE: dict[str, Any] = {"color": "black", "linestyle": "--", "linewidth": 0.8}
 PLANNED_STYLE: dict[str, Any] = {"linestyle": ":", "linewidth": 1.0, "alpha": 0.8}
 """Style of planned motions beside the true motion."""
+MEASURED = "#202020"
+"""Colour of measured samples beside the planned motion."""
+MEASURED_STYLE: dict[str, Any] = {
+    **{"color": MEASURED, "linewidth": 0.5, "marker": ".", "markersize": 2.5},
+    **{"markeredgewidth": 0.0, "zorder": 2.6},
+}
+"""Style of measured samples."""
 EXTREMUM_STYLE: dict[str, Any] = {
     **{"color": "black", "marker": "o", "markersize": 6.0, "fillstyle": "none"},
     **{"linestyle": "none", "zorder": 3.0, "clip_on": False},

@@ -21,7 +21,12 @@ from drake_rho.display.meshcat.scene import (
     add_surroundings,
     set_camera,
 )
-from drake_rho.display.meshcat.trails import add_light_trails, add_predictions, add_trails
+from drake_rho.display.meshcat.trails import (
+    add_light_trails,
+    add_measured,
+    add_predictions,
+    add_trails,
+)
 from drake_rho.display.meshcat.tree import ROOT, Tree
 from drake_rho.display.meshcat.tubes_and_wind import add_disturbed
 from drake_rho.display.meshcat.vehicles import Vehicles, add_vehicles
@@ -105,7 +110,8 @@ def animate(
 
     Obstacles are translucent, and fainter until they become known; moving obstacles move. Trails
     grow as the vehicles fly. Starts are small balls and goals larger ones. For a `Flight`, the
-    whole prediction of the window in force is drawn as a thin line. Colours are those of the
+    whole prediction of the window in force is drawn as a thin line, and measured positions
+    (`Flight.measured`) as a dark one. Colours are those of the
     figures.
 
     A requirement of positions relative to another vehicle, or to a moving point, is a line between
@@ -181,6 +187,7 @@ def draw(meshcat: Meshcat, stage: Stage, *, trails: bool) -> None:
         add_ends(tree, scene, scenario)
         if trails:
             add_trails(tree, scene, plan)
+        add_measured(tree, plan)
     add_predictions(tree, stage.windows)
     if stage.simulation is not None:
         add_disturbed(tree, scene, plan, stage.simulation, stage.vehicles)

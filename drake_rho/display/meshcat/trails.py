@@ -16,6 +16,7 @@ from drake_rho.display.common.map_faces import has_map
 from drake_rho.display.common.names import as_path
 from drake_rho.display.common.style import (
     CONTINGENCY,
+    MEASURED,
     before_jumps,
     palette,
     window_greys,
@@ -44,6 +45,24 @@ def add_trails(tree: Tree, scene: Scene, plan: Drawn) -> None:
             name = f"trails/{as_path(vehicle.name)}/{first}"
             tree.add_mesh(name, tube(path, scene.trail_radius), colour)
             tree.show_between(name, _middle(plan, first, last))
+
+
+def add_measured(tree: Tree, plan: Drawn) -> None:
+    """Add lines through consecutive measured positions, which grow as trails do."""
+    if (samples := plan.measured) is None:
+        return
+    elapsed, path = plan.scenario.grid.elapsed, samples.positions
+    for first, last in _pieces(plan, len(path)):
+        here = np.flatnonzero(
+            (samples.elapsed >= elapsed[first]) & (samples.elapsed < elapsed[last])
+        )
+        here = here[here < len(samples.elapsed) - 1]
+        for i, vehicle in enumerate(plan.scenario.vehicles):
+            both = here[samples.seen[i, here] & samples.seen[i, here + 1]]
+            if len(both) > 0:
+                name = f"measured/{as_path(vehicle.name)}/{first}"
+                tree.add_lines(name, [path[i, m : m + 2] for m in both], rgba(MEASURED))
+                tree.show_between(name, _middle(plan, first, last))
 
 
 def add_light_trails(tree: Tree, plan: Drawn) -> None:

@@ -15,6 +15,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
+from drake_rho.display.common import measured
 from drake_rho.display.common.drawable import Drawn
 from drake_rho.display.common.minima import Minima
 from drake_rho.display.common.names import as_text, brief
@@ -22,6 +23,7 @@ from drake_rho.display.common.style import COLOURS, LIMIT_STYLE, dense_times, wi
 from drake_rho.display.plots.panels import (
     draw_curve,
     draw_limit,
+    draw_measured,
     draw_minimum,
     draw_planned,
     finish,
@@ -64,13 +66,18 @@ def draw_separation(ax: Axes, plan: Drawn) -> list[Line2D]:
     for piece in plan.planned:
         near = piece.shown.closest_two(separation)
         draw_planned(ax, piece, near.times, near.distances[None])
+    samples = np.full(1, np.nan)
+    if plan.measured is not None:
+        samples = measured.closest_two(separation, plan.measured)
+        draw_measured(ax, plan, samples[None])
     least = Minima(found.one, found.times, found.distances).least
     other = as_text(brief(vehicles[found.other[least.row]].name))
     ring = draw_minimum(ax, plan, least, f" and {other}")
     scaled = "" if separation.downwash == 1.0 else f", z / {separation.downwash:g}"
     ax.set_ylabel(f"minimum vehicle distance{scaled} [m]")
     # A dense fleet is always close to its limit; on an axis from zero the curve would look flat.
-    low, high = min(separation.distance, least.value), float(found.distances.max())
+    low = float(np.nanmin([separation.distance, least.value, *samples]))
+    high = float(np.nanmax([found.distances.max(), *samples]))
     span = max(high - low, 0.02 * separation.distance)
     bottom, top = max(0.0, low - 0.5 * span), high + 0.1 * span
     ax.set_ylim(bottom, top)
@@ -91,6 +98,8 @@ def draw_components(axes: Sequence[Axes], plan: Drawn, quantity: Quantity) -> li
             if box is not None:
                 ax.axhline(box.lower[axis], **LIMIT_STYLE)
                 ax.axhline(box.upper[axis], **LIMIT_STYLE)
+        if plan.measured is not None and quantity == "velocity":
+            draw_measured(ax, plan, plan.measured.velocities[..., axis])
         ax.set_ylabel(f"${quantity[0]}_{'xyz'[axis]}$ [{UNITS[quantity]}]")
         _widen_flat_range(ax, values)
         finish(ax, plan, own)
@@ -110,8 +119,10 @@ def draw_norm(ax: Axes, plan: Drawn, norm: Norm) -> list[Line2D]:
     for most in np.unique(limit.limits[np.isfinite(limit.limits)]):
         ax.axhline(most, **LIMIT_STYLE)
     sampled = _values_of(plan, limit.kind.quantity)
-    measured = (limit.kind.measured(each) for each in (sampled.values, sampled.at_knots))
-    lines = _draw(ax, plan, sampled, *map(_rounded, measured))
+    lengths = (limit.kind.measured(each) for each in (sampled.values, sampled.at_knots))
+    lines = _draw(ax, plan, sampled, *map(_rounded, lengths))
+    if plan.measured is not None and limit.kind.quantity == "velocity":
+        draw_measured(ax, plan, limit.kind.measured(plan.measured.velocities))
     ax.set(ylabel=_label(limit.kind), ylim=(0, None))
     finish(ax, plan, lines)
     return lines

@@ -14,6 +14,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
+from drake_rho.display.common import measured
 from drake_rho.display.common.clearances import least_clearances, minima_from
 from drake_rho.display.common.drawable import Drawn
 from drake_rho.display.common.names import as_text, brief
@@ -28,6 +29,7 @@ from drake_rho.display.plots.panels import (
     draw_curves,
     draw_inactive,
     draw_limit,
+    draw_measured,
     draw_minimum,
     draw_planned,
     finish,
@@ -71,14 +73,18 @@ def draw_distances(
         title: title of the axes.
     """
 
-    def measured(each: Drawn, times: FloatArray) -> FloatArray:
+    def sampled(each: Drawn, times: FloatArray) -> FloatArray:
         active = obstacle.since(each.scenario.grid).is_active(times)
         return np.where(active, distances(each, obstacle, times) + radius, np.nan)
 
     grid, times = plan.scenario.grid, dense_times(plan)
-    exact, clear = measured(plan, times), minima_from(plan, obstacle)
+    exact, clear = sampled(plan, times), minima_from(plan, obstacle)
     required = required_distances(plan.scenario, obstacle)
     bottom = 0.0 if radius > 0.0 else bottom_of(exact)
+    if plan.measured is not None:
+        values = measured.distances(plan.scenario, obstacle, plan.measured) + radius
+        draw_measured(ax, plan, values)
+        bottom = min(bottom, 0.0 if radius > 0.0 else bottom_of(values))
     for least in sorted(set(required.tolist())):
         words = "surface" if least == 0.0 else f"required distance: {least:g} m"
         if radius > 0.0:
@@ -86,11 +92,11 @@ def draw_distances(
             words = f"R{more} = {radius + least:g} m"
         draw_limit(ax, radius + least, words, bottom)
     minima = dataclasses.replace(clear, values=closest(plan, obstacle).distances + radius)
-    at_knots = measured(plan, grid.elapsed)
+    at_knots = sampled(plan, grid.elapsed)
     lines = draw_curves(ax, plan, Curves(times, exact, minima, grid.elapsed, at_knots))
     for piece in plan.planned:
         times = dense_times(piece.shown)
-        draw_planned(ax, piece, times, measured(piece.shown, times))
+        draw_planned(ax, piece, times, sampled(piece.shown, times))
     _draw_discoveries(ax, plan, {obstacle.known_from: "known"})
     draw_inactive(ax, plan, obstacle.active)
     where = "where it may be" if obstacle.is_uncertain else "the obstacle"
@@ -140,6 +146,10 @@ def draw_least_clearances(ax: Axes, plan: Drawn, obstacles: Sequence[Obstacle]) 
     known = [each.known_from for each in obstacles]
     _draw_discoveries(ax, plan, {t: f"{name} known" for t, name in zip(known, names, strict=True)})
     bottom = bottom_of(found.clearances)
+    if plan.measured is not None:
+        values = measured.least_clearances(plan.scenario, obstacles, plan.measured)
+        draw_measured(ax, plan, values)
+        bottom = min(bottom, bottom_of(values))
     padded = any(np.any(required_distances(plan.scenario, each) > 0.0) for each in obstacles)
     draw_limit(ax, 0.0, "vehicle radius from the surface" if padded else "surface", bottom)
     uncertain = any(obstacle.is_uncertain for obstacle in obstacles)

@@ -15,7 +15,7 @@ from drake_rho.display.common.drawable import Drawn, drawn
 from drake_rho.display.common.names import as_text
 from drake_rho.display.common.obstacle_snapshots import as_obstacles
 from drake_rho.display.common.requirements import required_positions
-from drake_rho.display.common.style import LIMIT_STYLE, PLANNED_STYLE
+from drake_rho.display.common.style import LIMIT_STYLE, MEASURED_STYLE, PLANNED_STYLE
 from drake_rho.display.plots.curves import (
     draw_components,
     draw_norm,
@@ -86,7 +86,7 @@ def distances_figure(
     axes = _panels(ax, width, len(panels), 1.35 if alone else 1.1)
     for each, draw in zip(axes, panels, strict=True):
         draw(each)
-    handles = [*vehicle_handles(plan.scenario), _limit_handle(), *_planned_handles(plan)]
+    handles = [*vehicle_handles(plan.scenario), _limit_handle(), *_beside_handles(plan)]
     return _with_legend(ax, axes, handles)
 
 
@@ -108,7 +108,7 @@ def separation_figure(
     axes = _panels(ax, width, 1, 1.1)
     plan = drawn(flown)
     draw_separation(axes[0], plan)
-    return _with_legend(ax, axes, _planned_handles(plan))
+    return _with_legend(ax, axes, _beside_handles(plan))
 
 
 @checked
@@ -226,14 +226,18 @@ def _components(
     handles = vehicle_handles(plan.scenario)
     if norms or plan.scenario.fleet.bounds(quantity) is not None:
         handles.append(_limit_handle())
+    handles += _beside_handles(plan) if quantity == "velocity" else []
     return _with_legend(ax, axes, handles)
 
 
-def _planned_handles(plan: Drawn) -> list[Line2D]:
-    """Return the legend entry of planned motions, if drawn beside the true motion."""
-    if not plan.planned:
-        return []
-    return [Line2D([], [], label="planned", color="black", **PLANNED_STYLE)]
+def _beside_handles(plan: Drawn) -> list[Line2D]:
+    """Return the legend entries of planned motions and of measured samples, if drawn beside."""
+    handles = list[Line2D]()
+    if plan.planned:
+        handles.append(Line2D([], [], label="planned", color="black", **PLANNED_STYLE))
+    if plan.measured is not None:
+        handles.append(Line2D([], [], label="measured", **MEASURED_STYLE))
+    return handles
 
 
 def _limit_handle() -> Line2D:

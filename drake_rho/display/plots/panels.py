@@ -21,6 +21,7 @@ from drake_rho.display.common.style import (
     FORBIDDEN,
     LIMIT_STYLE,
     MAX_NAMED,
+    MEASURED_STYLE,
     PLANNED_STYLE,
     vehicle_colours,
     vehicle_marker,
@@ -119,6 +120,13 @@ def draw_planned(
         shown = piece.in_force(at)
         lines += ax.plot(start + at[shown], _finite(each[shown]), color=colour, **PLANNED_STYLE)
     return lines
+
+
+def draw_measured(ax: Axes, plan: Drawn, values: FloatArray) -> list[Line2D]:
+    """Draw values (N, M) of measured samples, with gaps where they are not finite."""
+    assert plan.measured is not None  # noqa: S101  # the values are of its samples
+    times = plan.scenario.grid.start + plan.measured.elapsed
+    return [line for each in values for line in ax.plot(times, _finite(each), **MEASURED_STYLE)]
 
 
 def draw_limit(ax: Axes, least: float, name: str, bottom: float = 0.0) -> None:

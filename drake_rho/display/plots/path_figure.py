@@ -50,6 +50,7 @@ from drake_rho.display.plots.space import (
     MAX_LABELLED,
     draw_approaches,
     draw_conflicts,
+    draw_measured_paths,
     draw_obstacle_labels,
     draw_obstacle_paths,
     draw_obstacles,
@@ -202,6 +203,8 @@ class _Content:
         flights += [each.braking for each in plan.windows if each.braking is not None]
         places = [each.positions.reshape(-1, 3) for each in flights]
         places.append(np.reshape(passed, (-1, 3)))
+        if plan.measured is not None:
+            places.append(plan.measured.positions[plan.measured.seen])
         drawn_here = np.concatenate(places)
         bounds = [(drawn_here.min(axis=0), drawn_here.max(axis=0))]
         bounds += [each.bounds for each in self.shown]
@@ -223,6 +226,7 @@ class _Content:
         else:
             draw_paths(ax, plan, shown)
             draw_planned_paths(ax, plan, shown)
+        draw_measured_paths(ax, plan, shown)
         if self.conflicts is not None:
             draw_conflicts(ax, plan.scenario, self.conflicts, shown)
 
@@ -232,7 +236,8 @@ class _Content:
         if plan.kind == "scenario":
             words.append("dashed: straight lines, not planned")
         elif self.in_windows:
-            words = ["thick: flown", "thin: the rest of each window's prediction", *words]
+            thick = "flown" if plan.measured is None else "planned"
+            words = [f"thick: {thick}", "thin: the rest of each window's prediction", *words]
             if any(window.braking is not None for window in plan.windows):
                 words.insert(2, "dotted, to a cross: contingencies, which brake to rest")
         else:
@@ -242,6 +247,7 @@ class _Content:
                     "a mark at every knot" if every == 1 else f"a mark every {every} knots"
                 )
             words += ["dotted: planned"] if plan.planned else []
+        words += ["black: measured"] if plan.measured is not None else []
         if any(vehicle.waypoints for vehicle in plan.scenario.vehicles):
             words.append("diamond: waypoint")
         words += ["red: in conflict"] if self.conflicts is not None else []

@@ -26,6 +26,7 @@ from drake_rho.display.common.style import (
     CONTINGENCY,
     FORBIDDEN,
     MAX_NAMED,
+    MEASURED_STYLE,
     PLANNED_STYLE,
     dense_times,
     in_pieces,
@@ -197,6 +198,12 @@ def draw_planned_paths(ax: Axes3D, plan: Drawn, shown: Sequence[Snapshot] = ()) 
         for path, colour in zip(paths, colours, strict=True):
             lines += draw_line(ax, path, shown, color=colour, **PLANNED_STYLE)
     return lines
+
+
+def draw_measured_paths(ax: Axes3D, plan: Drawn, shown: Sequence[Snapshot] = ()) -> list[Line3D]:
+    """Draw the measured positions of a flight, with gaps where a vehicle was not seen."""
+    paths = [] if plan.measured is None else list(plan.measured.positions)
+    return [line for path in paths for line in draw_line(ax, path, shown, **MEASURED_STYLE)]
 
 
 def draw_windows(ax: Axes3D, plan: Drawn, shown: Sequence[Snapshot] = ()) -> list[list[Line3D]]:

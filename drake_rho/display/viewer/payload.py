@@ -170,6 +170,7 @@ def _layers(stage: Stage) -> list[dict[str, object]]:
     scenario = stage.shown.scenario
     entries = [
         ("Trails", ["trails"], True),
+        ("Measured", ["measured"], _with_measured(stage)),
         ("Predictions", ["predictions"], len(stage.windows) > 0),
         ("Contingencies", ["contingencies"], _with_contingencies(stage)),
         ("Tubes", ["tube", "tubes"], largest_tube(stage.simulation) > 0.0),
@@ -183,6 +184,10 @@ def _layers(stage: Stage) -> list[dict[str, object]]:
         ("Names", [], True),
     ]
     return [{"title": title, "paths": paths} for title, paths, exists in entries if exists]
+
+
+def _with_measured(stage: Stage) -> bool:
+    return not stage.scene.light and stage.shown.measured is not None
 
 
 def _with_contingencies(stage: Stage) -> bool:
@@ -233,6 +238,7 @@ def _legend(stage: Stage) -> list[dict[str, str]]:
             f"half the required separation of {apart:g} m: shells must not overlap",
             scenario.separation is not None,
         ),
+        ("measured", "measured positions", _with_measured(stage)),
         ("planned", "faint: planned position", stage.simulation is not None),
         ("tube", f"error tube, at most {tube:.2g} m around the plan{small}", tube > 0.0),
         ("wind", f"wind; the longest arrow is {wind:.3g} m/s²", wind > 0.0),

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from drake_rho.motion.flight import Flight, Window
+from drake_rho.motion.measurements import MeasurementLog
 from drake_rho.planning.call.options import Options
 from drake_rho.planning.call.progress import Progress, tell
 from drake_rho.planning.call.time_limit import within_time
@@ -174,6 +175,7 @@ class RecedingHorizon:
             reference = free_reference if scenario.separation is None else tail_reference
         self.replan_every, self.free_final_time = int(replan_every), free_final_time
         self.windows: list[Window] = []
+        self._log = MeasurementLog()
         self._ended, self._passed, self._ends_flight = list[Flight](), 0, False
         self._given = scenario
         self._situation, self._rolling = Situation.of(scenario, self.latency), None
@@ -322,7 +324,8 @@ class RecedingHorizon:
     def accept(self, proposal: Proposal) -> None:
         """Fly a proposed window from its first knot on."""
         if proposal.ended is not None:
-            self._ended.append(proposal.ended)
+            measured, self._log = self._log.measurements, MeasurementLog()
+            self._ended.append(dataclasses.replace(proposal.ended, measured=measured))
             self._passed += proposal.ended.scenario.grid.knots - 1
             self.windows, self._ends_flight = [], False
         if self._rolling is not None and self.windows:  # which rests after its end
@@ -376,9 +379,28 @@ class RecedingHorizon:
             scenario = with_waypoints(start.scenario, found.scenario.vehicles)
         return dataclasses.replace(start, scenario=scenario)
 
+    @checked
+    def record(self, time: npt.ArrayLike, states: npt.ArrayLike) -> None:
+        """Record measured states for `Flight.measured`; nothing is planned from them.
+
+        They may be measured at any rate, between windows, before the first and after the last. The
+        states given to `step`, which may be predictions, are not recorded by it.
+
+        Args:
+            time: on the scenario's clock [s], after all recorded ones; or times, shape (M,).
+            states: measured position [m] and velocity [m/s] of each vehicle, shape (N, 6), or
+                (M, N, 6) for several times. A row is NaN for a vehicle that was not seen, and ends
+                with three NaN if only its position was.
+
+        Raises:
+            ValueError: a time is before the flight or not after the one before, the shapes differ,
+                or a vehicle has neither finite numbers nor NaN.
+        """
+        self._log.add(self.scenario, time, states)
+
     @property
     def flight(self) -> Flight:
-        """Flight composed of the windows so far, each flown until the next.
+        """Flight composed of the windows so far, each flown until the next, with what was recorded.
 
         Raises:
             ValueError: there is no window yet, or a mission has several flights (`flights`).
@@ -427,7 +449,8 @@ class RecedingHorizon:
         situation = self._situation
         if self._rolling is not None:
             situation = self._rolling.ended(situation)
-        return situation.flight(self.windows)
+        flight = situation.flight(self.windows)
+        return dataclasses.replace(flight, measured=self._log.measurements)
 
     def _first(self, scenario: Scenario, states: FloatArray) -> Window:
         """Return the first window of a scenario, from measured states."""

@@ -92,6 +92,7 @@ const SIGNS = {
   ends: ["path", { d: "M4 8m-2 0a2 2 0 1 0 4 0a2 2 0 1 0 -4 0 M14 8m-4 0a4 4 0 1 0 8 0a4 4 0 1 0 -8 0", fill: "currentColor" }],
   goal: ["path", { d: "M10 3 L14 8 L10 13 L6 8 Z", fill: "currentColor" }],
   prediction: ["path", { d: "M1 13 Q8 2 19 4", "stroke-width": 1 }],
+  measured: ["path", { d: "M1 12 Q8 3 19 6", stroke: "#202020", "stroke-width": 1 }],
   contingency: ["path", { d: "M1 13 Q8 4 15 4 M13 2 L17 6 M17 2 L13 6", stroke: "#b3541e", "stroke-width": 1.2 }],
   link: ["path", { d: "M1 8 L19 8", stroke: data.reddening[0], "stroke-width": 2.4 }],
   set: ["path", { d: "M3 3 H17 V13 H3 Z", stroke: "#2e8b57", fill: "#2e8b5733", "stroke-width": 1.2 }],
