@@ -317,6 +317,9 @@ def _check_windows(plan: Plan, windows: tuple[Window, ...]) -> None:
         own, reference = (each.scenario.grid.knots for each in (window.plan, window.reference))
         if own != reference or window.first_knot + own <= until:
             raise ValueError("a window does not reach the next one")
+        grid, own_grid = plan.scenario.grid, window.plan.scenario.grid
+        if not grid.clock.same(own_grid.start, grid.start + window.first_knot * grid.step):
+            raise ValueError("a window begins at another time than that of its first knot")
 
 
 def _pack(prefix: str, plan: Plan, maps: list[Map]) -> dict[str, Any]:
