@@ -7,7 +7,7 @@ PYTEST := $(BIN)/python -m pytest -n auto -q
 SEED := $(shell od -An -N4 -tu4 /dev/urandom | tr -d ' ')
 PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check
 
-.PHONY: help reproduce animate notebooks pictures docs bench bench-fleet bench-world bench-flight bench-scale bench-open bench-map bench-time bench-mixed bench-objective test test-all lint format clean
+.PHONY: help reproduce animate notebooks pictures docs bench bench-fleet bench-world bench-flight bench-scale bench-open bench-map bench-time bench-mixed bench-objective bench-online test test-all lint format clean
 .DEFAULT_GOAL := help
 
 help: ## This list
@@ -59,6 +59,9 @@ bench-mixed: $(VENV)/.bench $(VENV)/.test ## The same for random scenes, windows
 
 bench-objective: $(VENV)/.bench $(VENV)/.test ## The same for costs: CVXPY, closed forms, IPOPT, all mixed (forty minutes)
 	$(BIN)/python -m benchmarks --objective
+
+bench-online: $(VENV)/.bench ## The same for missions that go on, seen in flight (under an hour)
+	$(BIN)/python -m benchmarks --online
 
 test: $(VENV)/.test ## Run the tests, but for slow ones (some five minutes on two cores)
 	@sh tools/setup-browser $(VENV)

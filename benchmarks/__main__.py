@@ -44,6 +44,8 @@ DRAWN = {
     "objective_obstacles": 60,
     "objective_goals": 60,
     "objective_mixed": 1000,
+    "online_missions": 300,
+    "online_horizons": 6,
     "mixed_scenes": 5000,
     "mixed_windows": 1200,
     "damaged_files": 4000,
@@ -123,6 +125,10 @@ OBJECTIVE = (
 """Benchmarks of costs, goals and gates; those that are in no `DRAWN` are `run() -> Table`."""
 
 
+ONLINE = ("online_missions", "online_horizons")
+"""Benchmarks of missions in which more becomes known in flight."""
+
+
 MIXED = ("mixed_scenes", "mixed_windows", "damaged_files")
 """Benchmarks of random scenes, flights and files that mix everything."""
 
@@ -155,6 +161,7 @@ def main() -> None:
     parser.add_argument("--maps", action="store_true", help="all benchmarks of maps")
     parser.add_argument("--times", action="store_true", help="all benchmarks of least times")
     parser.add_argument("--objective", action="store_true", help="all benchmarks of costs")
+    parser.add_argument("--online", action="store_true", help="all benchmarks of missions online")
     parser.add_argument("--mixed", action="store_true", help="benchmarks that mix everything")
     parser.add_argument("--open", action="store_true", help="all benchmarks of requirements")
     parser.add_argument("--repetitions", type=int, default=9, help="rounds of a race (9)")
@@ -177,7 +184,7 @@ def main() -> None:
         parser.error("--seeds: expected at least 1")
     console = Console()
     alone, worlds, flight = RACES + STUDIES, WORLDS, FLIGHT + FLOWN_MISSIONS
-    others = alone + worlds + flight + SCALE + OPEN + MAPS + TIMES + OBJECTIVE + MIXED
+    others = alone + worlds + flight + SCALE + OPEN + MAPS + TIMES + OBJECTIVE + ONLINE + MIXED
     fleets = tuple(name for name in known if name not in others)
     chosen = (fleets if arguments.fleets else ()) + (worlds if arguments.worlds else ())
     chosen += flight if arguments.flight else ()
@@ -186,6 +193,7 @@ def main() -> None:
     chosen += MAPS if arguments.maps else ()
     chosen += TIMES if arguments.times else ()
     chosen += OBJECTIVE if arguments.objective else ()
+    chosen += ONLINE if arguments.online else ()
     chosen += MIXED if arguments.mixed else ()
     by_default = chosen or alone
     for name in arguments.names or by_default:
