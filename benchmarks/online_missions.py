@@ -90,5 +90,6 @@ pillars. Windows plan {HORIZON:g} s ahead, five times a second. Pillars are told
 within {SEEN:g} m, or columns of cells of a map; three pillars appear at least 3 m from the vehicle.
 Goals change every 5 to 30 s. Broken: by an integration of the accelerations of its own, sampled
 1000 times a second, a vehicle is closer to a pillar than its radius, or beyond a limit, by more
-than 1e-6 in SI units. The arrival counts from the last change of the goal; it is compared with the
-time that the straight line takes at the greatest speed, a lower bound. Times are of processors."""
+than 1e-6 in SI units. The arrival counts from the last change of the goal; it is compared with
+a lower bound, the time of a straight line at the greatest speed with braking. Times are processor
+times."""

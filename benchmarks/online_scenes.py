@@ -122,7 +122,7 @@ class Lap:
     arrived: float
     """time from the last change of the goal to the arrival there [s]; infinite without one"""
     least: float
-    """lower bound of this time: of the straight line at the greatest speed [s]"""
+    """lower bound of this time, of the straight line [s]"""
     clearance: float
     """least distance from any pillar that was seen, beyond the radius, by dense samples [m]"""
     beyond: float
@@ -175,8 +175,16 @@ def mission(seed: int) -> Lap:
         there = np.abs(states[0] - [*goals[number], 0, 0, 0]).max() < 1e-3
         if number == len(changes) - 1 and there and math.isinf(arrived):
             arrived = clock - changes[-1]
-    least = float(np.linalg.norm(goals[-1] - begun)) / SPEED
+    least = least_time(float(np.linalg.norm(goals[-1] - begun)))
     return judged(horizon, eyes.world, arrived, least, tuple(seconds), failed)
+
+
+def least_time(distance: float) -> float:
+    """Return a lower bound of the time to rest at a distance [m], from any velocity allowed [s]."""
+    braking = SPEED**2 / (2.0 * ACCELERATION)
+    if distance <= braking:
+        return math.sqrt(2.0 * distance / ACCELERATION)
+    return (distance - braking) / SPEED + SPEED / ACCELERATION
 
 
 def judged(

@@ -9,7 +9,7 @@ arrival is a waypoint whose time stays.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from typing import Self
 
 import numpy as np
@@ -45,6 +45,9 @@ _NEAR = 0.03
 """Largest distance of a window's end from the goal, as a part of that of its start, at which the
 goal counts as within reach."""
 
+_EASE = 1.1
+"""Factor on the time in which limits allow an arrival."""
+
 _THERE = 1e-4
 """Distance from the goal at which a vehicle needs no arrival, in lengths of the motion."""
 
@@ -67,27 +70,33 @@ class Orders:
     aims: tuple[Aim, ...]
     """points to which vehicles are drawn"""
 
-    def arriving(self, plan: Plan) -> Self | None:
-        """Return the orders with arrivals of vehicles whose goals a plan nearly reaches.
+    def arriving(self, plan: Plan) -> Iterator[Scenario]:
+        """Yield scenarios with arrivals of vehicles whose goals a plan nearly reaches.
 
-        None if there are no new arrivals.
+        First with arrivals as soon as vehicles can with some ease, then at the end of the window;
+        none if there are no new arrivals.
         """
-        begins, ends, scales = (
-            plan.positions[:, 0],
-            plan.positions[:, -1],
-            plan.scenario.fleet.lengths,
-        )
-        vehicles = list(self.scenario.vehicles)
-        for i, (vehicle, aim) in enumerate(zip(vehicles, self.aims, strict=True)):
+        begins, ends = plan.positions[:, 0], plan.positions[:, -1]
+        scales, last = plan.scenario.fleet.lengths, self.scenario.grid.knots - 2
+        soonest = dict[int, int]()
+        for i, (vehicle, aim) in enumerate(zip(self.scenario.vehicles, self.aims, strict=True)):
             left, away = (float(np.linalg.norm(x[i] - aim.point)) for x in (ends, begins))
             under_way = away > _THERE * scales[i]
             if aim.is_goal and not vehicle.waypoints and under_way and left <= _NEAR * away:
-                vehicles[i] = _arriving(vehicle, self.scenario)
-        if vehicles == list(self.scenario.vehicles):
-            return None
+                soonest[i] = min(_steps_to(self.scenario, i, away), last)
+        if not soonest:
+            return
+        yield self._with_arrivals(soonest)
+        if min(soonest.values()) < last:
+            yield self._with_arrivals(dict.fromkeys(soonest, last))
+
+    def _with_arrivals(self, knots: Mapping[int, int]) -> Scenario:
+        """Return the scenario in which vehicles arrive at knots, by their indices."""
+        vehicles = list(self.scenario.vehicles)
+        for i, knot in knots.items():
+            vehicles[i] = _arriving(vehicles[i], self.scenario, knot)
         fleet = self.scenario.fleet.aimed(vehicles)
-        scenario = self.scenario.derived(vehicles=tuple(vehicles), fleet=fleet)
-        return dataclasses.replace(self, scenario=scenario)
+        return self.scenario.derived(vehicles=tuple(vehicles), fleet=fleet)
 
 
 class RollingHorizon:
@@ -230,10 +239,11 @@ class RollingHorizon:
         )
         windows = ending_at_rest(windows)
         window = windows.next(start)
-        arriving = None if window.infeasible else orders.arriving(window.plan)
-        if arriving is not None:
-            again = windows.next(dataclasses.replace(start, scenario=arriving.scenario))
-            window = window if again.infeasible else again.after(window.statistics)
+        for arriving in () if window.infeasible else orders.arriving(window.plan):
+            again = windows.next(dataclasses.replace(start, scenario=arriving))
+            if not again.infeasible:
+                window = again.after(window.statistics)
+                break
         return self._noted(window, orders, end), start
 
     def _continued(self, last: Window, knot: int) -> Window:
@@ -320,14 +330,35 @@ class RollingHorizon:
         distance. A vehicle with the greatest velocity keeps it at first. Distances are infinite
         where no limit bounds them.
         """
-        duration, fleet = self._steps * scenario.grid.step, scenario.fleet
-        farthest = largest_accelerations(fleet) * duration**2 / 6.0
-        speeds = np.full(len(farthest), np.inf)
-        if (box := fleet.bounds("velocity")) is not None:
-            speeds = np.minimum(np.abs(box.lower), np.abs(box.upper)).min(axis=1)
-        if "max_speed" in fleet.norms:
-            speeds = np.minimum(speeds, fleet.norms["max_speed"].limits)
-        return np.asarray(np.minimum(farthest, 2.0 / 3.0 * duration * speeds))
+        duration = self._steps * scenario.grid.step
+        speeds, accelerations = _limits(scenario)
+        farthest = np.minimum(accelerations * duration**2 / 6.0, speeds * duration / 1.5)
+        return np.asarray(farthest)
+
+
+def _limits(scenario: Scenario) -> tuple[FloatArray, FloatArray]:
+    """Return the greatest speeds [m/s] and accelerations [m/s²], (N,); infinite without a limit."""
+    fleet = scenario.fleet
+    speeds = np.full(len(fleet.radii), np.inf)
+    if (box := fleet.bounds("velocity")) is not None:
+        speeds = np.minimum(np.abs(box.lower), np.abs(box.upper)).min(axis=1)
+    if "max_speed" in fleet.norms:
+        speeds = np.minimum(speeds, fleet.norms["max_speed"].limits)
+    return speeds, largest_accelerations(fleet)
+
+
+def _steps_to(scenario: Scenario, vehicle: int, away: float) -> int:
+    """Return the number of steps in which a vehicle covers a distance [m] with least effort.
+
+    The time is that of `RollingHorizon._reaches`, and of stopping first. Without limits, a vehicle
+    takes as long as the window does.
+    """
+    speed, acceleration = (float(each[vehicle]) for each in _limits(scenario))
+    if not np.isfinite(acceleration):
+        return scenario.grid.knots
+    flown = float(np.linalg.norm(scenario.fleet.start_velocities[vehicle]))
+    least = max(np.sqrt(6.0 * away / acceleration), 1.5 * away / speed) + flown / acceleration
+    return max(int(np.ceil(_EASE * least / scenario.grid.step)), _FEWEST)
 
 
 def _check(scenario: Scenario) -> None:
@@ -418,13 +449,13 @@ def _aiming(vehicle: Vehicle, aim: Aim, before: tuple[Waypoint, ...]) -> Vehicle
     return unchecked(vehicle, goal=State(aim.point), waypoints=tuple(kept))
 
 
-def _arriving(vehicle: Vehicle, scenario: Scenario) -> Vehicle:
-    """Return a vehicle that is at rest at its goal from the last knot but one on.
+def _arriving(vehicle: Vehicle, scenario: Scenario, knot: int) -> Vehicle:
+    """Return a vehicle that is at rest at its goal from a knot on, counted from 0.
 
     With a disturbance it is there within the error tube.
     """
     grid = scenario.grid
-    time, goal = float(grid.start + grid.elapsed[-2]), vehicle.goal.position
+    time, goal = float(grid.start + grid.elapsed[knot]), vehicle.goal.position
     if scenario.disturbance is None:
         arrival = Waypoint(time, goal, velocity=np.zeros(3))
     else:
