@@ -207,7 +207,8 @@ class ChangingObstacles:
         seen_at = body.errors_from if body.velocity_error > 0.0 else body.seen_at
         later = max(self._time, body.known_from)
         known: dict[str, object] = {"known_from": later, "seen_at": seen_at}
-        if later <= 0.0:  # known_from counts from 0 on
+        if later <= 0.0 and self._grid.clock.after(later, self._grid.start):
+            # known_from counts from 0 on
             known |= {"known_from": 0.0, "active": since(body.active, later, self._grid)}
         self.bodies.append(unchecked(body, **(known | changes)))
         return len(self.bodies)

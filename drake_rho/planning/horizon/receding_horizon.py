@@ -16,6 +16,7 @@ from drake_rho.planning.call.options import Options
 from drake_rho.planning.call.progress import Progress, tell
 from drake_rho.planning.call.time_limit import within_time
 from drake_rho.planning.call.wall_time import with_wall_time
+from drake_rho.planning.horizon.continued_plans import lasting_until
 from drake_rho.planning.horizon.cost_bounds import cost_bound
 from drake_rho.planning.horizon.fallbacks import FAILURES
 from drake_rho.planning.horizon.first_window import FirstWindow
@@ -30,7 +31,7 @@ from drake_rho.planning.horizon.interfaces import (
 from drake_rho.planning.horizon.known_now import changes_of
 from drake_rho.planning.horizon.measured_states import checked_states, from_measured
 from drake_rho.planning.horizon.next_flight import is_crowded, next_flight
-from drake_rho.planning.horizon.rolling import RollingHorizon, lasting_until
+from drake_rho.planning.horizon.rolling import RollingHorizon
 from drake_rho.planning.horizon.situation import Situation, WindowStart, latency_in_samples
 from drake_rho.planning.horizon.waypoints_ahead import (
     free_of,

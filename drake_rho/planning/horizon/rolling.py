@@ -9,15 +9,20 @@ arrival is a waypoint whose time stays.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable
 from typing import Self
 
 import numpy as np
 
 from drake_rho.motion.flight import Window
 from drake_rho.motion.plan import Plan
-from drake_rho.motion.scenario_tube import tracking_of, tube_of
-from drake_rho.planning.horizon.fallbacks import moved
+from drake_rho.motion.scenario_tube import tracking_of
+from drake_rho.planning.horizon.arrivals import FEWEST, Orders, reaches
+from drake_rho.planning.horizon.continued_plans import (
+    as_measured,
+    continued_at_rest,
+    lasting_until,
+)
 from drake_rho.planning.horizon.places_of_rest import (
     avoided_until,
     ending_at_rest,
@@ -25,7 +30,7 @@ from drake_rho.planning.horizon.places_of_rest import (
     within_window,
 )
 from drake_rho.planning.horizon.situation import Situation, WindowStart
-from drake_rho.planning.horizon.waypoints_ahead import until
+from drake_rho.planning.horizon.told_goals import is_at, places_of_goals
 from drake_rho.planning.horizon.windows import WindowPlanner
 from drake_rho.planning.path_search.guidance import Aim, Guide, Surroundings
 from drake_rho.scenario.errors import Description, ScenarioError
@@ -33,70 +38,11 @@ from drake_rho.scenario.fields import LARGEST, FloatArray, unchecked
 from drake_rho.scenario.goals import Goal
 from drake_rho.scenario.parts import MOST_KNOTS, Grid, State, Vehicle, Waypoint
 from drake_rho.scenario.records import TOLERANCE, Scenario
-from drake_rho.scenario.shapes.quadrics import Sphere
-from drake_rho.scenario.smoothing import largest_accelerations
 from drake_rho.scenario.times import steps_lasting
 
 _PRICE = 100.0
 """Default price of a distance from the goal, in efforts of covering it from rest to rest within the
 horizon."""
-
-_NEAR = 0.03
-"""Largest distance of a window's end from the goal, as a part of that of its start, at which the
-goal counts as within reach."""
-
-_EASE = 1.1
-"""Factor on the time in which limits allow an arrival."""
-
-_THERE = 1e-4
-"""Distance from the goal at which a vehicle needs no arrival, in lengths of the motion."""
-
-_CLEARLY = 1.0 + 1e-3
-"""Factor on the margin by which vehicles aim at the inside of a goal that is a set."""
-
-_FEWEST = 4
-"""Least number of steps of a window: an arrival one step before its end needs two."""
-
-_WIDER = 1.0 + 1e-6
-"""Factor on the radii of the error tube at an arrival, so that the tube fits."""
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class Orders:
-    """Scenario of one window, whose goals are the points to which vehicles are drawn."""
-
-    scenario: Scenario
-    """rest of the flight for as long as a window plans"""
-    aims: tuple[Aim, ...]
-    """points to which vehicles are drawn"""
-
-    def arriving(self, plan: Plan) -> Iterator[Scenario]:
-        """Yield scenarios with arrivals of vehicles whose goals a plan nearly reaches.
-
-        First with arrivals as soon as vehicles can with some ease, then at the end of the window;
-        none if there are no new arrivals.
-        """
-        begins, ends = plan.positions[:, 0], plan.positions[:, -1]
-        scales, last = plan.scenario.fleet.lengths, self.scenario.grid.knots - 2
-        soonest = dict[int, int]()
-        for i, (vehicle, aim) in enumerate(zip(self.scenario.vehicles, self.aims, strict=True)):
-            left, away = (float(np.linalg.norm(x[i] - aim.point)) for x in (ends, begins))
-            under_way = away > _THERE * scales[i]
-            if aim.is_goal and not vehicle.waypoints and under_way and left <= _NEAR * away:
-                soonest[i] = min(_steps_to(self.scenario, i, away), last)
-        if not soonest:
-            return
-        yield self._with_arrivals(soonest)
-        if min(soonest.values()) < last:
-            yield self._with_arrivals(dict.fromkeys(soonest, last))
-
-    def _with_arrivals(self, knots: Mapping[int, int]) -> Scenario:
-        """Return the scenario in which vehicles arrive at knots, by their indices."""
-        vehicles = list(self.scenario.vehicles)
-        for i, knot in knots.items():
-            vehicles[i] = _arriving(vehicles[i], self.scenario, knot)
-        fleet = self.scenario.fleet.aimed(vehicles)
-        return self.scenario.derived(vehicles=tuple(vehicles), fleet=fleet)
 
 
 class RollingHorizon:
@@ -122,7 +68,7 @@ class RollingHorizon:
             ValueError: a time is not positive, or too long.
             ScenarioError: the scenario has what a rolling horizon does not plan for.
         """
-        step, fewest = scenario.grid.step, max(_FEWEST, replan_every)
+        step, fewest = scenario.grid.step, max(FEWEST, replan_every)
         longest = (MOST_KNOTS - 1) * step
         if not 0.0 < horizon <= longest or steps_lasting(horizon, step) < fewest:
             expected = f"a time from {fewest * step:g} to {longest:g} s, at least {fewest} steps"
@@ -140,7 +86,7 @@ class RollingHorizon:
         """Return the scenario of a flight without an end, with the scales and gains of a window."""
         grid = scenario.grid.from_knot(0, MOST_KNOTS - 1)
         window = scenario.derived(grid=grid.from_knot(0, self._steps))
-        shortest = float(self._reaches(window).min())
+        shortest = float(reaches(window, window.grid.duration).min())
         fleet = window.fleet.reaching(shortest if np.isfinite(shortest) else 0.0)
         disturbance = scenario.disturbance
         if disturbance is not None and disturbance.tracking is None:
@@ -185,7 +131,7 @@ class RollingHorizon:
         still = ~np.any(np.abs(states[:, 3:]) > TOLERANCE * scale[:, None], axis=1)
         vehicles = tuple(
             each
-            if rests and _is_at(each.goal, state[:3], margin, TOLERANCE * own)
+            if rests and is_at(each.goal, state[:3], margin, TOLERANCE * own)
             else unchecked(each, goal=Goal(None, np.zeros(3) if rests else None))
             for each, state, rests, own in zip(flight.vehicles, states, still, scale, strict=True)
         )
@@ -233,7 +179,7 @@ class RollingHorizon:
         end = kept.grid.end if last.rest_until is None else max(last.rest_until, kept.grid.end)
         remaining = unchecked(start.remaining, scenario=avoided_until(kept, end))
         orders = self._orders(start.scenario, situation.scenario, remaining)
-        reference = unchecked(_as_measured(remaining, start.scenario), scenario=orders.scenario)
+        reference = unchecked(as_measured(remaining, start.scenario), scenario=orders.scenario)
         start = dataclasses.replace(
             start, scenario=orders.scenario, remaining=remaining, own_reference=reference
         )
@@ -249,8 +195,8 @@ class RollingHorizon:
     def _continued(self, last: Window, knot: int) -> Window:
         """Return the last window, its plan continued at rest as far as the next one plans."""
         steps = knot + self._steps - last.first_knot
-        stop = last.contingency and _until(last.contingency, steps)
-        return unchecked(last, plan=_until(last.plan, steps), contingency=stop)
+        stop = last.contingency and continued_at_rest(last.contingency, steps)
+        return unchecked(last, plan=continued_at_rest(last.plan, steps), contingency=stop)
 
     def _noted(self, window: Window, orders: Orders, before: float) -> Window:
         """Return a window with the time until which vehicles can stay, and goals without a path.
@@ -307,58 +253,21 @@ class RollingHorizon:
         fleet, still = scenario.fleet, [each for each in scenario.avoided if each[1].is_steady]
         bodies = tuple(body for _, body in still)
         told = tuple(scenario.bodies[number - 1] for number, _ in still)
-        margin, reaches = largest_radius(scenario), self._reaches(scenario)
+        margin = largest_radius(scenario)
+        farthest = reaches(scenario, self._steps * scenario.grid.step)
         lower, upper = np.full((2, *fleet.start_positions.shape), [[[-np.inf]], [[np.inf]]])
         if (bounds := fleet.bounds("position")) is not None:
             lower, upper = bounds.lower, bounds.upper
-        begins, goals = fleet.start_positions, _goals(scenario, flight, remaining)
+        begins, goals = fleet.start_positions, places_of_goals(scenario, flight, remaining)
         ends = begins if remaining is None else remaining.positions[:, -1]
         aims = list[Aim]()
         for i, (name, end) in enumerate(zip(scenario.names, ends, strict=True)):
             guide = self._guides.setdefault(name, Guide())
             radius = float(fleet.radii[i]) + margin
             around = Surroundings(bodies, told, radius, lower[i], upper[i])
-            farthest = max(float(reaches[i] - np.linalg.norm(end - begins[i])), 0.0)
-            aims.append(guide.aim(around, end, goals[i], farthest))
+            left = max(float(farthest[i] - np.linalg.norm(end - begins[i])), 0.0)
+            aims.append(guide.aim(around, end, goals[i], left))
         return tuple(aims)
-
-    def _reaches(self, scenario: Scenario) -> FloatArray:
-        """Return the distances that vehicles cover with least effort within a window [m], (N,).
-
-        From rest to rest in the time T, the effort is least with velocities that are quadratic in
-        time: the greatest is 3/2 of the mean one, and the greatest acceleration 6/T² of the
-        distance. A vehicle with the greatest velocity keeps it at first. Distances are infinite
-        where no limit bounds them.
-        """
-        duration = self._steps * scenario.grid.step
-        speeds, accelerations = _limits(scenario)
-        farthest = np.minimum(accelerations * duration**2 / 6.0, speeds * duration / 1.5)
-        return np.asarray(farthest)
-
-
-def _limits(scenario: Scenario) -> tuple[FloatArray, FloatArray]:
-    """Return the greatest speeds [m/s] and accelerations [m/s²], (N,); infinite without a limit."""
-    fleet = scenario.fleet
-    speeds = np.full(len(fleet.radii), np.inf)
-    if (box := fleet.bounds("velocity")) is not None:
-        speeds = np.minimum(np.abs(box.lower), np.abs(box.upper)).min(axis=1)
-    if "max_speed" in fleet.norms:
-        speeds = np.minimum(speeds, fleet.norms["max_speed"].limits)
-    return speeds, largest_accelerations(fleet)
-
-
-def _steps_to(scenario: Scenario, vehicle: int, away: float) -> int:
-    """Return the number of steps in which a vehicle covers a distance [m] with least effort.
-
-    The time is that of `RollingHorizon._reaches`, and of stopping first. Without limits, a vehicle
-    takes as long as the window does.
-    """
-    speed, acceleration = (float(each[vehicle]) for each in _limits(scenario))
-    if not np.isfinite(acceleration):
-        return scenario.grid.knots
-    flown = float(np.linalg.norm(scenario.fleet.start_velocities[vehicle]))
-    least = max(np.sqrt(6.0 * away / acceleration), 1.5 * away / speed) + flown / acceleration
-    return max(int(np.ceil(_EASE * least / scenario.grid.step)), _FEWEST)
 
 
 def _check(scenario: Scenario) -> None:
@@ -385,101 +294,7 @@ def _check(scenario: Scenario) -> None:
         raise ScenarioError("disturbance", Description("a feedback with none"), expected)
 
 
-def _goals(scenario: Scenario, flight: Scenario, remaining: Plan | None) -> FloatArray:
-    """Return the positions that vehicles are to reach [m], (N, 3).
-
-    Those without a goal stop: where the plan in force ends or, before there is one, where they do
-    with least effort. Arguments are those of `RollingHorizon._orders`.
-    """
-    fleet, goals, margin = scenario.fleet, flight.fleet.goal_positions, largest_radius(scenario)
-    if margin > 0.0 and not flight.fleet.given_positions.all():
-        goals = np.array(
-            [
-                _inside(each.goal, own, margin)
-                for each, own in zip(flight.vehicles, goals, strict=True)
-            ]
-        )
-    anywhere = [each.goal.position is None for each in flight.vehicles]
-    if not any(anywhere):
-        return goals
-    stops = fleet.start_positions + scenario.grid.duration / 2.0 * fleet.start_velocities
-    if remaining is not None:
-        stops = remaining.positions[:, -1]
-    return np.where(np.array(anywhere)[:, None], stops, goals)
-
-
-def _inside(goal: State | Goal, nominal: FloatArray, margin: float) -> FloatArray:
-    """Return the nominal place (3,) of a goal, inside by a margin [m] if it is a set."""
-    if goal.position is None or isinstance(goal.position, np.ndarray):
-        return nominal
-    inner: FloatArray = nominal - _CLEARLY * margin * goal.position.outward(nominal)
-    return inner if float(goal.position.signed_distance(inner)) <= -margin else nominal
-
-
-def _is_at(goal: State | Goal, place: FloatArray, margin: float, tolerance: float) -> bool:
-    """Return whether a place (3,) is at a goal or, with a margin [m], in its set."""
-    if isinstance(goal.position, np.ndarray):
-        return float(np.linalg.norm(place - goal.position)) <= tolerance
-    beyond = None if goal.position is None else goal.position.signed_distance(place)
-    return beyond is None or float(beyond) <= -margin
-
-
-def _as_measured(remaining: Plan, scenario: Scenario) -> Plan:
-    """Return the rest of the plan in force from measured states, to the same places.
-
-    Args:
-        remaining: the rest from the planned states.
-        scenario: from the measured states.
-    """
-    own = remaining.scenario
-    if np.array_equal(scenario.fleet.start_states, own.fleet.start_states):
-        return remaining
-    vehicles = tuple(
-        unchecked(each, goal=before.goal, waypoints=before.waypoints)
-        for each, before in zip(scenario.vehicles, own.vehicles, strict=True)
-    )
-    fleet = scenario.fleet.aimed(vehicles)
-    same = scenario.derived(vehicles=vehicles, objective=own.objective, fleet=fleet)
-    return moved(remaining, same)
-
-
 def _aiming(vehicle: Vehicle, aim: Aim, before: tuple[Waypoint, ...]) -> Vehicle:
     """Return a vehicle that is drawn towards a point, and keeps its arrival there."""
     kept = (each for each in before if aim.is_goal and np.array_equal(each.position, aim.point))
     return unchecked(vehicle, goal=State(aim.point), waypoints=tuple(kept))
-
-
-def _arriving(vehicle: Vehicle, scenario: Scenario, knot: int) -> Vehicle:
-    """Return a vehicle that is at rest at its goal from a knot on, counted from 0.
-
-    With a disturbance it is there within the error tube.
-    """
-    grid = scenario.grid
-    time, goal = float(grid.start + grid.elapsed[knot]), vehicle.goal.position
-    if scenario.disturbance is None:
-        arrival = Waypoint(time, goal, velocity=np.zeros(3))
-    else:
-        tube = tube_of(scenario)
-        away, speed = _WIDER * float(tube.position(time)), _WIDER * float(tube.velocity(time))
-        arrival = Waypoint(time, goal, away, velocity=Sphere(np.zeros(3), speed))
-    return unchecked(vehicle, waypoints=(arrival,))
-
-
-def lasting_until(window: Window, knot: int) -> Window:
-    """Return a window that is continued at rest until a knot of the flight, if it ends before."""
-    steps = knot - window.first_knot
-    own = _until(window.plan, steps)
-    if own is window.plan:
-        return window
-    reference = own if window.reference is window.plan else _until(window.reference, steps)
-    return unchecked(window, plan=own, reference=reference)
-
-
-def _until(plan: Plan, steps: int) -> Plan:
-    """Return a plan continued at rest until it has a number of steps."""
-    scenario, more = plan.scenario, steps - plan.accelerations.shape[1]
-    if more <= 0:
-        return plan
-    longer = until(scenario, scenario.grid.from_knot(0, steps), scenario.vehicles)
-    accelerations = np.pad(plan.accelerations, ((0, 0), (0, more), (0, 0)))
-    return Plan.from_accelerations(longer, accelerations, plan.statistics)
