@@ -47,7 +47,7 @@ def test_a_notebook_has_no_definitions_no_plotting_and_no_outputs(path: Path) ->
 def test_there_is_a_notebook_for_every_example() -> None:
     names = {path.stem for path in NOTEBOOKS}
     assert {"start_here", "example_1", "example_2", "example_3", "example_4"} <= names
-    assert {"fleet", "flight", "maps", "program", "time", "trust", "world"} <= names
+    assert {"fleet", "flight", "maps", "online", "program", "time", "trust", "world"} <= names
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
