@@ -153,7 +153,7 @@ class OnboardPlanner:
         if self._planned is not None:
             changed |= self._announce(self._planned, time)
             self._planned = None
-        elif self._announced is None and time >= self._planned_at + self._replan_every and not self._has_arrived():
+        elif self._announced is None and time >= self._planned_at + self._replan_every and not self.has_arrived:
             self._plan(time)
         if not changed and time < self._sent + self._period:
             return None
@@ -245,7 +245,8 @@ class OnboardPlanner:
                 )
         return found
 
-    def _has_arrived(self) -> bool:
+    @property
+    def has_arrived(self) -> bool:
         """Return whether the plan in force ends at the goal."""
         goal = self._scenario.vehicles[0].goal.position
         if not isinstance(goal, np.ndarray):

@@ -20,11 +20,6 @@ from drake_rho.verification.holds import first_violation
 _SMALLEST = 1e-3
 """Least semi-axis of the ellipsoid around another vehicle, in separations."""
 
-_LASTS = 1e6
-"""Time for which a window avoids another vehicle [s]. What has an end is no wall to a path search:
-vehicles at rest move on."""
-
-
 @dataclasses.dataclass(frozen=True)
 class Heard:
     """What was heard of another vehicle last."""
@@ -146,5 +141,5 @@ def obstacle_of(
     least = _SMALLEST * separation.distance
     semi_axes: FloatArray = np.maximum(separation.shape.semi_axes - radius, least)
     track = plan.track(begin)
-    shape, active = Ellipsoid(track.positions[0], semi_axes), (begin - plan.step, begin + _LASTS)
-    return Obstacle(shape, track=track, name=name, active=active, position_error=error)
+    shape = Ellipsoid(track.positions[0], semi_axes)
+    return Obstacle(shape, track=track, name=name, position_error=error)

@@ -21,6 +21,9 @@ from drake_rho.verification.tubes import ErrorRadii
 _PRECISION = 0.01
 """Precision of least distances, in tolerances of the separation."""
 
+_HARDLY = 1e-7
+"""Distance that counts as no motion [m]."""
+
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class SharedPlan:
@@ -67,10 +70,15 @@ class SharedPlan:
         return float(np.linalg.norm(self.accelerations, axis=1).max()) * self.step**2 / 8.0
 
     def track(self, begin: float) -> Track:
-        """Return the polyline through its knots, from the last one before a time on [s]."""
+        """Return the polyline through its knots, from the last one before a time on [s].
+
+        It never quite rests: a vehicle may move on, and is no wall to a search for paths.
+        """
         first = int(np.clip(steps_begun(begin - self.start, self.step), 0, len(self.times) - 1))
-        deviation = self.deviation * (1.0 + 1e-9)
-        return Track(self.times[first:], self.knots[0][first:], deviation, after="rests")
+        times = np.append(self.times[first:], self.times[-1] + self.step)
+        end = self.knots[0][-1:] + _HARDLY
+        positions = np.concatenate([self.knots[0][first:], end])
+        return Track(times, positions, self.deviation + 2.0 * _HARDLY, after="rests")
 
     def states(self, times: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return positions [m], velocities [m/s] and accelerations [m/s²] at times, (T, 3) each.
