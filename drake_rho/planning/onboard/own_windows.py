@@ -11,6 +11,7 @@ from drake_rho.motion.plan import Plan
 from drake_rho.planning.call.time_limit import within_time
 from drake_rho.planning.horizon.receding_horizon import Proposal, RecedingHorizon
 from drake_rho.planning.horizon.situation import Situation
+from drake_rho.planning.onboard.passing import plan_past
 from drake_rho.scenario.fields import unchecked
 from drake_rho.scenario.parts import State
 from drake_rho.scenario.records import Scenario
@@ -27,6 +28,7 @@ class OwnWindows(RecedingHorizon):
     """
 
     def __init__(self, scenario: Scenario, horizon: float, **settings: object) -> None:
+        settings = {"planner": plan_past, "fallback": None} | settings
         super().__init__(scenario, replan_every=1, horizon=horizon, **settings)  # type: ignore[arg-type]
         self._steps = steps_lasting(horizon, scenario.grid.step)
         self.accept(self._at_rest())
