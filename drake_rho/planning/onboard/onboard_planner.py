@@ -219,7 +219,7 @@ class OnboardPlanner:
     def _plan(self, time: float) -> None:
         """Plan a window against everything that others may fly; keep it if it is a new one."""
         ready = time + self._latency + self.check - self._grid.start
-        knot = max(steps_lasting(ready, self._grid.step), 1)
+        knot = max(steps_lasting(ready, self._grid.step), self._windows.last.first_knot + 1)
         begin = self._grid.start + knot * self._grid.step
         now = self._scenario.derived(obstacles=(*self._scenario.obstacles, *self._obstacles(time, begin)))
         proposal = self._windows.among(now, begin)

@@ -14,7 +14,7 @@ from drake_rho.scenario.goals import Goal
 from drake_rho.scenario.obstacles import Obstacle
 from drake_rho.scenario.parts import Grid, Separation, State
 from drake_rho.scenario.records import TOLERANCE, Scenario
-from drake_rho.scenario.shapes.quadrics import Ellipsoid
+from drake_rho.scenario.shapes.quadrics import Ellipsoid, Sphere
 from drake_rho.verification.holds import first_violation
 
 _SMALLEST = 1e-3
@@ -141,5 +141,7 @@ def obstacle_of(
     least = _SMALLEST * separation.distance
     semi_axes: FloatArray = np.maximum(separation.shape.semi_axes - radius, least)
     track = plan.track(begin)
-    shape = Ellipsoid(track.positions[0], semi_axes)
+    center = track.positions[0]
+    round_one = separation.is_round
+    shape = Sphere(center, semi_axes[0]) if round_one else Ellipsoid(center, semi_axes)
     return Obstacle(shape, track=track, name=name, position_error=error)

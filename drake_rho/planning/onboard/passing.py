@@ -22,6 +22,9 @@ from drake_rho.scenario.records import Scenario
 _BENDS = (1.0, -1.0)
 """Sides to which a motion is bent: right, then left."""
 
+_GOOD = 1.5
+"""Largest cost of a plan for which no other side is tried, in that without obstacles."""
+
 _AMPLITUDES = 2.0
 """Largest displacement of a bent motion, in the required distance from the widest obstacle."""
 
@@ -43,7 +46,7 @@ def plan_past(scenario: Scenario, *, reference: Plan | None, solver: Solver | No
     """
     free = plan_convex(scenario.derived(obstacles=(), fleet=scenario.fleet), solver=solver)
     found, spent, failure = list[Plan](), free.statistics, None
-    for number, each in enumerate(_references(scenario, free, reference)):
+    for each in _references(scenario, free, reference):
         try:
             plan = plan_convex(scenario, reference=each, solver=solver)
         except (InfeasibleError, SolverError) as error:
@@ -51,8 +54,8 @@ def plan_past(scenario: Scenario, *, reference: Plan | None, solver: Solver | No
             continue
         found.append(plan)
         spent += plan.statistics
-        if number == 0 and plan.cost <= free.cost * (1.0 + 1e-6):
-            break  # nothing is in the way
+        if plan.cost <= _GOOD * free.cost:
+            break
     if not found:
         assert failure is not None  # noqa: S101  # there is always a motion
         raise failure.replaced(statistics=spent)
