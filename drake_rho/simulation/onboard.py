@@ -112,6 +112,7 @@ def simulate_onboard(
     planners = [OnboardPlanner(scenario, name, **(believed | settings)) for name in scenario.names]
     begin, air = scenario.grid.start, _Air(radio, rng)
     turns = rng.uniform(0.0, settings.get("replan_every", 0.1), len(planners))
+    events: list[tuple[float, int, int, bytes]]
     events = [(begin + turn, i, i, b"") for i, turn in enumerate(turns.tolist())]
     seconds, count = [list[float]() for _ in planners], len(events)
     heapq.heapify(events)
@@ -140,7 +141,8 @@ def simulate_onboard(
 
 
 def _place(planner: OnboardPlanner, time: float) -> FloatArray:
-    return planner.at(time).positions[0]
+    place: FloatArray = planner.at(time).positions[0]
+    return place
 
 
 def _flown(
@@ -157,7 +159,9 @@ def _flown(
         vehicle if planner.has_arrived else unchecked(vehicle, goal=Goal(None))
         for vehicle, planner in zip(scenario.vehicles, planners, strict=True)
     )
-    grid = scenario.grid.from_knot(0, max(steps, steps_lasting(scenario.grid.step, scenario.grid.step)))
+    grid = scenario.grid.from_knot(
+        0, max(steps, steps_lasting(scenario.grid.step, scenario.grid.step))
+    )
     whole = scenario.derived(grid=grid, vehicles=vehicles)
     plan = Plan.from_accelerations(
         whole.derived(fleet=whole.fleet.reaching(lengths)), accelerations

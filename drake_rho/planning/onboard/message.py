@@ -128,7 +128,9 @@ class Message:
             begin += _PLAN.size
             a = np.frombuffer(body, "<f8", 3 * steps, begin).astype(np.float64).reshape(-1, 3)
             begin += a.nbytes
-            plans.append(_checked(SharedPlan(*numbers[:3], np.array(numbers[4:]), a, numbers[3])))
+            announced, start, step, radius, *state = numbers
+            plan = SharedPlan(announced, start, step, np.array(state), a, radius)
+            plans.append(_checked(plan))
         if begin != len(body):
             raise ValueError(f"got {len(body)} bytes, expected {begin}")
         return cls(sender, number, *plans)

@@ -11,6 +11,7 @@ from drake_rho.planning.onboard.message import Message, MessageError
 from drake_rho.planning.onboard.shared_plan import SharedPlan
 from drake_rho.scenario.fields import FloatArray, unchecked
 from drake_rho.scenario.goals import Goal
+from drake_rho.scenario.objective import Objective
 from drake_rho.scenario.obstacles import Obstacle
 from drake_rho.scenario.parts import Grid, Separation, State
 from drake_rho.scenario.records import TOLERANCE, Scenario
@@ -19,6 +20,7 @@ from drake_rho.verification.holds import first_violation
 
 _SMALLEST = 1e-3
 """Least semi-axis of the ellipsoid around another vehicle, in separations."""
+
 
 @dataclasses.dataclass(frozen=True)
 class Heard:
@@ -36,22 +38,28 @@ class Others:
     Until they are heard, they stay at their starts.
 
     Args:
-        scenario: of all vehicles, on a grid of one window, with the scales of windows.
+        scenario: of all vehicles, on the grid of one window.
         name: of the vehicle to which they are others.
         clock_error: largest difference of two vehicles' clocks [s].
         forgets_after: time after which a vehicle that was not heard is out of the radius of
             communication [s]; infinite without one.
+        error: largest distance of a vehicle from its start [m].
     """
 
     def __init__(
-        self, scenario: Scenario, name: str, clock_error: float, forgets_after: float
+        self,
+        scenario: Scenario,
+        name: str,
+        clock_error: float,
+        forgets_after: float,
+        error: float,
     ) -> None:
         self._name, self._clock_error, self._forgets_after = name, clock_error, forgets_after
-        self._scenario, self._heard = scenario, dict[str, Heard]()
+        self._scenario, self._heard = _with_limits_only(scenario), dict[str, Heard]()
         grid = scenario.grid
         for each in scenario.vehicles:
             if each.name != name:
-                rest = SharedPlan.at_rest(each.start.position, grid.start, grid.step)
+                rest = SharedPlan.at_rest(each.start.position, grid.start, grid.step, error)
                 self._heard[each.name] = Heard(Message(each.name, -1, rest), grid.start)
 
     def hear(self, data: bytes, time: float) -> None:
@@ -115,6 +123,12 @@ class Others:
             for name, each in self._heard.items()
             if time - each.time <= self._forgets_after
         ]
+
+
+def _with_limits_only(scenario: Scenario) -> Scenario:
+    """Return a scenario that requires nothing but the limits of its vehicles."""
+    nothing: dict[str, object] = {"obstacles": (), "requirements": (), "objective": Objective()}
+    return scenario.derived(separation=None, disturbance=None, **nothing)
 
 
 def _key(plan: SharedPlan) -> tuple[object, ...]:

@@ -1,4 +1,4 @@
-"""Windows of a vehicle that plans for itself: a horizon that rolls and holds nothing of the past."""
+"""Windows of a vehicle that plans for itself: a horizon that rolls and forgets the past."""
 
 from __future__ import annotations
 
@@ -8,10 +8,12 @@ import numpy as np
 
 from drake_rho.motion.flight import Window
 from drake_rho.motion.plan import Plan
+from drake_rho.planning.call.options import Options
 from drake_rho.planning.call.time_limit import within_time
+from drake_rho.planning.horizon.interfaces import Planner
 from drake_rho.planning.horizon.receding_horizon import Proposal, RecedingHorizon
 from drake_rho.planning.horizon.situation import Situation
-from drake_rho.planning.onboard.passing import plan_past
+from drake_rho.planning.programs.backend import Solver, SolverName
 from drake_rho.scenario.fields import unchecked
 from drake_rho.scenario.parts import State
 from drake_rho.scenario.records import Scenario
@@ -24,12 +26,31 @@ class OwnWindows(RecedingHorizon):
     Args:
         scenario: of the vehicle, without other vehicles.
         horizon: time that every window plans ahead [s].
-        **settings: of windows.
+        planner: planner of one window.
+        fallback: planner of a window if `planner` has no solution.
+        solver: of the programs.
+        options: of the package's planners.
     """
 
-    def __init__(self, scenario: Scenario, horizon: float, **settings: object) -> None:
-        settings = {"planner": plan_past, "fallback": None} | settings
-        super().__init__(scenario, replan_every=1, horizon=horizon, **settings)  # type: ignore[arg-type]
+    def __init__(
+        self,
+        scenario: Scenario,
+        horizon: float,
+        planner: Planner,
+        fallback: Planner | None,
+        *,
+        solver: Solver | SolverName | None,
+        options: Options | None,
+    ) -> None:
+        super().__init__(
+            scenario,
+            replan_every=1,
+            horizon=horizon,
+            planner=planner,
+            fallback=fallback,
+            solver=solver,
+            options=options,
+        )
         self._steps = steps_lasting(horizon, scenario.grid.step)
         self.accept(self._at_rest())
 

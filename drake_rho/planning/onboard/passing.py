@@ -12,7 +12,6 @@ from collections.abc import Iterator
 import numpy as np
 
 from drake_rho.motion.plan import Plan
-from drake_rho.motion.statistics import Statistics
 from drake_rho.planning.errors import InfeasibleError, SolverError
 from drake_rho.planning.planners.convex import plan_convex
 from drake_rho.planning.programs.backend import Solver

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 
@@ -43,10 +44,10 @@ class SharedPlan:
     """largest distance of the vehicle from it, at any time [m]"""
 
     @classmethod
-    def at_rest(cls, position: FloatArray, start: float, step: float) -> SharedPlan:
+    def at_rest(cls, position: FloatArray, start: float, step: float, radius: float) -> Self:
         """Return the plan of a vehicle that stays at a position (3,) [m] from a time on [s]."""
         state = np.append(position, np.zeros(3))
-        return cls(start, start, step, state, np.zeros((1, 3)))
+        return cls(start, start, step, state, np.zeros((1, 3)), radius)
 
     @cached_property
     def knots(self) -> tuple[FloatArray, FloatArray]:
@@ -93,8 +94,8 @@ class SharedPlan:
         s = np.maximum(times - self.times[k], 0.0)[:, None] * moving
         return p[k] + s * (v[k] + s / 2.0 * a), (v[k] + s * a) * moving, a
 
-    def starting_at(self, knot: int, accelerations: FloatArray) -> FloatArray:
-        """Return its accelerations until a knot, and then others, shape (knot + M', 3)."""
+    def then(self, knot: int, accelerations: FloatArray) -> FloatArray:
+        """Return its accelerations until one of its knots, and then others, (knot + M', 3)."""
         before = np.zeros((knot, 3))
         flown = self.accelerations[:knot]
         before[: len(flown)] = flown
