@@ -5,10 +5,17 @@ Distances are of samples of the committed accelerations, integrated here.
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
+import socket
 import struct
+import subprocess
+import sys
+import textwrap
+import time
 import zlib
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,6 +23,7 @@ import pytest
 
 import drake_rho as rho
 
+EXAMPLES = Path(__file__).parent.parent / "docs" / "examples"
 SEPARATION = 0.5
 LIMITS = rho.Limits(max_speed=6.0, max_acceleration=8.0)
 DELAY = 0.1
@@ -221,17 +229,16 @@ SLOW = rho.Limits(max_speed=1.0, max_acceleration=2.0)
 
 
 def test_vehicles_beyond_the_radius_need_not_be_heard() -> None:
-    scenario, settings = swap(8.0, limits=SLOW), {"replan_every": 0.5, "horizon": 2.1}
+    scenario = swap(8.0, limits=SLOW)
+    settings: dict[str, Any] = {"replan_every": 0.5, "horizon": 2.1}
     least = rho.OnboardPlanner(scenario, "q0", delay=DELAY, **settings).least_radius
     assert 3.0 * 2.1 < least < 12.0
     with pytest.raises(ValueError, match="radius: got"):
         rho.OnboardPlanner(scenario, "q0", delay=DELAY, radius=0.9 * least, **settings)
-    for radius, believed, safe in ((least, {}, True), (0.5, {"radius": None}, False)):
-        rng = np.random.default_rng(2)
-        radio = rho.Radio(delay=DELAY, radius=radius)
-        flown = rho.simulate_onboard(
-            scenario, radio, duration=16.0, rng=rng, **(settings | believed)
-        )
+    for radius, safe in ((least, True), (0.5, False)):
+        settings["radius"] = radius if safe else None
+        rng, radio = np.random.default_rng(2), rho.Radio(delay=DELAY, radius=radius)
+        flown = rho.simulate_onboard(scenario, radio, duration=16.0, rng=rng, **settings)
         assert (apart(flown) >= SEPARATION * (1 - 1e-6)) == safe
         assert sum(each.committed for each in flown.counts) >= 10
 
@@ -261,7 +268,7 @@ def test_messages_that_do_not_hold_are_refused() -> None:
     fast = swap(9.0, limits=rho.Limits(max_speed=20.0, max_acceleration=20.0))
     low = dataclasses.replace(LIMITS, position=rho.Box([-9, -9, 2], [9, 9, 4]))
     foreign = dataclasses.replace(swap().vehicles[1], name="z")
-    strangers = dataclasses.replace(swap(), vehicles=[swap().vehicles[0], foreign])
+    strangers = dataclasses.replace(swap(), vehicles=(swap().vehicles[0], foreign))
     refused = {
         "bytes": b"",
         "at first": b"RHO" + good[3:],
@@ -281,13 +288,14 @@ def test_messages_that_do_not_hold_are_refused() -> None:
             planner.hear(data, 0.05)  # type: ignore[arg-type]
         named = reason in ("rest at its end", "future", "violates")
         assert error.value.sender == ("q1" if named else error.value.sender)
-    above = [
-        dataclasses.replace(each, start=rho.State(each.start.position + [0, 0, 2]), goal=goal)
+    up = np.array([0.0, 0.0, 2.0])
+    above = tuple(
+        dataclasses.replace(
+            each, start=rho.State(each.start.position + up), goal=rho.State(each.goal.position + up)
+        )
         for each in swap().vehicles
-        for goal in [rho.State(each.goal.position + [0, 0, 2])]
-    ]
-    boxed = dataclasses.replace(swap(limits=LIMITS), vehicles=above)
-    boxed = dataclasses.replace(boxed, limits=low)
+    )
+    boxed = dataclasses.replace(swap(), vehicles=above, limits=low)
     with pytest.raises(rho.MessageError, match="violates"):
         rho.OnboardPlanner(boxed, "q0").hear(good, 0.05)
 
@@ -344,10 +352,10 @@ def test_scenarios_that_vehicles_cannot_plan_for_alone_are_refused(
 @pytest.mark.parametrize(
     "setting", [{"period": 0.0}, {"delay": -1.0}, {"latency": np.nan}, {"radius": 1.0}]
 )
-def test_impossible_settings_are_refused(setting: dict[str, float]) -> None:
+def test_impossible_settings_are_refused(setting: dict[str, Any]) -> None:
     (name,) = setting
     with pytest.raises(ValueError, match=f"{name}: got"):
-        rho.OnboardPlanner(swap(), "q0", **setting)  # type: ignore[arg-type]
+        rho.OnboardPlanner(swap(), "q0", **setting)
     with pytest.raises(ValueError, match="vehicle: got 'q9'"):
         rho.OnboardPlanner(swap(), "q9")
     with pytest.raises(ValueError, match="loss: got 2"):
@@ -358,11 +366,12 @@ def test_goals_and_obstacles_may_change() -> None:
     planner = rho.OnboardPlanner(swap(), "q0")
     first = dataclasses.replace(swap().vehicles[0], goal=rho.State([0, 6, 1]))
     wall = rho.Box([-3.0, 2.0, 0.0], [-2.0, 3.0, 3.0])
-    now = dataclasses.replace(swap(), vehicles=[first, swap().vehicles[1]], obstacles=[wall])
+    vehicles = first, swap().vehicles[1]
+    now = dataclasses.replace(swap(), vehicles=vehicles, obstacles=(wall,))
     planner.step(0.0)
     planner.tell(now)
-    for time in np.arange(0.02, 6.0, 0.02):
-        planner.step(float(time))
+    for now in np.arange(0.02, 6.0, 0.02):
+        planner.step(float(now))
     assert planner.has_arrived
     x = positions(planner.flight, np.arange(0.0, planner.flight.times[-1], 1e-3))[0]
     np.testing.assert_allclose(x[-1], [0, 6, 1], atol=1e-5)
@@ -377,3 +386,40 @@ def test_the_past_is_not_flown() -> None:
     state = planner.at([2.0])
     there = positions(planner.flight, np.array([2.0]))[0]
     np.testing.assert_allclose(state.positions, there, atol=1e-9)
+
+
+def _free_ports(count: int) -> list[int]:
+    with contextlib.ExitStack() as open_ones:
+        every = [
+            open_ones.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
+            for _ in range(count)
+        ]
+        for each in every:
+            each.bind(("127.0.0.1", 0))
+        return [each.getsockname()[1] for each in every]
+
+
+@pytest.mark.slow
+def test_two_processes_share_plans_over_udp(tmp_path: Path) -> None:
+    script, begin = EXAMPLES / "onboard_udp.py", time.time() + 3.0
+    ports, names = _free_ports(2), ("q0", "q1")
+    processes = []
+    for name, own, other in zip(names, ports, ports[::-1], strict=True):
+        words = [name, str(own), str(other), str(begin), str(tmp_path / f"{name}.npz")]
+        processes.append(subprocess.Popen([sys.executable, str(script), *words]))
+    try:
+        assert [each.wait(timeout=60.0) for each in processes] == [0, 0]
+    finally:
+        for each in processes:
+            each.kill()
+    plans = [rho.load(tmp_path / f"{name}.npz").plan for name in names]
+    times = np.arange(0.0, max(each.times[-1] for each in plans), 1e-3)
+    x = np.array([positions(each, times)[0] for each in plans])
+    assert least_distance(x) >= 0.5 * (1 - 1e-6)
+    assert np.linalg.norm(np.diff(x, axis=1), axis=2).sum(axis=1).min() > 1.0
+
+
+def test_the_guide_shows_the_loop_of_the_example() -> None:
+    text = (EXAMPLES.parent / "guides" / "onboard.md").read_text()
+    (loop,) = (each for each in text.split("```\n") if each.startswith("while "))
+    assert textwrap.indent(loop, 8 * " ") in (EXAMPLES / "onboard_udp.py").read_text()

@@ -18,7 +18,6 @@ from drake_rho.planning.onboard.onboard_planner import Counts, OnboardPlanner
 from drake_rho.scenario.fields import FloatArray, unchecked
 from drake_rho.scenario.goals import Goal
 from drake_rho.scenario.records import Scenario
-from drake_rho.scenario.times import steps_lasting
 
 
 @dataclasses.dataclass(frozen=True)
@@ -61,18 +60,54 @@ class OnboardFlight:
     """wall time of planning each window of each vehicle [s], shape (M,) each"""
 
 
-class _Air:
-    """Messages that are under way, and when they arrive."""
+class _Loops:
+    """Loops of all vehicles, and the messages between them that are under way."""
 
-    def __init__(self, radio: Radio, rng: np.random.Generator) -> None:
-        self._radio, self._rng = radio, rng
+    def __init__(
+        self, planners: list[OnboardPlanner], radio: Radio, rng: np.random.Generator, tick: float
+    ) -> None:
+        self.planners, self._radio, self._rng, self._tick = planners, radio, rng, tick
+        self.seconds: list[list[float]] = [[] for _ in planners]
         self._lost_in_a_row = dict[tuple[int, int], int]()
+        self._events: list[tuple[float, int, int, bytes]] = []
+        self._count = 0
 
-    def delay(self, sender: int, receiver: int, distance: float) -> float | None:
+    def add(self, time: float, index: int, data: bytes = b"") -> None:
+        """Add a turn of a vehicle's loop, or the arrival of a message, at a time [s]."""
+        self._count += 1
+        heapq.heappush(self._events, (time, self._count, index, data))
+
+    def run(self, until: float) -> None:
+        """Run all loops until all vehicles have arrived, or until a time [s]."""
+        while self._events[0][0] <= until:
+            now, _, index, data = heapq.heappop(self._events)
+            if data:
+                self.planners[index].hear(data, now)
+            elif all(each.has_arrived for each in self.planners):
+                break
+            else:
+                self._turn(index, now)
+
+    def _turn(self, index: int, now: float) -> None:
+        """Take one turn of a vehicle's loop; planning takes a part of the time allowed for it."""
+        planner, started = self.planners[index], wall.perf_counter()
+        windows, later = planner.counts.windows, now + self._tick * self._rng.uniform(0.5, 1.5)
+        sent = planner.step(now)
+        if planner.counts.windows > windows:
+            self.seconds[index].append(wall.perf_counter() - started)
+            later += planner.latency * self._rng.uniform()
+        self.add(float(later), index)
+        if sent is not None:
+            for other in range(len(self.planners)):
+                if other != index and (delay := self._delay(index, other, now)) is not None:
+                    self.add(now + delay, other, sent)
+
+    def _delay(self, sender: int, receiver: int, now: float) -> float | None:
         """Return how late a message arrives [s]; None if it does not."""
         radio, both = self._radio, (sender, receiver)
         late, luck = self._rng.uniform(0.0, radio.delay), self._rng.uniform()
-        if radio.radius is not None and distance > radio.radius:
+        places = [self.planners[each].at(now).positions[0] for each in both]
+        if radio.radius is not None and np.linalg.norm(places[0] - places[1]) > radio.radius:
             return None
         lost = self._lost_in_a_row.get(both, 0)
         is_lost = luck < radio.loss and (radio.lost is None or lost < radio.lost)
@@ -110,39 +145,11 @@ def simulate_onboard(
     radio = radio or Radio()
     believed = {"delay": radio.delay, "lost": radio.lost or 0, "radius": radio.radius}
     planners = [OnboardPlanner(scenario, name, **(believed | settings)) for name in scenario.names]
-    begin, air = scenario.grid.start, _Air(radio, rng)
-    turns = rng.uniform(0.0, settings.get("replan_every", 0.1), len(planners))
-    events: list[tuple[float, int, int, bytes]]
-    events = [(begin + turn, i, i, b"") for i, turn in enumerate(turns.tolist())]
-    seconds, count = [list[float]() for _ in planners], len(events)
-    heapq.heapify(events)
-    while events and events[0][0] <= begin + duration:
-        now, _, index, data = heapq.heappop(events)
-        planner = planners[index]
-        if data:
-            planner.hear(data, now)
-            continue
-        if all(each.has_arrived for each in planners):
-            break
-        windows, started = planner.counts.windows, wall.perf_counter()
-        sent, later = planner.step(now), now + tick * rng.uniform(0.5, 1.5)
-        if planner.counts.windows > windows:
-            seconds[index].append(wall.perf_counter() - started)
-            later += settings.get("latency", 0.0) * rng.uniform()
-        heapq.heappush(events, (later, count, index, b""))
-        count += 1
-        for other in range(len(planners)) if sent else ():
-            away = float(np.linalg.norm(_place(planner, now) - _place(planners[other], now)))
-            delay = None if other == index else air.delay(index, other, away)
-            if delay is not None:
-                heapq.heappush(events, (now + delay, count, other, sent))
-                count += 1
-    return _flown(scenario, planners, seconds)
-
-
-def _place(planner: OnboardPlanner, time: float) -> FloatArray:
-    place: FloatArray = planner.at(time).positions[0]
-    return place
+    loops, begin = _Loops(planners, radio, rng, tick), scenario.grid.start
+    for index, planner in enumerate(planners):
+        loops.add(begin + float(rng.uniform(0.0, planner.replan_every)), index)
+    loops.run(begin + duration)
+    return _flown(scenario, planners, loops.seconds)
 
 
 def _flown(
@@ -159,10 +166,7 @@ def _flown(
         vehicle if planner.has_arrived else unchecked(vehicle, goal=Goal(None))
         for vehicle, planner in zip(scenario.vehicles, planners, strict=True)
     )
-    grid = scenario.grid.from_knot(
-        0, max(steps, steps_lasting(scenario.grid.step, scenario.grid.step))
-    )
-    whole = scenario.derived(grid=grid, vehicles=vehicles)
+    whole = scenario.derived(grid=scenario.grid.from_knot(0, steps), vehicles=vehicles)
     plan = Plan.from_accelerations(
         whole.derived(fleet=whole.fleet.reaching(lengths)), accelerations
     )

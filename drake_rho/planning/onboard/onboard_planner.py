@@ -78,6 +78,8 @@ class OnboardPlanner:
     Attributes:
         name: of the vehicle.
         check: time from the announcement of a plan to its commitment [s].
+        latency: as given.
+        replan_every: as given.
         counts: of windows and plans.
 
     Raises:
@@ -116,8 +118,8 @@ class OnboardPlanner:
         )
         self._separation = _separation_of(scenario)
         self.name, self.counts = name, Counts()
-        self._period, self._clock_error, self._latency = period, clock_error, latency
-        self._replan_every, self.check = replan_every, delay + lost * period + clock_error
+        self._period, self._clock_error, self.latency = period, clock_error, latency
+        self.replan_every, self.check = replan_every, delay + lost * period + clock_error
         self._grid, self._radius = scenario.grid, float(scenario.fleet.radii[index])
         self._scenario = scenario.of_vehicles([index]).derived(separation=None)
         own = OwnWindows(self._scenario, horizon, planner, fallback, solver=solver, options=options)
@@ -246,11 +248,11 @@ class OnboardPlanner:
     def _is_due(self, time: float) -> bool:
         """Return whether the next window is to be planned."""
         idle = self._announced is None and not self.has_arrived
-        return idle and time >= self._begun + self._replan_every
+        return idle and time >= self._begun + self.replan_every
 
     def _window(self, time: float) -> Proposal | None:
         """Plan a window against everything that others may fly; return it if it is a new one."""
-        ready = time + self._latency + self.check - self._grid.start
+        ready = time + self.latency + self.check - self._grid.start
         knot = max(steps_lasting(ready, self._grid.step), self._windows.last.first_knot + 1)
         begin = self._time_of(knot)
         obstacles = (*self._scenario.obstacles, *self._obstacles(time, begin))
