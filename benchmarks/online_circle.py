@@ -39,7 +39,7 @@ COLUMNS = (
     "windows of a vehicle",
     "plans withdrawn",
     "median ms of a window",
-    f"windows within {1000 * LATENCY:g} ms",
+    "99 % ms of a window",
 )
 
 
@@ -68,7 +68,7 @@ def circle() -> rho.Scenario:
     up = np.array([0.0, 0.0, 1.0])
     return rho.Scenario(
         "circle",
-        rho.Grid(step=0.15, knots=21),
+        rho.Grid(step=0.2, knots=16),
         [
             rho.Vehicle(f"q{i}", rho.State(row + up), rho.State(up - row), radius=0.1)
             for i, row in enumerate(rows)
@@ -107,7 +107,10 @@ def fly(delay: float, seed: int) -> Lap:
     """Return one flight of the circle."""
     rng = np.random.default_rng([99, round(1000 * delay), seed])
     radio = rho.Radio(delay=delay)
-    flown = rho.simulate_onboard(circle(), radio, duration=30.0, rng=rng, latency=LATENCY)
+    options = rho.Options(time_limit=LATENCY)
+    flown = rho.simulate_onboard(
+        circle(), radio, duration=30.0, rng=rng, latency=LATENCY, options=options, solver="daqp"
+    )
     return Lap(
         _least_distance(flown.plan),
         flown.arrivals,
@@ -151,16 +154,16 @@ def _row(delay: float, laps: list[Lap]) -> tuple[Cell, ...]:
         sum(each.windows for each in laps) / len(travel),
         f"{100 * sum(each.withdrawn for each in laps) / max(announced, 1):.0f} %",
         1000.0 * float(np.median(seconds)),
-        f"{100 * float(np.mean(seconds <= LATENCY)):.0f} %",
+        1000.0 * float(np.quantile(seconds, 0.99)),
     )
 
 
 _WORK = f"""\
-Each vehicle runs one `OnboardPlanner`, with a horizon of 3 s and steps of 0.15 s, at random
+Each vehicle runs one `OnboardPlanner`, with a horizon of 3 s and steps of 0.2 s, at random
 instants of its own; planning takes up to {LATENCY:g} s of the simulated time, and messages up to
 the longest delay. Distances are of samples at {RATE:g} Hz. Limits are 10 m/s, 20 m/s² and 30 m/s³,
 of norms; RMADER's are of each axis. RMADER (arXiv:2303.06222) reports 10 vehicles on such a
 circle without a collision, with mean travel times from {LONGEST_TRAVEL:g} s, and 83 % of flights
-without a collision for MADER. Windows that take longer than the allowed {1000 * LATENCY:g} ms of
-wall time count here as if they had not: on such a computer they would be dropped, and the vehicle
-would go on as committed."""
+without a collision for MADER. A window is given up after {1000 * LATENCY:g} ms of wall time,
+with the best plan found so far or none: travel times depend on the computer. The first
+window of a process, which loads modules, is one of those given up."""

@@ -364,12 +364,12 @@ def test_impossible_settings_are_refused(setting: dict[str, Any]) -> None:
 
 def test_goals_and_obstacles_may_change() -> None:
     planner = rho.OnboardPlanner(swap(), "q0")
-    first = dataclasses.replace(swap().vehicles[0], goal=rho.State([0, 6, 1]))
+    own = dataclasses.replace(swap().vehicles[0], goal=rho.State([0, 6, 1]))
     wall = rho.Box([-3.0, 2.0, 0.0], [-2.0, 3.0, 3.0])
-    vehicles = first, swap().vehicles[1]
-    now = dataclasses.replace(swap(), vehicles=vehicles, obstacles=(wall,))
+    vehicles = own, swap().vehicles[1]
+    news = dataclasses.replace(swap(), vehicles=vehicles, obstacles=(wall,))
     planner.step(0.0)
-    planner.tell(now)
+    planner.tell(news)
     for now in np.arange(0.02, 6.0, 0.02):
         planner.step(float(now))
     assert planner.has_arrived

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from drake_rho.motion.plan import Plan
-from drake_rho.planning.errors import InfeasibleError, SolverError
+from drake_rho.planning.errors import InfeasibleError, OutOfTimeError, SolverError
 from drake_rho.planning.planners.convex import plan_convex
 from drake_rho.planning.programs.backend import Solver
 from drake_rho.scenario.fields import FloatArray
@@ -41,6 +41,7 @@ def plan_past(scenario: Scenario, *, reference: Plan | None, solver: Solver | No
 
     Raises:
         InfeasibleError: none is found.
+        OutOfTimeError: the time was over before any was found.
         SolverError: the solvers fail numerically, whatever the motion.
     """
     free = plan_convex(scenario.derived(obstacles=(), fleet=scenario.fleet), solver=solver)
@@ -51,6 +52,10 @@ def plan_past(scenario: Scenario, *, reference: Plan | None, solver: Solver | No
         except (InfeasibleError, SolverError) as error:
             spent, failure = spent + error.statistics, failure or error
             continue
+        except OutOfTimeError:
+            if found:
+                break
+            raise
         found.append(plan)
         spent += plan.statistics
         if plan.cost <= _GOOD * free.cost:
