@@ -52,6 +52,8 @@ from .planning.horizon.interfaces import free_reference as free_reference
 from .planning.horizon.interfaces import tail_reference as tail_reference
 from .planning.horizon.plan_rho import plan_rho as plan_rho
 from .planning.horizon.receding_horizon import RecedingHorizon as RecedingHorizon
+from .planning.onboard.message import MessageError as MessageError
+from .planning.onboard.onboard_planner import OnboardPlanner as OnboardPlanner
 from .planning.planners.assignment import assign_goals as assign_goals
 from .planning.planners.convex import plan_convex as plan_convex
 from .planning.planners.plan import plan as plan
@@ -107,6 +109,9 @@ from .scenario.worlds import load_world as load_world
 from .simulation import winds as winds
 from .simulation.attack import Attack as Attack
 from .simulation.attack import attack as attack
+from .simulation.onboard import OnboardFlight as OnboardFlight
+from .simulation.onboard import Radio as Radio
+from .simulation.onboard import simulate_onboard as simulate_onboard
 from .simulation.simulate import simulate as simulate
 from .simulation.systems import RecedingHorizonController as RecedingHorizonController
 from .simulation.systems import WindyPointMass as WindyPointMass
