@@ -46,6 +46,7 @@ DRAWN = {
     "objective_mixed": 1000,
     "online_missions": 300,
     "online_horizons": 6,
+    "online_circle": 20,
     "mixed_scenes": 5000,
     "mixed_windows": 1200,
     "damaged_files": 4000,
@@ -125,7 +126,7 @@ OBJECTIVE = (
 """Benchmarks of costs, goals and gates; those that are in no `DRAWN` are `run() -> Table`."""
 
 
-ONLINE = ("online_missions", "online_horizons")
+ONLINE = ("online_missions", "online_horizons", "online_circle")
 """Benchmarks of missions in which more becomes known in flight."""
 
 
