@@ -162,7 +162,7 @@ _WORK = f"""\
 Each vehicle runs one `OnboardPlanner`, with a horizon of 3 s and steps of 0.2 s, at random
 instants of its own; planning takes up to {LATENCY:g} s of the simulated time, and messages up to
 the longest delay. Distances are of samples at {RATE:g} Hz. Limits are 10 m/s, 20 m/s² and 30 m/s³,
-of norms; RMADER's are of each axis. RMADER (arXiv:2303.06222) reports 10 vehicles on such a
+of norms. RMADER (arXiv:2303.06222) reports 10 vehicles on such a
 circle without a collision, with mean travel times from {LONGEST_TRAVEL:g} s, and 83 % of flights
 without a collision for MADER. A window has {1000 * LATENCY:g} ms of wall time, with the best
 plan found so far or none afterwards: travel times depend on the computer. The time is looked at

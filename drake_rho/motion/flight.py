@@ -271,12 +271,10 @@ def _with_scales_of(windows: Sequence[Window], plan: Plan) -> Plan:
     Windows of a rolling horizon are on shorter grids. On the grid of a long flight, tolerances of
     velocities and accelerations would be below the precision of the windows' programs.
     """
-    scenario, own = plan.scenario, [each.plan.scenario for each in windows]
-    if all(
-        one.grid.knots + w.first_knot == scenario.grid.knots
-        for w, one in zip(windows, own, strict=True)
-    ):
+    scenario = plan.scenario
+    if not windows or windows[0].plan.scenario.grid.knots == scenario.grid.knots:
         return plan
+    own = [each.plan.scenario for each in windows]
     window = scenario.derived(grid=own[0].grid.from_knot(0))
     lengths = np.max([each.fleet.lengths for each in own], axis=0)
     return unchecked(plan, scenario=scenario.derived(fleet=window.fleet.reaching(lengths)))

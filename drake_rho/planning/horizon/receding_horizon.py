@@ -271,7 +271,7 @@ class RecedingHorizon:
             ValueError: the states have another shape or are not numbers, or the time is not that
                 of a later knot.
         """
-        self.accept(self.propose(states, time, scenario=scenario))
+        self.accept(self._proposed(states, time, scenario))
         return self.windows[-1]
 
     @checked
@@ -282,6 +282,10 @@ class RecedingHorizon:
 
         Args, results and errors are those of `step`.
         """
+        return self._proposed(states, time, scenario)
+
+    def _proposed(self, states: npt.ArrayLike, time: float, scenario: Scenario | None) -> Proposal:
+        """Return the next window, not flown yet; see `step`."""
         situation, ended = self._situation, None
         if scenario is not None:
             situation.knot_at(time)  # an impossible time is refused first

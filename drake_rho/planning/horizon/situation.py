@@ -95,6 +95,8 @@ class WindowStart:
     @property
     def begins_as_planned(self) -> bool:
         """Whether the window begins exactly where the plan in force is."""
+        if self.scenario is self.remaining.scenario:
+            return True
         planned = self.remaining.scenario.fleet.start_states
         return np.array_equal(self.scenario.fleet.start_states, planned)
 
