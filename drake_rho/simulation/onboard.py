@@ -15,13 +15,15 @@ import numpy as np
 
 from drake_rho.motion.plan import Plan
 from drake_rho.planning.onboard.onboard_planner import Counts, OnboardPlanner
+from drake_rho.scenario.arguments import checked, passes_to
+from drake_rho.scenario.described import Described
 from drake_rho.scenario.fields import FloatArray, unchecked
 from drake_rho.scenario.goals import Goal
 from drake_rho.scenario.records import Scenario
 
 
 @dataclasses.dataclass(frozen=True)
-class Radio:
+class Radio(metaclass=Described):
     """What happens to messages between vehicles.
 
     Raises:
@@ -46,7 +48,7 @@ class Radio:
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class OnboardFlight:
+class OnboardFlight(metaclass=Described):
     """What a fleet flew whose vehicles planned for themselves."""
 
     plan: Plan
@@ -115,6 +117,8 @@ class _Loops:
         return None if is_lost else float(late)
 
 
+@checked
+@passes_to(OnboardPlanner)
 def simulate_onboard(
     scenario: Scenario,
     radio: Radio | None = None,
