@@ -22,12 +22,12 @@ from drake_rho.scenario.rest_of_flight import going_on
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Window(metaclass=Described):
-    """Window of a receding horizon: a prediction of the whole remaining flight from one knot."""
+    """Window of a receding horizon: a prediction from one knot on, to the goal or to rest."""
 
     first_knot: int
     """first knot of the window, counted from 0"""
     plan: Plan
-    """the whole prediction, up to the goal"""
+    """the whole prediction: up to the goal or, of a horizon that rolls, to a place of rest"""
     reference: Plan
     """motion around which obstacles were linearised"""
     infeasible: str = ""
