@@ -35,7 +35,7 @@ _WIDER = 1.0 + 1e-6
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Orders:
-    """Scenario of one window, whose goals are the points to which vehicles are drawn."""
+    """Orders of one window: a scenario with the points that vehicles aim at as goals."""
 
     scenario: Scenario
     """rest of the flight for as long as a window plans"""
