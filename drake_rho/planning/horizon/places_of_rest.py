@@ -157,7 +157,9 @@ def _among_near(
 def _are_near(
     bodies: Sequence[_Numbered], scenario: Scenario, plan: Plan, further: FloatArray | float = 0.0
 ) -> BoolArray:
-    """Return which obstacles a motion may touch, from balls around them at the knots, (B,).
+    """Return which obstacles a motion may touch, (B,).
+
+    From balls around them at the knots, and from boxes around the parts of maps.
 
     Args:
         bodies: obstacles and their numbers.
@@ -166,28 +168,29 @@ def _are_near(
         further: distance from them that is near as well [m], shape (N,).
     """
     near = np.ones(len(bodies), dtype=bool)
-    bounded = [
-        index
-        for index, (_, body) in enumerate(bodies)
-        if not isinstance(body.shape, Parts) and np.isfinite(body.shape.extent).all()
-    ]
+    bounded = [i for i, (_, body) in enumerate(bodies) if np.isfinite(body.shape.extent).all()]
     if not bounded:
         return near
     elapsed, step = scenario.grid.elapsed, scenario.grid.step
     required = scenario.fleet.radii + largest_radius(scenario) + further
     within = required[:, None] + step * np.linalg.norm(plan.velocities, axis=2)
-    centers = np.array([bodies[index][1].centers(elapsed) for index in bounded])
-    reached = np.array(
-        [
-            float(np.linalg.norm(body.shape.extent)) + body.deviation + body.uncertainty(elapsed)
-            for body in (bodies[index][1] for index in bounded)
-        ]
+    centers = np.array([bodies[i][1].centers(elapsed) for i in bounded])
+    errors = np.array(
+        [body.deviation + body.uncertainty(elapsed) for body in (bodies[i][1] for i in bounded)]
     )
     moves = np.linalg.norm(np.diff(centers, axis=1), axis=2)
-    reached[:, :-1] += moves  # what moves on the way from a knot to the next counts at both
-    reached[:, 1:] += moves
-    away = np.linalg.norm(plan.positions - centers[:, None], axis=3)
-    near[bounded] = np.any(away <= within + reached[:, None], axis=(1, 2))
+    errors[:, :-1] += moves  # what moves on the way from a knot to the next counts at both
+    errors[:, 1:] += moves
+    sizes = np.linalg.norm([bodies[i][1].shape.extent for i in bounded], axis=1)
+    away = plan.positions - centers[:, None]
+    reached = within + errors[:, None]
+    balls = np.linalg.norm(away, axis=3) <= reached + sizes[:, None, None]
+    near[bounded] = balls.any(axis=(1, 2))
+    for i, offsets, distances in zip(bounded, away, reached, strict=True):
+        shape = bodies[i][1].shape
+        if near[i] and isinstance(shape, Parts):
+            x = shape.in_frame(offsets).reshape(-1, 3)
+            near[i] = len(shape.tree.pairs(x, x, distances.ravel())[0]) > 0
     return near
 
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator
-from operator import is_
 
 import numpy as np
 
@@ -16,7 +15,7 @@ from drake_rho.planning.path_search.lattice import Lattice, Raster, ShortestPath
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.obstacles import Obstacle
 
-_POINTS = 3e4, 2e5
+_POINTS = 1e4, 2e5
 """Bounds on the numbers of points of the first and of the finest lattice."""
 
 _FINER = 1.5
@@ -57,15 +56,18 @@ class Surroundings:
     upper: FloatArray
     """upper corner [m], shape (3,)"""
 
-    def same(self, other: Surroundings) -> bool:
-        """Return whether obstacles and volume are those of another."""
-        return (
-            self.radius == other.radius
-            and len(self.told) == len(other.told)
-            and all(map(is_, self.told, other.told))
+    def more_than(self, other: Surroundings) -> tuple[Obstacle, ...] | None:
+        """Return the obstacles that others lack; None if they have more, or another volume."""
+        before, now = ({id(each) for each in one.told} for one in (other, self))
+        if not (
+            before <= now
+            and self.radius == other.radius
             and np.array_equal(self.lower, other.lower)
             and np.array_equal(self.upper, other.upper)
-        )
+        ):
+            return None
+        both = zip(self.bodies, self.told, strict=True)
+        return tuple(body for body, told in both if id(told) not in before)
 
     def see(self, position: FloatArray, points: FloatArray) -> BoolArray:
         """Return flags of points (M, 3) to which the straight line is clear, (M,)."""
@@ -99,7 +101,10 @@ class Surroundings:
 
 
 class Guide:
-    """Shortest paths of one vehicle, kept as long as neither its goal nor the obstacles change."""
+    """Shortest paths of one vehicle, kept as long as its goal stays and its path is clear.
+
+    A path that is clear of obstacles told since it was found is still a shortest one.
+    """
 
     def __init__(self) -> None:
         self._paths: _Paths | None = None
@@ -131,7 +136,7 @@ class Guide:
             known = self._paths = _searched(around, position, goal)
         if known is None:
             return Aim(position, is_goal=False, reachable=False)
-        return known.aim(position)
+        return known.aim(around, position)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -139,7 +144,7 @@ class _Paths:
     """Shortest paths on a lattice from everywhere to one point."""
 
     around: Surroundings
-    """obstacles and volume"""
+    """obstacles and volume as they were when the paths were found"""
     lattice: Lattice
     """collision-free points and moves"""
     goal: FloatArray
@@ -150,10 +155,15 @@ class _Paths:
     """paths from the end to all points"""
 
     def serves(self, around: Surroundings, position: FloatArray, goal: FloatArray) -> bool:
-        """Return whether these are the paths for a goal, and begin at a position."""
-        if not np.array_equal(goal, self.goal) or not around.same(self.around):
+        """Return whether there is a path from a position to a goal, clear of what is there now."""
+        more = around.more_than(self.around)
+        if more is None or not np.array_equal(goal, self.goal):
             return False
-        return self.path(position) is not None
+        path = self.path(position)
+        if path is None:
+            return False
+        points = np.concatenate([position[None], path])
+        return bool(are_clear(more, around.radius, points[:-1], points[1:]).all())
 
     def path(self, position: FloatArray) -> FloatArray | None:
         """Return the points of the shortest path from a position, (P, 3); None without one."""
@@ -168,14 +178,14 @@ class _Paths:
         on_lattice = self.lattice.points[self.shortest.path(int(near[best]))]
         return np.concatenate([on_lattice, self.end[None]])
 
-    def aim(self, position: FloatArray) -> Aim:
-        """Return the point of the path from a position that is as far as a vehicle sees."""
+    def aim(self, around: Surroundings, position: FloatArray) -> Aim:
+        """Return the point of the path from a position that is as far as a vehicle sees now."""
         path = self.path(position)
         assert path is not None  # noqa: S101  # only paths that serve are used
         last, step = 0, max(len(path) // _SEEN, 1)
         for each in (np.arange(0, len(path), step), None):
             points = np.arange(last, min(last + step, len(path))) if each is None else each
-            seen = points[self.around.see(position, path[points])]
+            seen = points[around.see(position, path[points])]
             last = int(seen[-1]) if len(seen) else last
         reachable = np.array_equal(self.end, self.goal)
         return Aim(path[last], reachable and last == len(path) - 1, reachable)

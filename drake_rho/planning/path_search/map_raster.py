@@ -41,18 +41,16 @@ def colliding(
     d = parts.distance_up_to(x, required + float(lengths.max())) - required
     inside: BoolArray = d < 0.0
     blocked = np.zeros((len(moves), *shape), dtype=bool)
-    for u, (move, step, length) in enumerate(zip(moves, steps, lengths, strict=True)):
+    unsure = np.zeros_like(blocked)
+    for u, (move, length) in enumerate(zip(moves, lengths, strict=True)):
         first, last = np.maximum(0, -move), shape - np.maximum(0, move)
-        if np.any(first >= last):
-            continue
-        begin = tuple(slice(a, b) for a, b in zip(first, last, strict=True))
-        end = tuple(slice(a, b) for a, b in zip(first + move, last + move, strict=True))
+        begin = tuple(slice(a, max(a, b)) for a, b in zip(first, last, strict=True))
+        end = tuple(slice(a, max(a, b)) for a, b in zip(first + move, last + move, strict=True))
         blocked[u][begin] = inside[begin] | inside[end]
-        unsure = (d[begin] + d[end] < length) & ~blocked[u][begin]
-        starts = x[begin][unsure]
-        hit = np.zeros_like(unsure)
-        hit[unsure] = segments_collide(parts, required, starts, starts + step)
-        blocked[u][begin] |= hit
+        unsure[u][begin] = (d[begin] + d[end] < length) & ~blocked[u][begin]
+    which = np.nonzero(unsure)
+    starts = x[which[1:]]
+    blocked[unsure] = segments_collide(parts, required, starts, starts + steps[which[0]])
     return inside, blocked
 
 
