@@ -11,7 +11,7 @@ import dataclasses
 
 import numpy as np
 
-from drake_rho.scenario.fields import IntArray
+from drake_rho.scenario.fields import IntArray, unchecked
 from drake_rho.scenario.maps.cells import difference
 from drake_rho.scenario.maps.map import Map
 from drake_rho.scenario.maps.voxels import Voxels
@@ -49,10 +49,11 @@ class NewerMap:
 
 
 def _of(like: Voxels, cells: IntArray) -> Voxels | None:
-    """Return some cells of a map's grid; None for no cells."""
+    """Return some cells of a map's grid, each once; None for no cells."""
     if len(cells) == 0:
         return None
-    return dataclasses.replace(like, occupied=cells, source=None)
+    cells.setflags(write=False)
+    return unchecked(like, occupied=cells, source=None)
 
 
 def _shift(one: Voxels, other: Voxels) -> IntArray | None:

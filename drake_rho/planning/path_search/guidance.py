@@ -15,7 +15,7 @@ from drake_rho.planning.path_search.lattice import Lattice, Raster, ShortestPath
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.obstacles import Obstacle
 
-_POINTS = 1e4, 2e5
+_POINTS = 5e3, 2e5
 """Bounds on the numbers of points of the first and of the finest lattice."""
 
 _FINER = 1.5
@@ -132,8 +132,11 @@ class Guide:
         if around.see(position, goal[None])[0]:
             return Aim(goal, is_goal=True)
         known = self._paths
-        if known is None or not known.serves(around, position, goal):
-            known = self._paths = _searched(around, position, goal)
+        if known is not None and not known.serves(around, position, goal):
+            known = known.among_more(around, position, goal)
+        if known is None:
+            known = _searched(around, position, goal)
+        self._paths = known
         if known is None:
             return Aim(position, is_goal=False, reachable=False)
         return known.aim(around, position)
@@ -164,6 +167,15 @@ class _Paths:
             return False
         points = np.concatenate([position[None], path])
         return bool(are_clear(more, around.radius, points[:-1], points[1:]).all())
+
+    def among_more(
+        self, around: Surroundings, position: FloatArray, goal: FloatArray
+    ) -> _Paths | None:
+        """Return the paths to a goal on the same lattice among more obstacles; None without one."""
+        more = around.more_than(self.around)
+        if not (more and np.array_equal(goal, self.goal) and np.array_equal(goal, self.end)):
+            return None
+        return _paths_to(goal, position, around, self.lattice.with_more(more))
 
     def path(self, position: FloatArray) -> FloatArray | None:
         """Return the points of the shortest path from a position, (P, 3); None without one."""
@@ -200,21 +212,34 @@ def _joined(lattice: Lattice, position: FloatArray) -> IntArray:
     return np.array([nearest] if nearest < len(lattice.points) else [], dtype=np.int64)
 
 
+def _paths_to(
+    goal: FloatArray, position: FloatArray, around: Surroundings, lattice: Lattice
+) -> _Paths | None:
+    """Return the paths to a goal on a lattice; None if none begins at a position."""
+    ends = lattice.visible_from(goal)
+    if len(ends) == 0:
+        return None
+    found = _Paths(around, lattice, goal, goal, lattice.shortest_paths(ends))
+    return None if found.path(position) is None else found
+
+
 def _searched(around: Surroundings, position: FloatArray, goal: FloatArray) -> _Paths | None:
-    """Return the paths to a goal or, if none begins at the position, to the place nearest to it."""
+    """Return the paths to a goal or, if none begins at the position, to the place nearest to it.
+
+    Of places that are equally near on the lattice, it is the one with the shortest path.
+    """
     last: Lattice | None = None
     for lattice in _lattices(around, np.array([position, goal])):
-        ends = lattice.visible_from(goal)
-        if len(ends) > 0:
-            found = _Paths(around, lattice, goal, goal, lattice.shortest_paths(ends))
-            if found.path(position) is not None:
-                return found
+        if (found := _paths_to(goal, position, around, lattice)) is not None:
+            return found
         last = lattice
     if last is None or len(starts := _joined(last, position)) == 0:
         return None
-    there = np.flatnonzero(np.isfinite(last.shortest_paths(starts).lengths))
+    lengths = last.shortest_paths(starts).lengths
+    there = np.flatnonzero(np.isfinite(lengths))
     away = np.linalg.norm(last.points[there] - goal, axis=1)
-    end = int(there[np.argmin(away)])
+    near = there[away <= away.min() + last.raster.spacing.max()]  # as near as the lattice can tell
+    end = int(near[np.argmin(lengths[near])])
     paths = last.shortest_paths(np.array([end]))
     return _Paths(around, last, goal, last.points[end], paths)
 

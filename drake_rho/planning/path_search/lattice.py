@@ -36,6 +36,12 @@ MOVES = np.array(list(product((-1, 0, 1), repeat=3)))
 STAY = 13
 """Index of the move that stays at its point."""
 
+_FORTH = 13
+"""Number of moves after it, of which the others are the reverse."""
+
+_FAR = 1e9
+"""Clearance of moves that leave a part of the raster, which another part contains [m]."""
+
 _ROUNDING = 1e-6
 """Rounding tolerance, as a fraction of the grid spacing."""
 
@@ -114,27 +120,39 @@ class Lattice:
     """
 
     def __init__(self, raster: Raster, still: Sequence[Obstacle], radius: float) -> None:
-        free = np.ones(raster.shape, dtype=bool)
-        clear = np.ones((len(MOVES), *raster.shape), dtype=bool)
-        for body in still:
-            _block(raster, body, radius, free, clear)
-        self.raster, self.free, self._still, self._radius = raster, free, still, radius
-        count = int(free.sum())
-        self.numbers: IntArray = np.full(np.array(raster.shape) + 2, count, dtype=np.int64)
-        self.numbers[1:-1, 1:-1, 1:-1][free] = np.arange(count)
-        self.index = np.argwhere(free)
-        self.points = raster.at(self.index)
-        self.neighbors = self._neighbors(free, clear)
+        self.raster, self._still, self._radius = raster, tuple(still), radius
+        self.free: BoolArray = np.ones(raster.shape, dtype=bool)
+        self._clear: BoolArray = np.ones((_FORTH, *raster.shape), dtype=bool)
+        self._block(self._still)
 
-    def _neighbors(self, free: BoolArray, clear: BoolArray) -> IntArray:
-        count, shape = len(self.points), self.raster.shape
+    def with_more(self, more: Sequence[Obstacle]) -> Lattice:
+        """Return the lattice among more obstacles at rest."""
+        lattice = Lattice(self.raster, (), self._radius)
+        lattice.free, lattice._clear = self.free.copy(), self._clear.copy()
+        lattice._still = *self._still, *more
+        lattice._block(more)
+        return lattice
+
+    def _block(self, still: Sequence[Obstacle]) -> None:
+        """Remove the points and moves that collide with obstacles at rest."""
+        for body in still:
+            _block(self.raster, body, self._radius, self.free, self._clear)
+        count = int(self.free.sum())
+        self.numbers: IntArray = np.full(np.array(self.raster.shape) + 2, count, dtype=np.int64)
+        self.numbers[1:-1, 1:-1, 1:-1][self.free] = np.arange(count)
+        self.index = np.argwhere(self.free)
+        self.points = self.raster.at(self.index)
+        self.neighbors = self._neighbors()
+
+    def _neighbors(self) -> IntArray:
+        count, shape, free = len(self.points), self.raster.shape, self.free
         neighbors: IntArray = np.full((len(MOVES), count), count, dtype=np.int64)
         neighbors[STAY] = own = np.arange(count)
         for u in range(STAY + 1, len(MOVES)):
             there = self.numbers[
                 tuple(slice(1 + m, 1 + m + n) for m, n in zip(MOVES[u], shape, strict=True))
             ]
-            to = np.where(clear[u], there, count)[free]
+            to = np.where(self._clear[u - STAY - 1], there, count)[free]
             neighbors[u] = to
             known = to < count
             neighbors[len(MOVES) - 1 - u, to[known]] = own[known]
@@ -269,7 +287,8 @@ def _block(
         body: the obstacle.
         radius: of the vehicle [m].
         free: mask of the collision-free points, changed in place.
-        clear: mask of the collision-free moves by their starting point, changed in place.
+        clear: mask of the collision-free moves after `STAY` by their starting point, shape
+            (13, X, Y, Z), changed in place.
     """
     required, center = required_distance(body, radius), body.first_center
     low, high = raster.window(center, body.shape.extent + required + 1.001 * raster.spacing)
@@ -298,8 +317,7 @@ def _block_map(
     assert isinstance(body.shape, Parts)  # noqa: S101  # callers check this
     inside, blocked = colliding(body.shape, required, x, MOVES[STAY + 1 :], raster.spacing)
     free[block] &= ~inside
-    for u, hit in enumerate(blocked, start=STAY + 1):
-        clear[u][block] &= ~hit
+    clear[:, *block] &= ~blocked
 
 
 def _parts(low: IntArray, high: IntArray) -> Iterator[tuple[IntArray, IntArray]]:
@@ -334,17 +352,17 @@ def _block_part(
     clearance = shape.local_distance(x) - required
     every, none = high - low, np.zeros(3, dtype=np.int64)
     free[_block_of(low, every)] &= clearance[_halves(none, every)] >= 0.0
-    for u in range(STAY + 1, len(MOVES)):
-        move = MOVES[u]
+    clearances = np.full((3, _FORTH, *every), _FAR)
+    for u, move in enumerate(MOVES[STAY + 1 :]):
         first, count = np.maximum(0, -move), every - np.abs(move)
         if np.all(count > 0):
-            clearances = np.stack(
-                [clearance[_halves(2 * first + k * move, count)] for k in range(3)]
-            )
-            starts, step = x[_halves(2 * first, count)], move * raster.spacing
-            clear[u][_block_of(low + first, count)] &= moves_are_clear(
-                shape, required, starts, step, clearances
-            )
+            for k in range(3):
+                halves = _halves(2 * first + k * move, count)
+                clearances[k, u, *_block_of(first, count)] = clearance[halves]
+    steps = MOVES[STAY + 1 :] * raster.spacing
+    clear[:, *_block_of(low, every)] &= moves_are_clear(
+        shape, required, x[_halves(none, every)], steps, clearances
+    )
 
 
 def _block_of(first: IntArray, count: IntArray) -> tuple[slice, ...]:

@@ -60,23 +60,24 @@ def lower_bound(solid: Solid, values: FloatArray, length: FloatArray) -> FloatAr
 
 
 def moves_are_clear(
-    shape: Shape, required: float, starts: FloatArray, step: FloatArray, clearances: FloatArray
+    shape: Shape, required: float, starts: FloatArray, steps: FloatArray, clearances: FloatArray
 ) -> BoolArray:
-    """Return flags of the parallel moves that keep clear of a shape at rest, shape (...).
+    """Return flags of straight moves that keep clear of a shape at rest, shape (U, X, Y, Z).
 
     Args:
         shape: to keep clear of.
         required: distance from it [m].
-        starts: of the moves, relative to the centre of the shape [m], shape (..., 3).
-        step: displacement common to all moves [m], shape (3,).
+        starts: of the moves, relative to the centre of the shape [m], shape (X, Y, Z, 3).
+        steps: displacements from each start [m], shape (U, 3).
         clearances: distances less `required` at the starts, middles and ends of the moves [m],
-            shape (3, ...).
+            shape (3, U, X, Y, Z).
     """
-    length = np.asarray(np.linalg.norm(step))
-    clear: BoolArray = convex_lower_bound(clearances, length) >= 0.0
+    lengths = np.linalg.norm(steps, axis=1)
+    clear: BoolArray = convex_lower_bound(clearances, lengths[:, None, None, None]) >= 0.0
     unsure = ~clear & (clearances.min(axis=0) >= 0.0)
     if unsure.any():
-        along = np.linspace(0.0, 1.0, SAMPLES)[:, None, None] * step
-        finer = shape.local_distance(starts[unsure] + along) - required
-        clear[unsure] = convex_lower_bound(finer, length) >= 0.0
+        which, *places = np.nonzero(unsure)
+        along = np.linspace(0.0, 1.0, SAMPLES)[:, None, None] * steps[which]
+        finer = shape.local_distance(starts[tuple(places)] + along) - required
+        clear[unsure] = convex_lower_bound(finer, lengths[which]) >= 0.0
     return clear

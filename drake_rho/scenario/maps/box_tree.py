@@ -25,6 +25,10 @@ _BITS = 20
 _AT_ONCE = 4096
 """Number of queries answered at once, which bounds the memory."""
 
+_PAIRS = 1024
+"""Number of pairs of a query and a node up to which all are compared: a descent begins below the
+root."""
+
 
 class BoxTree:
     """Static tree of boxes.
@@ -75,10 +79,13 @@ class BoxTree:
     def _pairs(
         self, lower: FloatArray, upper: FloatArray, within: FloatArray, first: int
     ) -> tuple[IntArray, IntArray]:
-        queries, nodes = np.arange(len(lower)), np.zeros(len(lower), dtype=np.int64)
-        squares = within**2
-        for level, (low, high) in enumerate(reversed(self._levels)):
-            if level > 0:
+        squares, top = within**2, self._first_level(len(lower))
+        count = len(self._levels[top][0])
+        queries = np.repeat(np.arange(len(lower)), count)
+        nodes = np.tile(np.arange(count), len(lower))
+        for level in range(top, -1, -1):
+            low, high = self._levels[level]
+            if level < top:
                 nodes = (nodes[:, None] * _FAN + np.arange(_FAN)).reshape(-1)
                 queries = np.repeat(queries, _FAN)
                 known = nodes < len(low)
@@ -88,6 +95,11 @@ class BoxTree:
             near = np.einsum("pi,pi->p", gaps, gaps) <= squares[queries]
             queries, nodes = queries[near], nodes[near]
         return first + queries, self._order[nodes]
+
+    def _first_level(self, queries: int) -> int:
+        """Return the level at which some queries begin: the finest with few pairs, or the root."""
+        few = (k for k, (low, _) in enumerate(self._levels) if len(low) * queries <= _PAIRS)
+        return next(few, len(self._levels) - 1)
 
     def likely_nearest(self, x: FloatArray) -> IntArray:
         """Return the box with the nearest centre for each position (Q, 3), often the nearest."""

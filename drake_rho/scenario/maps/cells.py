@@ -94,7 +94,9 @@ def difference(cells: IntArray, others: IntArray) -> IntArray:
     if len(cells) == 0 or len(others) == 0:
         return cells
     keys = _keys(np.concatenate([cells, others]))
-    remaining: IntArray = cells[~np.isin(keys[: len(cells)], keys[len(cells) :])]
+    own, taken = keys[: len(cells)], np.sort(keys[len(cells) :], kind="stable")
+    places = np.minimum(np.searchsorted(taken, own), len(taken) - 1)
+    remaining: IntArray = cells[taken[places] != own]
     return remaining
 
 
