@@ -1,9 +1,11 @@
 """Take the README's pictures, still and moving: `python -m tests.screenshot FOLDER`."""
 
 import dataclasses
+import re
 import sys
 import tempfile
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -11,7 +13,7 @@ import drake_rho as rho
 from drake_rho.display.viewer.film import Footage, write_film
 from tests.browser import open_page
 
-RATES = {"fleet": 1.5, "viewer": 6.0}
+RATES = {"fleet": 1.5, "viewer": 6.0, "forest": 1.5}
 """Seconds of flight in a second of each moving picture."""
 
 
@@ -35,12 +37,27 @@ def fleet() -> rho.Scenario:
     return dataclasses.replace(swap, vehicles=vehicles, obstacles=pillars)
 
 
+def forest() -> rho.Plan:
+    """Return what twenty vehicles fly that plan for themselves, by the code of the gallery."""
+    page = Path(__file__).parents[1] / "docs" / "gallery.md"
+    found = re.search(r"figures/forest\.gif\).*?^```python\n(.*?)^```", page.read_text(), re.S | re.M)
+    assert found
+    left: dict[str, Any] = {}
+    exec(compile(found[1], page.name, "exec"), left)  # noqa: S102  # the code is that of the page
+    plan: rho.Plan = left["flown"].plan
+    return plan
+
+
 def main(folder: Path) -> None:
-    """Draw a film of the fleet, and of Example 4 a still next to the obstacle and a film."""
+    """Draw films of a fleet and a forest, and of Example 4 a still and a film."""
     plan = rho.plan(fleet())
     assert rho.verify(plan).ok
     footage = Footage.of(plan.scenario.grid.duration, ".gif", RATES["fleet"])
     write_film(rho.viewer_page(plan), folder / "fleet.gif", footage)
+    plan = forest()
+    assert rho.verify(plan).ok
+    footage = Footage.of(plan.scenario.grid.duration, ".gif", RATES["forest"])
+    write_film(rho.viewer_page(plan), folder / "forest.gif", footage)
     flight = rho.plan_rho(rho.load_scenario("paper"))
     html = rho.viewer_page(flight)
     with tempfile.TemporaryDirectory() as scratch, open_page() as (page, _):
