@@ -54,7 +54,15 @@ DRAWN = {
 """Benchmarks of random fleets, worlds, links, flights, files, and how many:
 `run(seeds) -> Table`."""
 
-MISSIONS = ("fleet_b3", "world_b6", "map_forests", "map_office", "time_bisection", "time_bounds")
+MISSIONS = (
+    "fleet_b3",
+    "world_b6",
+    "map_forests",
+    "map_office",
+    "time_bisection",
+    "time_bounds",
+    "online_forests",
+)
 """Benchmarks of missions in files: `run(folder) -> Table`."""
 
 SCALE = ("scale_campaigns", "scale_fleets")
@@ -126,7 +134,7 @@ OBJECTIVE = (
 """Benchmarks of costs, goals and gates; those that are in no `DRAWN` are `run() -> Table`."""
 
 
-ONLINE = ("online_missions", "online_horizons", "online_circle")
+ONLINE = ("online_missions", "online_horizons", "online_circle", "online_forests")
 """Benchmarks of missions in which more becomes known in flight."""
 
 

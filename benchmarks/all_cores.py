@@ -18,10 +18,10 @@ _AT_ONCE = 10
 
 
 def on_all_cores(
-    function: Callable[[Case], Result], cases: Sequence[Case], words: str
+    function: Callable[[Case], Result], cases: Sequence[Case], words: str, at_once: int = _AT_ONCE
 ) -> list[Result]:
     """Return a function's results for all cases, in their order."""
     fresh = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(os.cpu_count(), mp_context=fresh) as processes:
-        done = processes.map(function, cases, chunksize=_AT_ONCE)
+        done = processes.map(function, cases, chunksize=at_once)
         return list(track(done, words, total=len(cases)))

@@ -40,7 +40,8 @@ def fleet() -> rho.Scenario:
 def forest() -> rho.Plan:
     """Return what twenty vehicles fly that plan for themselves, by the code of the gallery."""
     page = Path(__file__).parents[1] / "docs" / "gallery.md"
-    found = re.search(r"figures/forest\.gif\).*?^```python\n(.*?)^```", page.read_text(), re.S | re.M)
+    below = r"figures/forest\.gif\).*?^```python\n(.*?)^```"
+    found = re.search(below, page.read_text(), re.DOTALL | re.MULTILINE)
     assert found
     left: dict[str, Any] = {}
     exec(compile(found[1], page.name, "exec"), left)  # noqa: S102  # the code is that of the page

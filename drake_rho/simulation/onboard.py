@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 import heapq
 import time as wall
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,10 @@ from drake_rho.scenario.described import Described
 from drake_rho.scenario.fields import FloatArray, unchecked
 from drake_rho.scenario.goals import Goal
 from drake_rho.scenario.records import Scenario
+
+Sees = Callable[[str, float, FloatArray], Scenario | None]
+"""Function of a vehicle's name, the time [s] and its position [m], shape (3,), which returns the
+scenario as the vehicle knows it now, or None for no news."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -66,9 +71,15 @@ class _Loops:
     """Loops of all vehicles, and the messages between them that are under way."""
 
     def __init__(
-        self, planners: list[OnboardPlanner], radio: Radio, rng: np.random.Generator, tick: float
+        self,
+        planners: list[OnboardPlanner],
+        radio: Radio,
+        rng: np.random.Generator,
+        tick: float,
+        sees: Sees | None,
     ) -> None:
         self.planners, self._radio, self._rng, self._tick = planners, radio, rng, tick
+        self._sees = sees
         self.seconds: list[list[float]] = [[] for _ in planners]
         self._lost_in_a_row = dict[tuple[int, int], int]()
         self._events: list[tuple[float, int, int, bytes]] = []
@@ -92,7 +103,12 @@ class _Loops:
 
     def _turn(self, index: int, now: float) -> None:
         """Take one turn of a vehicle's loop; planning takes a part of the time allowed for it."""
-        planner, started = self.planners[index], wall.perf_counter()
+        planner = self.planners[index]
+        if self._sees is not None:
+            news = self._sees(planner.name, now, planner.at(now).positions[0])
+            if news is not None:
+                planner.tell(news)
+        started = wall.perf_counter()
         windows, later = planner.counts.windows, now + self._tick * self._rng.uniform(0.5, 1.5)
         sent = planner.step(now)
         if planner.counts.windows > windows:
@@ -126,6 +142,7 @@ def simulate_onboard(
     duration: float,
     rng: np.random.Generator,
     tick: float = 0.01,
+    sees: Sees | None = None,
     **settings: Any,
 ) -> OnboardFlight:
     """Fly a fleet whose vehicles plan for themselves.
@@ -139,6 +156,9 @@ def simulate_onboard(
         duration: longest time to be simulated [s].
         rng: source of instants, delays and losses.
         tick: mean time from one turn of a vehicle's loop to the next [s].
+        sees: function that tells what a vehicle sees in flight, given its name, the time [s] and
+            its position [m]: the scenario as it is known then, for `OnboardPlanner.tell`, or None
+            for no news. The plan returned has the obstacles known at first.
         **settings: of every `OnboardPlanner`. `delay`, `lost` and `radius` are those of the radio
             unless they are given, and then what the vehicles believe.
 
@@ -149,7 +169,7 @@ def simulate_onboard(
     radio = radio or Radio()
     believed = {"delay": radio.delay, "lost": radio.lost or 0, "radius": radio.radius}
     planners = [OnboardPlanner(scenario, name, **(believed | settings)) for name in scenario.names]
-    loops, begin = _Loops(planners, radio, rng, tick), scenario.grid.start
+    loops, begin = _Loops(planners, radio, rng, tick, sees), scenario.grid.start
     for index, planner in enumerate(planners):
         loops.add(begin + float(rng.uniform(0.0, planner.replan_every)), index)
     loops.run(begin + duration)

@@ -22,7 +22,7 @@ from drake_rho.planning.onboard.message import Message
 from drake_rho.planning.onboard.others import Others, obstacle_of
 from drake_rho.planning.onboard.own_windows import OwnWindows
 from drake_rho.planning.onboard.passing import plan_past
-from drake_rho.planning.onboard.radius import least_radius
+from drake_rho.planning.onboard.radius import greatest_speeds, least_radius, may_be_met
 from drake_rho.planning.onboard.shared_plan import SharedPlan, conflicting
 from drake_rho.planning.programs.backend import Solver, SolverName
 from drake_rho.scenario.arguments import checked
@@ -126,6 +126,7 @@ class OnboardPlanner:
         self._windows, step = own, scenario.grid.step
         window = scenario.derived(grid=own.last.plan.scenario.grid)
         error, gap = largest_radius(window), self.check + period + latency
+        self._reach = float(greatest_speeds(window)[index]) * window.grid.duration
         self._plans = window.grid.duration + self.check + latency + 2.0 * step
         self._for_radius = scenario, self._plans, gap, error
         if radius is not None and not radius >= self.least_radius:
@@ -264,14 +265,19 @@ class OnboardPlanner:
     def _obstacles(self, time: float, begin: float) -> list[Obstacle]:
         """Return the plans of others as obstacles of a window that begins at a time [s].
 
-        Announced plans that conflict with the plan in force will be withdrawn and do not count.
+        Those that the window cannot reach do not count, nor do announced plans that conflict with
+        the plan in force and will be withdrawn.
         """
-        found = list[Obstacle]()
+        found, place = list[Obstacle](), self._committed.states(np.array([begin]))[0][0]
+        size = float(self._separation.shape.semi_axes.max())
         for name, message in self._others.near(time):
             for kind, plan in zip(("committed", "announced"), message.plans, strict=False):
+                error = plan.radius + self._clock_error * plan.speed
+                within = self._reach + size + error + self._committed.radius
+                if not may_be_met(plan, begin, place, within):
+                    continue
                 if kind == "announced" and self._conflicts(self._committed, [plan]).any():
                     continue
-                error = plan.radius + self._clock_error * plan.speed
                 called, separation = f"{name} {kind}", self._separation
                 found.append(obstacle_of(called, plan, separation, self._radius, begin, error))
         return found

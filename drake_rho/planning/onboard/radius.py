@@ -1,11 +1,14 @@
-"""Least radius of communication: vehicles further apart cannot come into conflict."""
+"""How far vehicles can come: who can be met in a window, and the least radius of communication."""
 
 from __future__ import annotations
 
 import numpy as np
 
+from drake_rho.planning.onboard.shared_plan import SharedPlan
 from drake_rho.scenario.errors import ScenarioError
+from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.records import Scenario
+from drake_rho.scenario.times import steps_begun
 
 
 def least_radius(scenario: Scenario, plans: float, gap: float, error: float) -> float:
@@ -24,14 +27,35 @@ def least_radius(scenario: Scenario, plans: float, gap: float, error: float) -> 
     Raises:
         ScenarioError: the scenario has no separation, or a vehicle no limit on its speed.
     """
-    fleet, speeds = scenario.fleet, np.full(len(scenario.vehicles), np.inf)
-    if (box := fleet.bounds("velocity")) is not None:
-        speeds = np.linalg.norm(np.maximum(np.abs(box.lower), np.abs(box.upper)), axis=1)
-    if "max_speed" in fleet.norms:
-        speeds = np.minimum(speeds, fleet.norms["max_speed"].limits)
-    fastest = float(speeds.max())
+    fastest = float(greatest_speeds(scenario).max())
     if scenario.separation is None or not np.isfinite(fastest):
         expected = "a limit on every vehicle's speed, beside a separation, with a radius"
         raise ScenarioError("limits.max_speed", None, expected)
     size = float(scenario.separation.shape.semi_axes.max())
     return fastest * (3.0 * plans + 2.0 * gap) + size + 2.0 * error
+
+
+def greatest_speeds(scenario: Scenario) -> FloatArray:
+    """Return the speeds that vehicles do not exceed [m/s], (N,); infinite without a limit."""
+    fleet, speeds = scenario.fleet, np.full(len(scenario.vehicles), np.inf)
+    if (box := fleet.bounds("velocity")) is not None:
+        speeds = np.linalg.norm(np.maximum(np.abs(box.lower), np.abs(box.upper)), axis=1)
+    if "max_speed" in fleet.norms:
+        speeds = np.minimum(speeds, fleet.norms["max_speed"].limits)
+    return np.asarray(speeds)
+
+
+def may_be_met(plan: SharedPlan, begin: float, place: FloatArray, within: float) -> bool:
+    """Return whether a plan comes within a distance of a place from a time on.
+
+    Between two knots it is no further from the nearer one than the greatest speed allows.
+
+    Args:
+        plan: of another vehicle.
+        begin: the time [s].
+        place: shape (3,) [m].
+        within: the distance [m].
+    """
+    first = int(np.clip(steps_begun(begin - plan.start, plan.step), 0, len(plan.times) - 1))
+    away = float(np.linalg.norm(plan.knots[0][first:] - place, axis=1).min())
+    return away <= within + plan.step / 2.0 * plan.speed
