@@ -84,7 +84,7 @@ class Eyes:
         if not new.any():
             return None
         cells = dataclasses.replace(self._voxels, occupied=self._voxels.occupied[known])
-        return dataclasses.replace(self._mission, obstacles=[rho.Obstacle(cells, name="map")])
+        return dataclasses.replace(self._mission, obstacles=(rho.Obstacle(cells, name="map"),))
 
 
 def run(folder: Path | None = None) -> Table:

@@ -357,8 +357,8 @@ def _block_part(
         first, count = np.maximum(0, -move), every - np.abs(move)
         if np.all(count > 0):
             for k in range(3):
-                halves = _halves(2 * first + k * move, count)
-                clearances[k, u, *_block_of(first, count)] = clearance[halves]
+                along = clearance[_halves(2 * first + k * move, count)]
+                clearances[k, u, *_block_of(first, count)] = along
     steps = MOVES[STAY + 1 :] * raster.spacing
     clear[:, *_block_of(low, every)] &= moves_are_clear(
         shape, required, x[_halves(none, every)], steps, clearances
