@@ -358,7 +358,7 @@ def _block_part(
         if np.all(count > 0):
             for k in range(3):
                 along = clearance[_halves(2 * first + k * move, count)]
-                clearances[k, u, *_block_of(first, count)] = along
+                clearances[k, u][_block_of(first, count)] = along
     steps = MOVES[STAY + 1 :] * raster.spacing
     clear[:, *_block_of(low, every)] &= moves_are_clear(
         shape, required, x[_halves(none, every)], steps, clearances
