@@ -70,6 +70,19 @@ def test_free_moves_agree_with_dense_sampling() -> None:
     assert unsure < 0.02 * blocked  # some moves that only touch are left out, for lack of certainty
 
 
+def test_obstacles_may_be_added_to_a_lattice() -> None:
+    every, obstacles = world()
+    some = Lattice(every.raster, obstacles[:1], 0.1)
+    points = some.points.copy()
+    more = some.with_more(obstacles[1:])
+    assert np.array_equal(more.points, every.points)
+    assert np.array_equal(more.neighbors, every.neighbors)
+    one, other = np.array([[-1.9, 0.5, 0.0]]), np.array([[-0.1, 0.5, 0.0]])  # across the sphere
+    assert some.are_clear(one, other).all()
+    assert not more.are_clear(one, other).any()
+    assert np.array_equal(some.points, points)  # the lattice without them is as it was
+
+
 def test_moves_are_reversible() -> None:
     lattice, _ = world()
     count = len(lattice.points)

@@ -423,3 +423,31 @@ def test_the_guide_shows_the_loop_of_the_example() -> None:
     text = (EXAMPLES.parent / "guides" / "onboard.md").read_text()
     (loop,) = (each for each in text.split("```\n") if each.startswith("while "))
     assert textwrap.indent(loop, 8 * " ") in (EXAMPLES / "onboard_udp.py").read_text()
+
+
+def test_what_is_seen_in_flight_is_avoided() -> None:
+    wall = rho.Box([-0.3, -1.5, 0.0], [0.3, 1.5, 3.0])
+    scenario, told = swap(limits=dataclasses.replace(LIMITS, max_speed=3.0)), set[str]()
+    aware = dataclasses.replace(scenario, obstacles=(rho.Obstacle(wall, name="wall"),))
+
+    def sees(name: str, time: float, place: Array) -> rho.Scenario | None:
+        assert 0.0 <= time <= 20.0
+        if name in told or np.abs(place[0]) > 3.2:
+            return None
+        told.add(name)
+        return aware
+
+    flown = rho.simulate_onboard(
+        scenario, duration=20.0, rng=np.random.default_rng(5), sees=sees, solver="daqp"
+    )
+    assert told == {"q0", "q1"}
+    assert np.isfinite(flown.arrivals).all()
+    x = positions(flown.plan, np.linspace(0.0, 20.0, 20_001))
+    clear = np.linalg.norm(np.maximum(np.abs(x - wall.center) - [0.3, 1.5, 1.5], 0.0), axis=2)
+    assert clear.min() >= 0.1 - 1e-6
+    assert np.linalg.norm(x[0] - x[1], axis=1).min() >= SEPARATION - 1e-6
+    without = rho.simulate_onboard(
+        scenario, duration=20.0, rng=np.random.default_rng(5), solver="daqp"
+    )
+    x = positions(without.plan, np.linspace(0.0, 20.0, 2_001))
+    assert (np.abs(x - wall.center) < [0.3, 1.5, 1.5]).all(axis=2).any()  # the wall has an effect
