@@ -159,7 +159,7 @@ def _are_near(
 ) -> BoolArray:
     """Return which obstacles a motion may touch, (B,).
 
-    From balls around them at the knots, and from boxes around the parts of maps.
+    Balls around them at the knots decide, and boxes around the parts of maps.
 
     Args:
         bodies: obstacles and their numbers.
