@@ -80,6 +80,20 @@ def test_an_obstacle_that_appears_is_avoided_from_then_on() -> None:
     assert sighting.avoided
 
 
+def test_an_obstacle_that_appears_on_a_clock_before_0_is_avoided_at_once() -> None:
+    early = dataclasses.replace(scene(), grid=dataclasses.replace(GRID, start=-50.0))
+    told = dataclasses.replace(early, obstacles=(BALL,))
+    horizon = rho.RecedingHorizon(early, replan_every=4)
+    for knot in horizon.knots:
+        time = float(early.grid.times[knot])
+        horizon.step(horizon.planned(knot), time, scenario=told if knot == 4 else None)
+    x = horizon.flight.at(np.linspace(-50.0, -40.0, 4001)).positions[0]
+    assert np.linalg.norm(x - SPHERE.center, axis=1).min() >= SPHERE.radius + 0.2 - 1e-6
+    (body,) = horizon.flight.scenario.bodies
+    assert body.active is not None
+    assert body.active[0] == early.grid.times[4]
+
+
 def test_obstacles_without_a_name_are_the_same_if_they_are_equal() -> None:
     one, other = rho.Sphere([5, 3, 1], 0.5), rho.Sphere([5, -3, 1], 0.5)
     horizon = fly(scene(obstacles=[one, other]), {1.0: scene(obstacles=[other])})

@@ -296,6 +296,33 @@ def test_files_keep_flights_and_their_verdicts(
     assert np.array_equal(again.plan.accelerations, among_pillars.flight.plan.accelerations)
 
 
+def test_flights_of_a_mission_are_kept_whatever_they_did_not_last_for(tmp_path: Path) -> None:
+    slow = rho.KeepIn(rho.Sphere([0, 0, 0], 1.0), of="velocity", active=(0.5, 1.5), name="slow")
+    late = dataclasses.replace(slow, active=(8.0, 9.0), name="late")
+    ceiling = rho.KeepIn(rho.HalfSpace([0, 0, 1], 2.0), of="position", active=(3.0, 7.0))
+    unseen = rho.Obstacle(rho.Sphere([5, 4, 1.5], 0.5), known_from=9.0)
+    first = scene(unseen, *PILLARS, requirements=[slow, ceiling, late])
+    horizon = fly(first, {20: dataclasses.replace(first, requirements=(slow, late))}, knots=30)
+    horizon.end_flight()
+    for knot in range(30, 50, EVERY):
+        states = horizon.planned(knot) + (0.05 if knot == 30 else 0.0)
+        horizon.step(states, knot * STEP)
+    horizon.record(4.9, horizon.planned(48))
+    flights = [fly(first, knots=10).flight, *horizon.flights]
+    assert [each.scenario.under_way for each in flights] == [False, False, True]
+    for each in flights:
+        begin, end = each.scenario.grid.start, each.scenario.grid.end
+        active = [one.active for one in each.scenario.requirements if one.active is not None]
+        assert all(begin <= one <= last <= end for one, last in active)
+        rho.save(each, tmp_path / "flight.npz")
+        rho.export(each, tmp_path / "flight.json", format="json")
+        for again in map(rho.load, (tmp_path / "flight.npz", tmp_path / "flight.json")):
+            assert again.scenario == each.scenario
+            assert again.scenario.under_way == each.scenario.under_way
+            assert again.cost == pytest.approx(each.cost, rel=1e-12)
+            assert str(rho.verify(again.plan)) == str(rho.verify(each.plan))
+
+
 def test_long_flights_at_their_limits_are_verified_like_their_windows() -> None:
     tight = dataclasses.replace(LIMITS, max_acceleration=0.8)
     scenario = dataclasses.replace(scene(), limits=tight)

@@ -45,6 +45,7 @@ class _Document:
     knots: list[Annotated[int, Field(ge=0)]]
     vehicles: list[_Vehicle]
     jumps: list[Annotated[int, Field(ge=0)]] = dataclasses.field(default_factory=list)
+    under_way: bool = False
 
 
 _DOCUMENT = TypeAdapter(_Document)
@@ -80,6 +81,8 @@ def write_document(file: IO[bytes], flown: Flown, rate: float | None = None) -> 
     }
     if flown.simulation is None and flown.plan.jumps:
         content["jumps"] = flown.plan.jumps
+    if flown.scenario.under_way:
+        content["under_way"] = True
     text = io.TextIOWrapper(file, "utf-8", newline="\n")
     json.dump(content, text, ensure_ascii=False, allow_nan=False)
     text.write("\n")
@@ -111,7 +114,7 @@ def read_document(text: str) -> Plan:
     if document.format != _PLAN:
         expected = "expected a plan: simulations can be saved as .npz"
         raise ValueError(f"the true motion of a simulation, {expected}")
-    scenario = scenario_from_json(json.dumps(document.scenario))
+    scenario = scenario_from_json(json.dumps(document.scenario), under_way=document.under_way)
     names = [vehicle.name for vehicle in scenario.vehicles]
     if [vehicle.name for vehicle in document.vehicles] != names or document.units != UNITS:
         raise ValueError("vehicles differ from those of the scenario, or units from drake_rho's")

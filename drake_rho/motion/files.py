@@ -65,6 +65,7 @@ _SIMULATED = ("times", "positions", "velocities", "wind", "commands")
 _ELAPSED, _LOST = "simulation.elapsed", "simulation.lost"
 _STATISTICS = TypeAdapter(Statistics)
 _JUMPS = "plan.jumps"
+_UNDER_WAY = "plan.under_way"
 """Name of the knots at which a flight jumps; missing if it has no jumps."""
 _MEASURED = ("times", "positions", "velocities")
 """Arrays of a flight's measurements; all are missing if it has none."""
@@ -103,6 +104,8 @@ def save(planned: Flown, path: str | Path) -> None:
         content |= _pack_windows(planned.windows, maps) | _pack_measured(planned.flight.measured)
     if planned.plan.jumps:
         content[_JUMPS] = np.array(planned.plan.jumps)
+    if planned.scenario.under_way:
+        content[_UNDER_WAY] = True
     if planned.simulation is not None:
         content |= _pack_simulation(planned.simulation)
     for number, each in enumerate(maps):
@@ -183,7 +186,7 @@ def _unpack_all(path: str | Path, content: Archive) -> Flown:
     first_knots = [] if form == _PLAN else content["first_knots"].tolist()
     prefixes = [prefix for each in _prefixes(len(first_knots), content) for prefix in each.values()]
     expected = {f"{prefix}.{part}" for prefix in ["plan", *prefixes] for part in _PARTS}
-    optional = {"format", _JUMPS}
+    optional = {"format", _JUMPS, _UNDER_WAY}
     if form != _PLAN:
         expected |= {"first_knots", "infeasible"}
         optional |= set(_WINDOW_FIELDS)
@@ -333,7 +336,8 @@ def _pack(prefix: str, plan: Plan, maps: list[Map]) -> dict[str, Any]:
 
 def _unpack(prefix: str, content: Archive, maps: Sequence[Map]) -> Plan:
     statistics = _STATISTICS.validate_json(str(content[f"{prefix}.statistics"]), strict=True)
-    under_way = prefix != "plan"  # the initial state of a window is given by the flight
+    # the initial state of a window is given by the flight, and may be by the flight before
+    under_way = prefix != "plan" or _UNDER_WAY in content
     text = str(content[f"{prefix}.scenario"])
     scenario = scenario_from_json(text, under_way=under_way, maps=maps)
     for name in _ARRAYS:

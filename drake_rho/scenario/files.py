@@ -218,9 +218,11 @@ def scenario_from_json(text: str, *, under_way: bool = False, maps: Sequence[Map
         ScenarioError: the text is not JSON, or not a valid scenario.
     """
     try:
-        return _adapter().validate_json(text, context=Context(under_way=under_way, maps=maps))
+        context = Context(under_way=under_way, maps=maps)
+        scenario = _adapter().validate_json(text, context=context)
     except ValidationError as error:
         raise scenario_error(error, Scenario) from None
+    return scenario.derived(under_way=True) if under_way else scenario
 
 
 def scenario_schema() -> dict[str, Any]:

@@ -151,6 +151,38 @@ def known_when_seen(scenario: Scenario, given: Scenario) -> Scenario:
     return scenario if same else with_obstacles(scenario, (*obstacles, *newer))
 
 
+def within_flight(scenario: Scenario) -> Scenario:
+    """Return the scenario of a flight that ended earlier than was told.
+
+    Requirements last as long as the flight. What would have become known only later never was: its
+    interval is before the flight, so that all others keep their numbers.
+    """
+    grid = scenario.grid
+    requirements = tuple(
+        each if each.active is None else unchecked(each, active=_clipped(each.active, grid))
+        for each in scenario.requirements
+        if each.active is None or _overlaps(each.active, grid)
+    )
+    never = grid.start - 2.0 * grid.step, grid.start - grid.step
+    late = [grid.clock.after(each.known_from, max(grid.end, 0.0)) for each in scenario.bodies]
+    if any(late):
+        both = zip(scenario.bodies, late, strict=True)
+        bodies = (unchecked(each.known_by(0.0), active=never) if no else each for each, no in both)
+        scenario = with_obstacles(scenario, tuple(bodies))
+    if requirements == scenario.requirements:
+        return scenario
+    return scenario.derived(requirements=requirements)
+
+
+def _overlaps(active: tuple[float, float], grid: Grid) -> bool:
+    return not (grid.clock.after(active[0], grid.end) or grid.clock.before(active[1], grid.start))
+
+
+def _clipped(active: tuple[float, float], grid: Grid) -> tuple[float, float]:
+    first, last = np.clip(active, grid.start, grid.end).tolist()
+    return first, last
+
+
 def _known(acceleration: FloatArray) -> FloatArray | None:
     """Return an acceleration before the start, or None if it is NaN, as where there was none."""
     return None if np.isnan(acceleration).any() else acceleration

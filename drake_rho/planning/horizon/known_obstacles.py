@@ -205,10 +205,10 @@ class ChangingObstacles:
     def _added(self, body: Obstacle, **changes: object) -> int:
         """Add an obstacle that is known from now on, or later, and return its number."""
         seen_at = body.errors_from if body.velocity_error > 0.0 else body.seen_at
-        later = max(self._time, body.known_from)
+        # known_from counts from 0 on, and 0 stands for the start
+        later = max(self._time, body.known_from) if body.known_from > 0.0 else self._time
         known: dict[str, object] = {"known_from": later, "seen_at": seen_at}
         if later <= 0.0 and self._grid.clock.after(later, self._grid.start):
-            # known_from counts from 0 on
             known |= {"known_from": 0.0, "active": since(body.active, later, self._grid)}
         self.bodies.append(unchecked(body, **(known | changes)))
         return len(self.bodies)

@@ -44,6 +44,7 @@ from drake_rho.scenario.rest_of_flight import (
     known_later,
     known_when_seen,
     with_obstacles,
+    within_flight,
 )
 from drake_rho.scenario.times import Clock, steps_lasting
 
@@ -282,7 +283,8 @@ class Situation:
     def flight(self, windows: list[Window]) -> Flight:
         """Return the flight composed of its windows, each flown until the next."""
         scenario = with_guessed_times(self.scenario)
-        return Flight.composed(known_when_seen(scenario, self.given), windows)
+        scenario = within_flight(known_when_seen(scenario, self.given))
+        return Flight.composed(scenario, windows)
 
 
 def _without_times(vehicle: Vehicle) -> list[Waypoint]:
