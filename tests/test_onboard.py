@@ -80,7 +80,9 @@ def least_distance(x: Array) -> float:
 
 def apart(flown: rho.OnboardFlight) -> float:
     """Return the least distance of two vehicles of a flight, at 1 kHz."""
-    return least_distance(positions(flown.plan, np.arange(0.0, flown.plan.times[-1], 1e-3)))
+    return least_distance(
+        positions(flown.plan, np.arange(0.0, flown.plan.scenario.grid.duration, 1e-3))
+    )
 
 
 def distance_of(planners: Sequence[rho.OnboardPlanner], offsets: Sequence[float] = (0, 0)) -> float:
@@ -204,6 +206,45 @@ def test_clocks_may_differ_as_declared() -> None:
     fly(planners, 8.0, DELAY, offsets)
     assert distance_of(planners, offsets) >= SEPARATION * (1 - 1e-6)
     assert all(each.has_arrived for each in planners)
+
+
+@pytest.mark.parametrize("start", [-30.0, 1.7e9])
+def test_clocks_far_from_0_make_no_difference(start: float) -> None:
+    scenario = swap()
+    later = dataclasses.replace(scenario, grid=dataclasses.replace(scenario.grid, start=start))
+    usual, other = (
+        rho.simulate_onboard(
+            each, rho.Radio(delay=DELAY), duration=20.0, rng=np.random.default_rng(2)
+        )
+        for each in (scenario, later)
+    )
+    assert other.arrivals - start == pytest.approx(usual.arrivals, abs=0.3)
+    assert apart(other) >= SEPARATION * (1 - 1e-6)
+
+
+def test_a_vehicle_arrives_in_a_goal_that_is_a_set() -> None:
+    goals = [rho.Goal(rho.Sphere([4, 0, 1], 0.5)), rho.State([-4, 0, 1])]
+    vehicles = [
+        dataclasses.replace(each, goal=goal)
+        for each, goal in zip(swap().vehicles, goals, strict=True)
+    ]
+    scenario = dataclasses.replace(swap(), vehicles=tuple(vehicles))
+    flown = rho.simulate_onboard(scenario, duration=20.0, rng=np.random.default_rng(3))
+    assert np.isfinite(flown.arrivals).all()
+    assert np.linalg.norm(flown.plan.positions[0, -1] - [4, 0, 1]) <= 0.5 + 1e-6
+    assert rho.verify(flown.plan).ok
+
+
+def test_in_wind_a_vehicle_passes_another_that_stays_in_its_way() -> None:
+    wind = rho.Disturbance(0.1, position_error=0.01, velocity_error=0.01)
+    limits = rho.Limits(max_speed=2.5, max_acceleration=5.0)
+    scenario = fleet([[-2.45, 0.0], [-0.18, 0.38]], limits=limits, disturbance=wind)
+    scenario = dataclasses.replace(scenario, separation=rho.Separation(0.7))
+    vehicles = (scenario.vehicles[0], dataclasses.replace(scenario.vehicles[1], goal=None))
+    scenario = dataclasses.replace(scenario, vehicles=vehicles)
+    flown = rho.simulate_onboard(scenario, duration=10.0, rng=np.random.default_rng(4))
+    assert np.isfinite(flown.arrivals[0])
+    assert apart(flown) >= 0.7
 
 
 def test_losses_in_a_row_as_declared_are_safe() -> None:

@@ -45,7 +45,7 @@ def is_at(goal: State | Goal, place: FloatArray, margin: float, tolerance: float
     if isinstance(goal.position, np.ndarray):
         return float(np.linalg.norm(place - goal.position)) <= tolerance
     beyond = None if goal.position is None else goal.position.signed_distance(place)
-    return beyond is None or float(beyond) <= -margin
+    return beyond is None or float(beyond) <= tolerance - margin
 
 
 def _inside(goal: State | Goal, nominal: FloatArray, margin: float) -> FloatArray:

@@ -18,6 +18,7 @@ from drake_rho.planning.call.options import Options
 from drake_rho.planning.horizon.interfaces import Planner
 from drake_rho.planning.horizon.places_of_rest import largest_radius
 from drake_rho.planning.horizon.receding_horizon import Proposal
+from drake_rho.planning.horizon.told_goals import is_at
 from drake_rho.planning.onboard.message import Message
 from drake_rho.planning.onboard.others import Others, obstacle_of
 from drake_rho.planning.onboard.own_windows import OwnWindows
@@ -138,6 +139,7 @@ class OnboardPlanner:
         self._announced: tuple[SharedPlan, Proposal] | None = None
         self._planned: Proposal | None = None
         self._first, self._flown = 0, np.zeros((0, 3))
+        self._counted = self._flown_among = self._scenario
         self._number, self._sent, self._begun = 0, -np.inf, -np.inf
 
     @property
@@ -151,12 +153,15 @@ class OnboardPlanner:
 
     @property
     def has_arrived(self) -> bool:
-        """Whether the plan in force ends at the goal; no window is planned then."""
-        goal = self._scenario.vehicles[0].goal.position
-        if not isinstance(goal, np.ndarray):
+        """Whether the plan in force ends at the goal or, if it is a set, in it.
+
+        No window is planned then, until more is told. A vehicle without a goal never arrives.
+        """
+        goal = self._scenario.vehicles[0].goal
+        if goal.position is None:
             return False
-        scale = float(self._windows.scenario.fleet.scale("position")[0])
-        return float(np.linalg.norm(self._committed.knots[0][-1] - goal)) <= TOLERANCE * scale
+        tolerance = TOLERANCE * float(self._windows.scenario.fleet.scale("position")[0])
+        return is_at(goal, self._committed.knots[0][-1], self._committed.radius, tolerance)
 
     @property
     def flight(self) -> Plan:
@@ -248,7 +253,8 @@ class OnboardPlanner:
 
     def _is_due(self, time: float) -> bool:
         """Return whether the next window is to be planned."""
-        idle = self._announced is None and not self.has_arrived
+        done = self.has_arrived and self._flown_among is self._scenario
+        idle = self._announced is None and not done
         return idle and time >= self._begun + self.replan_every
 
     def _window(self, time: float) -> Proposal | None:
@@ -257,6 +263,7 @@ class OnboardPlanner:
         knot = max(steps_lasting(ready, self._grid.step), self._windows.last.first_knot + 1)
         begin = self._time_of(knot)
         obstacles = (*self._scenario.obstacles, *self._obstacles(time, begin))
+        self._counted = self._scenario
         proposal = self._windows.among(self._scenario.derived(obstacles=obstacles), begin)
         self._count("windows")
         window = proposal.window
@@ -266,14 +273,15 @@ class OnboardPlanner:
         """Return the plans of others as obstacles of a window that begins at a time [s].
 
         Those that the window cannot reach do not count, nor do announced plans that conflict with
-        the plan in force and will be withdrawn.
+        the plan in force and will be withdrawn. The check counts the largest radius of the
+        vehicle's own tube at all times, so that windows keep it as well.
         """
         found, place = list[Obstacle](), self._committed.states(np.array([begin]))[0][0]
         size = float(self._separation.shape.semi_axes.max())
         for name, message in self._others.near(time):
             for kind, plan in zip(("committed", "announced"), message.plans, strict=False):
-                error = plan.radius + self._clock_error * plan.speed
-                within = self._reach + size + error + self._committed.radius
+                error = plan.radius + self._clock_error * plan.speed + self._committed.radius
+                within = self._reach + size + error
                 if not may_be_met(plan, begin, place, within):
                     continue
                 if kind == "announced" and self._conflicts(self._committed, [plan]).any():
@@ -298,9 +306,10 @@ class OnboardPlanner:
         """Return what is flown from now on if a window is: the plan in force, then the window."""
         now, knot, plan = self._knot_of(time), proposal.window.first_knot, proposal.window.plan
         start, before = self._time_of(now), self._committed
-        position, velocity, _ = before.states(np.array([start]))
+        state = np.concatenate(
+            [each[min(now - self._first, len(each) - 1)] for each in before.knots]
+        )
         accelerations = before.then(knot - self._first, plan.accelerations[0])[now - self._first :]
-        state = np.concatenate([position[0], velocity[0]])
         radius = max(largest_radius(plan.scenario), before.radius)
         return SharedPlan(time, start, self._grid.step, state, accelerations, radius)
 
@@ -322,6 +331,7 @@ class OnboardPlanner:
             self._count("withdrawn")
             return
         self._windows.accept(proposal)
+        self._flown_among = self._counted
         self._flown = self._flown_until(self._knot_of(own.start))
         self._first, self._committed = self._knot_of(own.start), own
         self._count("committed")
@@ -340,8 +350,10 @@ class OnboardPlanner:
 
     def _knot_of(self, time: float) -> int:
         """Return the last knot that is not after a time [s]."""
-        knot = int(steps_begun(time - self._grid.start, self._grid.step))
-        return knot - (self._time_of(knot) > time)
+        knot = int(steps_begun(time - self._grid.start, self._grid.step)) + 1
+        while self._time_of(knot) > time:  # far from 0 the clock rounds differences
+            knot -= 1
+        return knot
 
     def _count(self, what: str) -> None:
         self.counts = dataclasses.replace(self.counts, **{what: getattr(self.counts, what) + 1})
