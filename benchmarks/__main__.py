@@ -47,6 +47,7 @@ DRAWN = {
     "online_missions": 300,
     "online_horizons": 6,
     "online_circle": 20,
+    "online_fleets": 4,
     "mixed_scenes": 5000,
     "mixed_windows": 1200,
     "damaged_files": 4000,
@@ -134,7 +135,7 @@ OBJECTIVE = (
 """Benchmarks of costs, goals and gates; those that are in no `DRAWN` are `run() -> Table`."""
 
 
-ONLINE = ("online_missions", "online_horizons", "online_circle", "online_forests")
+ONLINE = (*(each for each in DRAWN if each.startswith("online_")), "online_forests")
 """Benchmarks of missions in which more becomes known in flight."""
 
 

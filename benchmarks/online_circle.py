@@ -10,6 +10,7 @@ import numpy as np
 
 import drake_rho as rho
 from benchmarks.all_cores import on_all_cores
+from benchmarks.sampling import sample
 from benchmarks.tables import Cell, Goal, Table
 from drake_rho.scenario.fields import FloatArray
 
@@ -112,27 +113,13 @@ def fly(delay: float, seed: int) -> Lap:
         circle(), radio, duration=30.0, rng=rng, latency=LATENCY, options=options, solver="daqp"
     )
     return Lap(
-        _least_distance(flown.plan),
+        sample(flown.plan, round(RATE * flown.plan.scenario.grid.step)).least,
         flown.arrivals,
         sum(each.windows for each in flown.counts),
         sum(each.announced for each in flown.counts),
         sum(each.withdrawn for each in flown.counts),
         np.concatenate(flown.seconds),
     )
-
-
-def _least_distance(plan: rho.Plan) -> float:
-    """Return the least distance of two vehicles [m], by samples of accelerations integrated."""
-    h, start = plan.scenario.grid.step, plan.scenario.fleet.start_states
-    per_step = round(h * RATE)
-    a = np.repeat(plan.accelerations, per_step, axis=1)
-    dt = h / per_step
-    v = start[:, None, 3:] + dt * np.cumsum(a, axis=1)
-    v = np.concatenate([start[:, None, 3:], v], axis=1)
-    moves = dt * v[:, :-1] + dt**2 / 2.0 * a
-    p = start[:, None, :3] + np.concatenate([0.0 * v[:, :1], np.cumsum(moves, axis=1)], axis=1)
-    pairs = ((i, j) for i in range(len(p)) for j in range(i))
-    return min(float(np.linalg.norm(p[i] - p[j], axis=1).min()) for i, j in pairs)
 
 
 def _is_clear(lap: Lap) -> bool:

@@ -19,7 +19,7 @@ from drake_rho import Box, Plan, Separation
 from drake_rho.scenario.fields import FloatArray
 
 SAMPLES = 100
-"""Samples of every step."""
+"""Usual samples of every step."""
 
 MANY = 1000
 """Vehicles beyond which there are a tenth of the samples, and not every pair is visited."""
@@ -40,12 +40,12 @@ class Sampled:
     negative for a margin"""
 
 
-def sample(plan: Plan) -> Sampled:
-    """Integrate a plan and evaluate it `SAMPLES` times a step, a tenth for many vehicles."""
+def sample(plan: Plan, per_step: int = SAMPLES) -> Sampled:
+    """Integrate a plan and evaluate it so many times a step, a tenth for many vehicles."""
     scenario = plan.scenario
     h, fleet = scenario.grid.step, scenario.fleet
     p, v = roll_out(h, fleet.start_positions, fleet.start_velocities, plan.accelerations)
-    samples = SAMPLES if len(p) <= MANY else SAMPLES // 10
+    samples = per_step if len(p) <= MANY else per_step // 10
     elapsed = np.linspace(0.0, h, samples + 1)
     times = elapsed[:, None, None]
     metres, least, clear = 0.0, np.inf, np.inf

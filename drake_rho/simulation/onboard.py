@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 import heapq
 import time as wall
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -20,7 +20,9 @@ from drake_rho.scenario.arguments import checked, passes_to
 from drake_rho.scenario.described import Described
 from drake_rho.scenario.fields import FloatArray, unchecked
 from drake_rho.scenario.goals import Goal
+from drake_rho.scenario.parts import Grid
 from drake_rho.scenario.records import Scenario
+from drake_rho.scenario.times import steps_begun
 
 Sees = Callable[[str, float, FloatArray], Scenario | None]
 """Function of a vehicle's name, the time [s] and its position [m], shape (3,), which returns the
@@ -67,6 +69,26 @@ class OnboardFlight(metaclass=Described):
     """wall time of planning each window of each vehicle [s], shape (M,) each"""
 
 
+class _Places:
+    """Places of all vehicles, whose accelerations are constant in each step of a common grid."""
+
+    def __init__(self, planners: list[OnboardPlanner], grid: Grid) -> None:
+        self._planners, self._grid = planners, grid
+        self._step, self._since, self._states = -1, grid.start, np.zeros((0, 3, 3))
+
+    def at(self, time: float) -> FloatArray:
+        """Return the places at a time that is not before the last one [m], shape (N, 3)."""
+        step = int(steps_begun(time - self._grid.start, self._grid.step))
+        if step != self._step:
+            every = [each.at(time) for each in self._planners]
+            states = [(each.positions, each.velocities, each.accelerations) for each in every]
+            self._step, self._since, self._states = step, time, np.array(states)[:, :, 0]
+        p, v, a = self._states.swapaxes(0, 1)
+        elapsed = time - self._since
+        places: FloatArray = p + elapsed * (v + elapsed / 2.0 * a)
+        return places
+
+
 class _Loops:
     """Loops of all vehicles, and the messages between them that are under way."""
 
@@ -77,11 +99,14 @@ class _Loops:
         rng: np.random.Generator,
         tick: float,
         sees: Sees | None,
+        grid: Grid,
     ) -> None:
         self.planners, self._radio, self._rng, self._tick = planners, radio, rng, tick
-        self._sees = sees
+        self._sees, self._places = sees, _Places(planners, grid)
         self.seconds: list[list[float]] = [[] for _ in planners]
-        self._lost_in_a_row = dict[tuple[int, int], int]()
+        # Kept up to date: to ask all planners in every turn takes long in a large fleet.
+        self._travelling = {i for i, each in enumerate(planners) if not each.has_arrived}
+        self._lost_in_a_row = np.zeros((len(planners), len(planners)), dtype=np.int64)
         self._events: list[tuple[float, int, int, bytes]] = []
         self._count = 0
 
@@ -96,7 +121,7 @@ class _Loops:
             now, _, index, data = heapq.heappop(self._events)
             if data:
                 self.planners[index].hear(data, now)
-            elif all(each.has_arrived for each in self.planners):
+            elif not self._travelling:
                 break
             else:
                 self._turn(index, now)
@@ -108,6 +133,7 @@ class _Loops:
             news = self._sees(planner.name, now, planner.at(now).positions[0])
             if news is not None:
                 planner.tell(news)
+                self._travelling.add(index)
         started = wall.perf_counter()
         windows, later = planner.counts.windows, now + self._tick * self._rng.uniform(0.5, 1.5)
         sent = planner.step(now)
@@ -116,21 +142,22 @@ class _Loops:
             later += planner.latency * self._rng.uniform()
         self.add(float(later), index)
         if sent is not None:
-            for other in range(len(self.planners)):
-                if other != index and (delay := self._delay(index, other, now)) is not None:
-                    self.add(now + delay, other, sent)
+            (self._travelling.discard if planner.has_arrived else self._travelling.add)(index)
+            for other, delay in self._hearers(index, now):
+                self.add(now + delay, other, sent)
 
-    def _delay(self, sender: int, receiver: int, now: float) -> float | None:
-        """Return how late a message arrives [s]; None if it does not."""
-        radio, both = self._radio, (sender, receiver)
-        late, luck = self._rng.uniform(0.0, radio.delay), self._rng.uniform()
-        places = [self.planners[each].at(now).positions[0] for each in both]
-        if radio.radius is not None and np.linalg.norm(places[0] - places[1]) > radio.radius:
-            return None
-        lost = self._lost_in_a_row.get(both, 0)
-        is_lost = luck < radio.loss and (radio.lost is None or lost < radio.lost)
-        self._lost_in_a_row[both] = lost + 1 if is_lost else 0
-        return None if is_lost else float(late)
+    def _hearers(self, sender: int, now: float) -> Iterator[tuple[int, float]]:
+        """Yield who hears a message that is sent now, and how late [s]."""
+        radio, row = self._radio, self._lost_in_a_row[sender]
+        late, luck = self._rng.uniform(size=(2, len(row)))
+        hears = np.arange(len(row)) != sender
+        if radio.radius is not None:
+            places = self._places.at(now)
+            hears &= np.linalg.norm(places - places[sender], axis=1) <= radio.radius
+        is_lost = (luck < radio.loss) & (row < (np.inf if radio.lost is None else radio.lost))
+        row[hears] = np.where(is_lost, row + 1, 0)[hears]
+        for other in np.flatnonzero(hears & ~is_lost).tolist():
+            yield other, radio.delay * float(late[other])
 
 
 @checked
@@ -169,7 +196,8 @@ def simulate_onboard(
     radio = radio or Radio()
     believed = {"delay": radio.delay, "lost": radio.lost or 0, "radius": radio.radius}
     planners = [OnboardPlanner(scenario, name, **(believed | settings)) for name in scenario.names]
-    loops, begin = _Loops(planners, radio, rng, tick, sees), scenario.grid.start
+    loops = _Loops(planners, radio, rng, tick, sees, scenario.grid)
+    begin = scenario.grid.start
     for index, planner in enumerate(planners):
         loops.add(begin + float(rng.uniform(0.0, planner.replan_every)), index)
     loops.run(begin + duration)
