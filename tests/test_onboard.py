@@ -492,3 +492,21 @@ def test_what_is_seen_in_flight_is_avoided() -> None:
     )
     x = positions(without.plan, np.linspace(0.0, 20.0, 2_001))
     assert (np.abs(x - wall.center) < [0.3, 1.5, 1.5]).all(axis=2).any()  # the wall has an effect
+
+
+def test_what_is_seen_on_the_last_way_to_the_goal_counts() -> None:
+    ball, told = rho.Sphere([3.0, 0.0, 1.0], 0.5), set[str]()
+    scenario = fleet([[-4.0, 0.0], [-4.0, 6.0]])
+    aware = dataclasses.replace(scenario, obstacles=(rho.Obstacle(ball, name="ball"),))
+
+    def sees(name: str, time: float, place: Array) -> rho.Scenario | None:
+        if name in told or np.linalg.norm(place - ball.center) > 4.0:
+            return None
+        told.add(name)
+        return aware
+
+    flown = rho.simulate_onboard(scenario, duration=20.0, rng=np.random.default_rng(6), sees=sees)
+    assert "q0" in told
+    assert np.isfinite(flown.arrivals).all()
+    x = positions(flown.plan, np.linspace(0.0, 20.0, 20_001))
+    assert np.linalg.norm(x[0] - ball.center, axis=1).min() >= 0.5 + 0.1 - 1e-6

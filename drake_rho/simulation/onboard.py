@@ -116,7 +116,10 @@ class _Loops:
         heapq.heappush(self._events, (time, self._count, index, data))
 
     def run(self, until: float) -> None:
-        """Run all loops until all vehicles have arrived, or until a time [s]."""
+        """Run all loops until all vehicles fly to their goals, or rest there if they see.
+
+        They end at a time [s] at the latest.
+        """
         while self._events[0][0] <= until:
             now, _, index, data = heapq.heappop(self._events)
             if data:
@@ -133,7 +136,6 @@ class _Loops:
             news = self._sees(planner.name, now, planner.at(now).positions[0])
             if news is not None:
                 planner.tell(news)
-                self._travelling.add(index)
         started = wall.perf_counter()
         windows, later = planner.counts.windows, now + self._tick * self._rng.uniform(0.5, 1.5)
         sent = planner.step(now)
@@ -141,10 +143,16 @@ class _Loops:
             self.seconds[index].append(wall.perf_counter() - started)
             later += planner.latency * self._rng.uniform()
         self.add(float(later), index)
+        if sent is not None or self._sees is not None:
+            there = planner.has_arrived and self._may_stop_looking(planner, now)
+            (self._travelling.discard if there else self._travelling.add)(index)
         if sent is not None:
-            (self._travelling.discard if planner.has_arrived else self._travelling.add)(index)
             for other, delay in self._hearers(index, now):
                 self.add(now + delay, other, sent)
+
+    def _may_stop_looking(self, planner: OnboardPlanner, now: float) -> bool:
+        """Return whether nothing is seen any more on the way to the goal."""
+        return self._sees is None or not planner.at(now).velocities.any()
 
     def _hearers(self, sender: int, now: float) -> Iterator[tuple[int, float]]:
         """Yield who hears a message that is sent now, and how late [s]."""
