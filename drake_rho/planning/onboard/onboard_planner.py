@@ -252,22 +252,28 @@ class OnboardPlanner:
         return Message(self.name, self._number, self._committed, announced).encoded()
 
     def _is_due(self, time: float) -> bool:
-        """Return whether the next window is to be planned."""
-        done = self.has_arrived and self._flown_among is self._scenario
-        idle = self._announced is None and not done
-        return idle and time >= self._begun + self.replan_every
+        """Return whether the next window is to be planned: at once after news, one a step."""
+        has_news = self._flown_among is not self._scenario
+        if self._announced is not None or (self.has_arrived and not has_news):
+            return False
+        waits = 0.0 if has_news else self.replan_every
+        later = self._next_knot(time) > self._windows.last.first_knot
+        return later and time >= self._begun + waits
 
     def _window(self, time: float) -> Proposal | None:
         """Plan a window against everything that others may fly; return it if it is a new one."""
-        ready = time + self.latency + self.check - self._grid.start
-        knot = max(steps_lasting(ready, self._grid.step), self._windows.last.first_knot + 1)
-        begin = self._time_of(knot)
+        begin = self._time_of(self._next_knot(time))
         obstacles = (*self._scenario.obstacles, *self._obstacles(time, begin))
         self._counted = self._scenario
         proposal = self._windows.among(self._scenario.derived(obstacles=obstacles), begin)
         self._count("windows")
         window = proposal.window
         return None if window.infeasible and not window.stopping else proposal
+
+    def _next_knot(self, time: float) -> int:
+        """Return the first knot from which a window that is planned now can be flown."""
+        ready = time + self.latency + self.check - self._grid.start
+        return steps_lasting(ready, self._grid.step)
 
     def _obstacles(self, time: float, begin: float) -> list[Obstacle]:
         """Return the plans of others as obstacles of a window that begins at a time [s].
