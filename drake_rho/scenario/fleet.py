@@ -27,6 +27,10 @@ _ROUNDINGS = 8.0
 sums of two terms per knot."""
 
 
+_ROUNDED_DOWN = 1.0 - 1e-9
+"""Factor by which a distance is at most rounded up."""
+
+
 def _last_place(vehicle: Vehicle) -> FloatArray:
     """Return the position of a vehicle's last waypoint, or of its start without waypoints [m]."""
     if not vehicle.waypoints:
@@ -332,7 +336,7 @@ class Fleet:
         """
         evasion = np.zeros(len(self._vehicles))
         for body in self._bodies:
-            if not body.is_steady:
+            if not body.is_steady and self._may_meet(body):
                 instants = self._instants(body)
                 errors = body.uncertainty(instants)
                 required = self.radii + body.deviation + errors[-1]
@@ -344,6 +348,17 @@ class Fleet:
                 most = np.minimum(body.shape.thickness + required, moved)
                 evasion[met] = np.maximum(evasion, most)[met]
         return evasion
+
+    def _may_meet(self, body: Obstacle) -> bool:
+        """Return false if the boxes around straight paths to the goals are far from an obstacle.
+
+        This saves most of the time, and leaves out none that `_closest_to` would find close.
+        """
+        starts, goals = self.start_positions, self.goal_positions
+        errors = body.uncertainty(np.array([self._grid.duration]))
+        size = float(np.linalg.norm(body.shape.extent)) + body.deviation + float(errors[0])
+        away = body.gaps(np.minimum(starts, goals), np.maximum(starts, goals), 0.0)
+        return not bool((_ROUNDED_DOWN * away > self.radii + size).all())  # true for NaN
 
     def _closest_to(self, body: Obstacle) -> FloatArray:
         """Return the least distances of straight paths to the goals from an obstacle [m], (N,).

@@ -114,7 +114,7 @@ def _to_rest(
         InfeasibleError: they may not.
     """
     plan = _among_near(planner, scenario, reference, solver)
-    for column in check_rest(scenario, plan.positions[:, -1]):
+    for column in check_rest(scenario, plan.positions[:, -1], near_only=True):
         if not column.holds:
             checks = (each for each in column.checks(scenario.names) if each is not None)
             raise InfeasibleError(
