@@ -200,9 +200,7 @@ class Fleet:
 
     def projection(self, quantity: Quantity, vehicle: int) -> Callable[[FloatArray], FloatArray]:
         """Return the function that projects values (..., 3) onto the box of one vehicle."""
-        if quantity not in self._sides:
-            self._sides[quantity] = self._make_sides(quantity)
-        sides = self._sides[quantity]
+        sides = self.sides(quantity)
         if sides is None:
             return np.asarray
         lower, upper = (each[vehicle] for each in sides)
@@ -430,15 +428,22 @@ class Fleet:
         return self._bounds[quantity]
 
     def _make_bounds(self, quantity: Quantity) -> Bounds | None:
-        if quantity not in self._sides:
-            self._sides[quantity] = self._make_sides(quantity)
-        sides = self._sides[quantity]
+        sides = self.sides(quantity)
         if sides is None:
             return None
         lower, upper = sides
         scale = self.scale(quantity)[:, None]
         width = np.minimum(np.maximum(upper - lower, 1e-3 * scale), scale)
         return Bounds(lower, upper, TOLERANCE * width)
+
+    def sides(self, quantity: Quantity) -> tuple[FloatArray, FloatArray] | None:
+        """Return the corners of the boxes of a quantity, (N, 3) each; None if no vehicle has one.
+
+        They need no scales, unlike `bounds`.
+        """
+        if quantity not in self._sides:
+            self._sides[quantity] = self._make_sides(quantity)
+        return self._sides[quantity]
 
     def _make_sides(self, quantity: Quantity) -> tuple[FloatArray, FloatArray] | None:
         """Return lower and upper bounds, each of shape (N, 3), or None if there are none."""
@@ -456,13 +461,18 @@ class Fleet:
     @cached_property
     def norms(self) -> dict[Norm, NormLimit]:
         """Limits on norms that any vehicle has, with tolerances, by field of `Limits`."""
-        if self._largest is None:
-            self._largest = self._make_largest()
         limits = {}
-        for norm, most in self._largest.items():
+        for norm, most in self.largest_norms.items():
             kind = NORMS[norm]
             limits[norm] = NormLimit(norm, kind, most, kind.sets(most, self.scale(kind.quantity)))
         return limits
+
+    @property
+    def largest_norms(self) -> dict[Norm, FloatArray]:
+        """Limits (N,) of each norm that any vehicle limits; they need no scales, unlike `norms`."""
+        if self._largest is None:
+            self._largest = self._make_largest()
+        return self._largest
 
     def _make_largest(self) -> dict[Norm, FloatArray]:
         """Return the limits (N,) of each norm that any vehicle limits."""
