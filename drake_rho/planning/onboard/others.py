@@ -22,6 +22,10 @@ _SMALLEST = 1e-3
 """Least semi-axis of the ellipsoid around another vehicle, in separations."""
 
 
+_ANYWHERE = Goal(None)
+"""Goal of a vehicle whose plan may end anywhere."""
+
+
 @dataclasses.dataclass(frozen=True)
 class Heard:
     """What was heard of another vehicle last."""
@@ -56,6 +60,8 @@ class Others:
     ) -> None:
         self._name, self._clock_error, self._forgets_after = name, clock_error, forgets_after
         self._scenario, self._heard = _with_limits_only(scenario), dict[str, Heard]()
+        names = enumerate(scenario.names)
+        self._alone = {each: self._scenario.of_vehicles([index]) for index, each in names}
         grid = scenario.grid
         for each in scenario.vehicles:
             if each.name != name:
@@ -108,10 +114,10 @@ class Others:
         p, v = plan.knots
         if float(np.linalg.norm(v[-1])) > TOLERANCE * float(fleet.scale("velocity")[index]):
             return "rest at its end"
-        start = State(p[0], v[0])
-        vehicle = unchecked(self._scenario.vehicles[index], start=start, goal=Goal(None))
+        start, alone = State(p[0], v[0]), self._alone[sender]
+        vehicle = unchecked(alone.vehicles[0], start=start, goal=_ANYWHERE)
         grid = Grid(plan.step, len(p), 0.0)
-        alone = self._scenario.of_vehicles([index]).derived(vehicles=(vehicle,), grid=grid)
+        alone = alone.derived(vehicles=(vehicle,), grid=grid)
         scenario = alone.derived(fleet=alone.fleet.reaching(float(fleet.lengths[index])))
         found = first_violation(Plan.from_accelerations(scenario, plan.accelerations[None]))
         return None if found is None else f"{found.what} by {found.excess:.3g} {found.unit}"
@@ -136,26 +142,34 @@ def _key(plan: SharedPlan) -> tuple[object, ...]:
     return (*numbers, plan.state.tobytes(), plan.accelerations.tobytes())
 
 
-def obstacle_of(
-    name: str, plan: SharedPlan, separation: Separation, radius: float, begin: float, error: float
-) -> Obstacle:
-    """Return another vehicle as an obstacle that one with a radius keeps the separation from.
+def obstacle_around(separation: Separation, radius: float) -> Obstacle:
+    """Return the space around another vehicle that one with a radius keeps clear of, at rest.
 
     The obstacle, enlarged by the radius r, contains the separation's ellipsoid: with a for its
     semi-axes, the support functions obey |a n| <= |(a - r) n| + r |n|.
 
     Args:
-        name: of the obstacle.
-        plan: of the other vehicle.
         separation: that vehicles have to keep.
-        radius: of the vehicle that avoids it [m].
-        begin: time from which on it matters [s].
-        error: largest distance of the other vehicle from its plan [m].
+        radius: of the vehicle that avoids the other [m].
     """
     least = _SMALLEST * separation.distance
     semi_axes: FloatArray = np.maximum(separation.shape.semi_axes - radius, least)
+    center, round_one = np.zeros(3), separation.is_round
+    return Obstacle(Sphere(center, semi_axes[0]) if round_one else Ellipsoid(center, semi_axes))
+
+
+def obstacle_of(
+    name: str, plan: SharedPlan, around: Obstacle, begin: float, error: float
+) -> Obstacle:
+    """Return another vehicle as an obstacle.
+
+    Args:
+        name: of the obstacle.
+        plan: of the other vehicle.
+        around: as `obstacle_around` returns it.
+        begin: time from which on it matters [s].
+        error: largest distance of the other vehicle from its plan [m].
+    """
     track = plan.track(begin)
-    center = track.positions[0]
-    round_one = separation.is_round
-    shape = Sphere(center, semi_axes[0]) if round_one else Ellipsoid(center, semi_axes)
-    return Obstacle(shape, track=track, name=name, position_error=error)
+    shape = unchecked(around.shape, center=track.positions[0])  # type: ignore[type-var]
+    return unchecked(around, shape=shape, track=track, name=name, position_error=error)
