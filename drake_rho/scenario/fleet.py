@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property, partial
 from typing import TYPE_CHECKING
 
@@ -333,30 +333,32 @@ class Fleet:
         along with it, unless the obstacle appears around it. Obstacles at rest do not count.
         """
         evasion = np.zeros(len(self._vehicles))
-        for body in self._bodies:
-            if not body.is_steady and self._may_meet(body):
-                instants = self._instants(body)
-                errors = body.uncertainty(instants)
-                required = self.radii + body.deviation + errors[-1]
-                met = self._closest_to(body) <= np.linalg.norm(body.shape.extent) + required
-                centers = body.centers(instants)
-                moved = float(np.linalg.norm(np.diff(centers, axis=0), axis=1).sum())
-                moved += float(errors[-1] - errors[0])
-                moved = moved if body.active is None else np.inf
-                most = np.minimum(body.shape.thickness + required, moved)
-                evasion[met] = np.maximum(evasion, most)[met]
+        changing = [body for body in self._bodies if not body.is_steady]
+        for body in self._may_be_met(changing) if changing else ():
+            instants = self._instants(body)
+            errors = body.uncertainty(instants)
+            required = self.radii + body.deviation + errors[-1]
+            met = self._closest_to(body) <= np.linalg.norm(body.shape.extent) + required
+            centers = body.centers(instants)
+            moved = float(np.linalg.norm(np.diff(centers, axis=0), axis=1).sum())
+            moved += float(errors[-1] - errors[0])
+            moved = moved if body.active is None else np.inf
+            most = np.minimum(body.shape.thickness + required, moved)
+            evasion[met] = np.maximum(evasion, most)[met]
         return evasion
 
-    def _may_meet(self, body: Obstacle) -> bool:
-        """Return false if the boxes around straight paths to the goals are far from an obstacle.
+    def _may_be_met(self, bodies: Sequence[Obstacle]) -> Iterator[Obstacle]:
+        """Yield the obstacles that are not far from the boxes around straight paths to the goals.
 
         This saves most of the time, and leaves out none that `_closest_to` would find close.
         """
-        starts, goals = self.start_positions, self.goal_positions
-        errors = body.uncertainty(np.array([self._grid.duration]))
-        size = float(np.linalg.norm(body.shape.extent)) + body.deviation + float(errors[0])
-        away = body.gaps(np.minimum(starts, goals), np.maximum(starts, goals), 0.0)
-        return not bool((_ROUNDED_DOWN * away > self.radii + size).all())  # true for NaN
+        ends, end = (self.start_positions, self.goal_positions), np.array([self._grid.duration])
+        lower, upper = np.minimum(*ends), np.maximum(*ends)
+        for body in bodies:
+            size = float(np.linalg.norm(body.shape.extent)) + body.deviation
+            required = self.radii + size + body.uncertainty(end)
+            if not (_ROUNDED_DOWN * body.gaps(lower, upper, 0.0) > required).all():  # or NaN
+                yield body
 
     def _closest_to(self, body: Obstacle) -> FloatArray:
         """Return the least distances of straight paths to the goals from an obstacle [m], (N,).

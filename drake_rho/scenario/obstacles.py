@@ -152,7 +152,7 @@ class Obstacle:
     def moves(self) -> bool:
         """True if the obstacle moves at any time."""
         if self.track is not None:
-            return bool(np.any(np.diff(self.track.positions, axis=0)))
+            return self.track.moves
         return self.velocity is not None and bool(np.any(self.velocity))
 
     @property
@@ -199,6 +199,8 @@ class Obstacle:
 
     def is_always_active(self, grid: Grid) -> bool:
         """Return whether it is avoided all through a flight; its clock is 0 at the first knot."""
+        if self.active is None:
+            return True
         return bool(self.is_active(grid.elapsed[[0, -1]], grid.clock).all())
 
     @property

@@ -73,6 +73,8 @@ class KeepOutOfShape(KeepOutOfObstacle):
         if not self.every_instant:
             return self._penetrating_knots(motion, vehicles)
         _, whose, times = self.deepest_instants(motion, vehicles)
+        if len(whose) == 0:
+            return EvaluationPoints(whose, whose, times)
         repeated = (np.diff(whose, prepend=-1) == 0) & (np.diff(times, prepend=-1.0) == 0.0)
         return EvaluationPoints(whose[~repeated], whose[~repeated], times[~repeated])
 

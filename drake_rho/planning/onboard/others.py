@@ -6,10 +6,12 @@ import dataclasses
 
 import numpy as np
 
+from drake_rho.motion.dynamics import Motion
 from drake_rho.motion.plan import Plan
 from drake_rho.planning.onboard.message import Message, MessageError
 from drake_rho.planning.onboard.shared_plan import SharedPlan
 from drake_rho.scenario.fields import FloatArray, unchecked
+from drake_rho.scenario.fleet import Fleet
 from drake_rho.scenario.goals import Goal
 from drake_rho.scenario.objective import Objective
 from drake_rho.scenario.obstacles import Obstacle
@@ -17,6 +19,8 @@ from drake_rho.scenario.parts import Grid, Separation, State
 from drake_rho.scenario.records import TOLERANCE, Scenario
 from drake_rho.scenario.shapes.quadrics import Ellipsoid, Sphere
 from drake_rho.verification.holds import first_violation
+from drake_rho.verification.quick_bounds import QuickBounds
+from drake_rho.verification.trajectory import PiecewiseTrajectory
 
 _SMALLEST = 1e-3
 """Least semi-axis of the ellipsoid around another vehicle, in separations."""
@@ -117,8 +121,10 @@ class Others:
         start, alone = State(p[0], v[0]), self._alone[sender]
         vehicle = unchecked(alone.vehicles[0], start=start, goal=_ANYWHERE)
         grid = Grid(plan.step, len(p), 0.0)
-        alone = alone.derived(vehicles=(vehicle,), grid=grid)
-        scenario = alone.derived(fleet=alone.fleet.reaching(float(fleet.lengths[index])))
+        own = Fleet(grid, (vehicle,), alone.limits, reaches=float(fleet.lengths[index]))
+        scenario = alone.derived(vehicles=(vehicle,), grid=grid, fleet=own)
+        if _surely_within_limits(scenario, plan.accelerations):
+            return None
         found = first_violation(Plan.from_accelerations(scenario, plan.accelerations[None]))
         return None if found is None else f"{found.what} by {found.excess:.3g} {found.unit}"
 
@@ -129,6 +135,21 @@ class Others:
             for name, each in self._heard.items()
             if time - each.time <= self._forgets_after
         ]
+
+
+def _surely_within_limits(scenario: Scenario, accelerations: FloatArray) -> bool:
+    """Return whether quick bounds show that a single vehicle keeps its limits.
+
+    There is nothing else in the scenario that it could violate.
+
+    Args:
+        scenario: of the vehicle.
+        accelerations: in the steps [m/s²], shape (M, 3).
+    """
+    motion = Motion.from_starts(scenario.fleet, accelerations[None], scenario.grid.step)
+    with np.errstate(over="ignore", invalid="ignore"):  # values that overflow are not within
+        bounds = QuickBounds.of(PiecewiseTrajectory.of(scenario, motion))
+        return bounds.boxes_hold() and bounds.norms_hold()
 
 
 def _with_limits_only(scenario: Scenario) -> Scenario:
