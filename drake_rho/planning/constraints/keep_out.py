@@ -228,9 +228,7 @@ class KeepOutOfObstacle(KeepOut):
     @cached_property
     def _course(self) -> Course:
         """Motion of the obstacle in the steps of every motion, which are those of `reference`."""
-        return Course.of(
-            self.obstacle, self.reference.step, self.reference.accelerations.shape[1]
-        )
+        return Course.of(self.obstacle, self.reference.step, self.reference.accelerations.shape[1])
 
     def bounds_at(self, rows: HalfSpaces, times: FloatArray) -> FloatArray:
         """Return bounds with the obstacle's position at other times."""

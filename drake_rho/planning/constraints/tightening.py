@@ -53,7 +53,7 @@ def missing_slack(
 def _near_ends(scenario: Scenario, margins: PlanMargins) -> Scenario:
     """Return a scenario without the obstacles that are surely far from all starts and goals.
 
-    They have slack: each stays in a ball with the corners of its bounding box, and so do the errors.
+    Each has slack: it is in the ball with the corners of its bounding box, enlarged by its errors.
     """
     fleet = scenario.fleet
     required = fleet.radii + float(margins.inner.knots["position"][list(ENDS)].max())

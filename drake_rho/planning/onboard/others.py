@@ -192,5 +192,5 @@ def obstacle_of(
         error: largest distance of the other vehicle from its plan [m].
     """
     track = plan.track(begin)
-    shape = unchecked(around.shape, center=track.positions[0])  # type: ignore[type-var]
+    shape = unchecked(around.shape, center=track.positions[0])
     return unchecked(around, shape=shape, track=track, name=name, position_error=error)

@@ -131,9 +131,9 @@ def conflicting(
     """
     errors = np.array([own.radius + each.radius + clock_error * each.speed for each in others])
     found, size = np.zeros(len(others), dtype=bool), float(separation.shape.semi_axes.max())
-    # nearer than the separation, even in its longest direction
-    met = [not _apart(own, each) >= size + error for each, error in zip(others, errors, strict=True)]
-    near = np.flatnonzero(met)
+    # plans whose boxes are apart by the separation in its longest direction do not conflict
+    apart = np.array([_apart(own, each) for each in others])
+    near = np.flatnonzero(~(apart >= size + errors))  # true for NaN as well
     if len(near) == 0:
         return found
     pieces, errors = [_relative(own, others[i]) for i in near.tolist()], errors[near]
