@@ -22,7 +22,7 @@ from functools import singledispatch
 import numpy as np
 
 from drake_rho.motion.dynamics import Motion, step_at
-from drake_rho.motion.extremes import nearest_moments
+from drake_rho.motion.extremes import lengths_of, nearest_moments
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.maps.map import Map
 from drake_rho.scenario.maps.parts import Parts
@@ -37,6 +37,9 @@ _PARTS = 8
 
 _SPLITS = 18
 """Bound on the successive splits of a piece, beyond the last digit of a double."""
+
+_ROUNDED_DOWN = 1.0 - 1e-9
+"""Factor by which a distance is at most rounded up."""
 
 _PRECISION = 1e-3
 """Precision of the greatest depth, as a part of the tolerance."""
@@ -71,6 +74,60 @@ class Pieces(Table):
         return positions
 
 
+@dataclasses.dataclass(frozen=True, eq=False)
+class Course:
+    """An obstacle's motion in pieces of time: steps, split at its corners."""
+
+    obstacle: Obstacle
+    """obstacle on a clock that is 0 at the first knot"""
+    times: FloatArray
+    """beginning of each piece since the first knot [s], shape (M,)"""
+    durations: FloatArray
+    """durations of the pieces [s], shape (M,)"""
+    steps: IntArray | None
+    """step of each piece, shape (M,); None if no step is split"""
+    centers: FloatArray
+    """centres at the beginnings [m], shape (M, 3)"""
+    velocities: FloatArray
+    """velocities in the pieces [m/s], shape (M, 3)"""
+    errors: FloatArray
+    """position errors at the beginnings [m], shape (M,)"""
+    grown: FloatArray
+    """position errors at the ends [m], shape (M,)"""
+    active: BoolArray
+    """whether the obstacle is avoided in each piece, shape (M,)"""
+
+    @classmethod
+    def of(cls, obstacle: Obstacle, h: float, count: int) -> Course:
+        """Return the motion of an obstacle in a number of steps h [s].
+
+        Args:
+            obstacle: on a clock that is 0 at the first knot.
+            h: duration of a step [s].
+            count: number of steps.
+        """
+        times: FloatArray = np.float64(h) * np.arange(count)
+        corners, clock = obstacle.corners, Clock.of(h)  # at the ends, none splits a step
+        corners = corners[clock.after(corners, 0.0) & clock.before(corners, h * count)]
+        steps = None
+        if len(corners) > 0:
+            times = np.union1d(times, corners)
+            steps = np.minimum(step_at(times, h), count - 1)
+        durations: FloatArray = np.diff(times, append=h * count)
+        middles = times + durations / 2.0  # away from corners, which rounding could shift
+        return cls(
+            obstacle,
+            times,
+            durations,
+            steps,
+            obstacle.centers(times),
+            obstacle.velocities(middles),
+            obstacle.uncertainty(times),
+            obstacle.uncertainty(times + durations),
+            obstacle.is_active(middles),
+        )
+
+
 def pieces_near(motion: Motion, obstacle: Obstacle, within: FloatArray) -> Pieces:
     """Return the pieces of motions relative to an obstacle that may come close to it.
 
@@ -79,20 +136,19 @@ def pieces_near(motion: Motion, obstacle: Obstacle, within: FloatArray) -> Piece
         obstacle: on a clock that is 0 at the first knot; its corners split steps into pieces.
         within: the distance that counts as close, for each vehicle [m], shape (N,).
     """
-    h, count = motion.step, motion.accelerations.shape[1]
-    times: FloatArray = np.float64(h) * np.arange(count)
-    corners, clock = obstacle.corners, Clock.of(h)  # at the ends, none splits a step
-    corners = corners[clock.after(corners, 0.0) & clock.before(corners, h * count)]
+    course = Course.of(obstacle, motion.step, motion.accelerations.shape[1])
+    return pieces_near_course(motion, course, within)
+
+
+def pieces_near_course(motion: Motion, course: Course, within: FloatArray) -> Pieces:
+    """Return the same for an obstacle whose motion in the same steps is known."""
+    obstacle, times, durations = course.obstacle, course.times, course.durations
     p, v, a = motion.positions[:, :-1], motion.velocities[:, :-1], motion.accelerations
-    if len(corners) > 0:
-        times = np.union1d(times, corners)
+    if course.steps is not None:
         p, v = motion.at("position", times), motion.at("velocity", times)
-        k = np.minimum(step_at(times, h), count - 1)
-        a = motion.accelerations[:, k]
-    durations: FloatArray = np.diff(times, append=h * count)
-    errors, grown = obstacle.uncertainty(times), obstacle.uncertainty(times + durations)
-    middles = times + durations / 2.0  # away from corners, which rounding could shift
-    p, v = p - obstacle.centers(times), v - obstacle.velocities(middles)
+        a = motion.accelerations[:, course.steps]
+    errors, grown = course.errors, course.grown
+    p, v = p - course.centers, v - course.velocities
     distances = within[:, None] + grown
     if (parts := _parts_of(obstacle.shape)) is not None:
         p, v, a = (parts.in_frame(each) for each in (p, v, a))
@@ -102,7 +158,7 @@ def pieces_near(motion: Motion, obstacle: Obstacle, within: FloatArray) -> Piece
         owners, k = np.nonzero(near)
         numbers = np.zeros(len(k), dtype=np.int64)
     if obstacle.active is not None:
-        active = obstacle.is_active(middles)[k]
+        active = course.active[k]
         owners, k, numbers = owners[active], k[active], numbers[active]
     of = (p[owners, k], v[owners, k], a[owners, k])
     growths = (grown - errors) / durations
@@ -190,9 +246,24 @@ def _(
     """Return pieces, and times since their beginnings, in closed form if nothing grows."""
     if np.any(pieces.growths):
         return _Search(shape, pieces, below, _PRECISION * tolerances).run()
+    if (_least_lengths(pieces) >= shape.radius + below + pieces.errors).all():
+        return np.zeros(0, dtype=int), np.zeros(0)
     s = nearest_moments(pieces.p, pieces.v, pieces.a, pieces.durations)
     inside = np.flatnonzero(shape.local_distance(pieces.at(s)) - pieces.errors < below)
     return inside, s[inside]
+
+
+def _least_lengths(pieces: Pieces) -> FloatArray:
+    """Return lower bounds of the lengths of relative positions in pieces [m], shape (M,).
+
+    A piece is within norm(a) w²/8 of the straight line between its ends.
+    """
+    w, p = pieces.durations, pieces.p
+    chords = w[:, None] * (pieces.v + w[:, None] / 2.0 * pieces.a)
+    squares = np.maximum(np.vecdot(chords, chords), np.finfo(float).tiny)
+    part = np.clip(-np.vecdot(p, chords) / squares, 0.0, 1.0)
+    nearest = lengths_of(p + part[:, None] * chords)
+    return np.asarray(_ROUNDED_DOWN * nearest - lengths_of(pieces.a) * w**2 / 8.0)
 
 
 class _Search:

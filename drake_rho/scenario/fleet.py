@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property, partial
 from typing import TYPE_CHECKING
 
@@ -25,6 +25,10 @@ if TYPE_CHECKING:
 _ROUNDINGS = 8.0
 """Roundings of a coordinate, per knot, that a tolerance allows for: twice as many as accumulate in
 sums of two terms per knot."""
+
+
+_ROUNDED_DOWN = 1.0 - 1e-9
+"""Factor by which a distance is at most rounded up."""
 
 
 def _last_place(vehicle: Vehicle) -> FloatArray:
@@ -196,9 +200,7 @@ class Fleet:
 
     def projection(self, quantity: Quantity, vehicle: int) -> Callable[[FloatArray], FloatArray]:
         """Return the function that projects values (..., 3) onto the box of one vehicle."""
-        if quantity not in self._sides:
-            self._sides[quantity] = self._make_sides(quantity)
-        sides = self._sides[quantity]
+        sides = self.sides(quantity)
         if sides is None:
             return np.asarray
         lower, upper = (each[vehicle] for each in sides)
@@ -331,19 +333,32 @@ class Fleet:
         along with it, unless the obstacle appears around it. Obstacles at rest do not count.
         """
         evasion = np.zeros(len(self._vehicles))
-        for body in self._bodies:
-            if not body.is_steady:
-                instants = self._instants(body)
-                errors = body.uncertainty(instants)
-                required = self.radii + body.deviation + errors[-1]
-                met = self._closest_to(body) <= np.linalg.norm(body.shape.extent) + required
-                centers = body.centers(instants)
-                moved = float(np.linalg.norm(np.diff(centers, axis=0), axis=1).sum())
-                moved += float(errors[-1] - errors[0])
-                moved = moved if body.active is None else np.inf
-                most = np.minimum(body.shape.thickness + required, moved)
-                evasion[met] = np.maximum(evasion, most)[met]
+        changing = [body for body in self._bodies if not body.is_steady]
+        for body in self._may_be_met(changing) if changing else ():
+            instants = self._instants(body)
+            errors = body.uncertainty(instants)
+            required = self.radii + body.deviation + errors[-1]
+            met = self._closest_to(body) <= np.linalg.norm(body.shape.extent) + required
+            centers = body.centers(instants)
+            moved = float(np.linalg.norm(np.diff(centers, axis=0), axis=1).sum())
+            moved += float(errors[-1] - errors[0])
+            moved = moved if body.active is None else np.inf
+            most = np.minimum(body.shape.thickness + required, moved)
+            evasion[met] = np.maximum(evasion, most)[met]
         return evasion
+
+    def _may_be_met(self, bodies: Sequence[Obstacle]) -> Iterator[Obstacle]:
+        """Yield the obstacles that are not far from the boxes around straight paths to the goals.
+
+        This saves most of the time, and leaves out none that `_closest_to` would find close.
+        """
+        ends, end = (self.start_positions, self.goal_positions), np.array([self._grid.duration])
+        lower, upper = np.minimum(*ends), np.maximum(*ends)
+        for body in bodies:
+            size = float(np.linalg.norm(body.shape.extent)) + body.deviation
+            required = self.radii + size + body.uncertainty(end)
+            if not (_ROUNDED_DOWN * body.gaps(lower, upper, 0.0) > required).all():  # or NaN
+                yield body
 
     def _closest_to(self, body: Obstacle) -> FloatArray:
         """Return the least distances of straight paths to the goals from an obstacle [m], (N,).
@@ -415,15 +430,22 @@ class Fleet:
         return self._bounds[quantity]
 
     def _make_bounds(self, quantity: Quantity) -> Bounds | None:
-        if quantity not in self._sides:
-            self._sides[quantity] = self._make_sides(quantity)
-        sides = self._sides[quantity]
+        sides = self.sides(quantity)
         if sides is None:
             return None
         lower, upper = sides
         scale = self.scale(quantity)[:, None]
         width = np.minimum(np.maximum(upper - lower, 1e-3 * scale), scale)
         return Bounds(lower, upper, TOLERANCE * width)
+
+    def sides(self, quantity: Quantity) -> tuple[FloatArray, FloatArray] | None:
+        """Return the corners of the boxes of a quantity, (N, 3) each; None if no vehicle has one.
+
+        They need no scales, unlike `bounds`.
+        """
+        if quantity not in self._sides:
+            self._sides[quantity] = self._make_sides(quantity)
+        return self._sides[quantity]
 
     def _make_sides(self, quantity: Quantity) -> tuple[FloatArray, FloatArray] | None:
         """Return lower and upper bounds, each of shape (N, 3), or None if there are none."""
@@ -441,13 +463,18 @@ class Fleet:
     @cached_property
     def norms(self) -> dict[Norm, NormLimit]:
         """Limits on norms that any vehicle has, with tolerances, by field of `Limits`."""
-        if self._largest is None:
-            self._largest = self._make_largest()
         limits = {}
-        for norm, most in self._largest.items():
+        for norm, most in self.largest_norms.items():
             kind = NORMS[norm]
             limits[norm] = NormLimit(norm, kind, most, kind.sets(most, self.scale(kind.quantity)))
         return limits
+
+    @property
+    def largest_norms(self) -> dict[Norm, FloatArray]:
+        """Limits (N,) of each norm that any vehicle limits; they need no scales, unlike `norms`."""
+        if self._largest is None:
+            self._largest = self._make_largest()
+        return self._largest
 
     def _make_largest(self) -> dict[Norm, FloatArray]:
         """Return the limits (N,) of each norm that any vehicle limits."""

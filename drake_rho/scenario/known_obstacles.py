@@ -42,7 +42,8 @@ def active_during(
     for number, each in known:
         body = each if each.shape.cover is each.shape else unchecked(each, shape=each.shape.cover)
         if body.is_always_active(grid):
-            found.append((number, unchecked(body, active=None)))
+            always = body if body.active is None else unchecked(body, active=None)
+            found.append((number, always))
         elif body.active is None or grid.clock.overlap(body.active, (0.0, grid.duration)):
             found.append((number, body))
     return tuple(found)

@@ -152,7 +152,7 @@ class Obstacle:
     def moves(self) -> bool:
         """True if the obstacle moves at any time."""
         if self.track is not None:
-            return bool(np.any(np.diff(self.track.positions, axis=0)))
+            return self.track.moves
         return self.velocity is not None and bool(np.any(self.velocity))
 
     @property
@@ -199,6 +199,8 @@ class Obstacle:
 
     def is_always_active(self, grid: Grid) -> bool:
         """Return whether it is avoided all through a flight; its clock is 0 at the first knot."""
+        if self.active is None:
+            return True
         return bool(self.is_active(grid.elapsed[[0, -1]], grid.clock).all())
 
     @property
@@ -283,6 +285,27 @@ class Obstacle:
         still: FloatArray = np.empty((*times.shape, 3))
         still[...] = self.shape.center
         return still
+
+    def gaps(self, lower: FloatArray, upper: FloatArray, begin: float) -> FloatArray:
+        """Return lower bounds of the distances of boxes from its centre, from a time on [m], (N,).
+
+        They are distances from the box around the rest of its track, and 0 if it moves on for ever.
+
+        Args:
+            lower: lower corners of the boxes [m], shape (N, 3).
+            upper: upper corners, shape (N, 3).
+            begin: the time, on the scenario's clock [s].
+        """
+        if self.track is None and self.velocity is None:
+            low = high = self.shape.center
+        elif self.track is None or self.track.after == "goes_on":
+            return np.zeros(len(lower))
+        else:
+            first = max(int(np.searchsorted(self.track.times, begin, side="right")) - 1, 0)
+            ahead = self.track.positions[first:]
+            low, high = ahead.min(axis=0), ahead.max(axis=0)
+        gaps = np.maximum(np.maximum(low - upper, lower - high), 0.0)
+        return np.asarray(np.sqrt(np.vecdot(gaps, gaps)))
 
     def distances(self, positions: FloatArray, times: FloatArray) -> FloatArray:
         """Return signed distances from the space that it may occupy [m], shape (..., M).

@@ -79,15 +79,15 @@ def largest_accelerations(fleet: Fleet) -> FloatArray:
     vertical is furthest from that of hovering at the rim of its cone, or where it is 0.
     """
     most: FloatArray = np.full(len(fleet.radii), np.inf)
-    if (box := fleet.bounds("acceleration")) is not None:
-        most = np.linalg.norm(np.maximum(np.abs(box.lower), np.abs(box.upper)), axis=1)
-    norms = fleet.norms
+    if (box := fleet.sides("acceleration")) is not None:
+        most = np.linalg.norm(np.maximum(*np.abs(box)), axis=1)
+    norms = fleet.largest_norms
     if "max_acceleration" in norms:
-        most = np.minimum(most, norms["max_acceleration"].limits)
+        most = np.minimum(most, norms["max_acceleration"])
     if "max_thrust" in norms:
-        thrusts, angles = norms["max_thrust"].limits, np.full(len(most), np.pi)
+        thrusts, angles = norms["max_thrust"], np.full(len(most), np.pi)
         if "max_tilt" in norms:
-            angles = np.minimum(norms["max_tilt"].limits, np.pi)
+            angles = np.minimum(norms["max_tilt"], np.pi)
         level, up = thrusts * np.sin(angles), np.cos(angles)
         rim = np.hypot(level, np.where(np.isfinite(thrusts), thrusts * up - GRAVITY, np.inf))
         most = np.minimum(most, np.maximum(rim, GRAVITY))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal, Self
 
 import numpy as np
@@ -72,6 +73,11 @@ class Track:
         if self.after == "goes_on" and len(self.times) < 2:
             raise ScenarioError("after", self.after, "at least two times, which define its motion")
         return self
+
+    @cached_property
+    def moves(self) -> bool:
+        """Whether not all positions are the same."""
+        return bool((self.positions != self.positions[0]).any())
 
     @property
     def last_velocity(self) -> FloatArray:

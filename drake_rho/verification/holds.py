@@ -70,7 +70,9 @@ def _checkers(
     )
     holding = Checker(
         ("holding",),
-        lambda trajectory: check_rest(trajectory.scenario, trajectory.positions[:, -1]),
+        lambda trajectory: check_rest(
+            trajectory.scenario, trajectory.positions[:, -1], near_only=True
+        ),
     )
     known = checkers(number for number, _ in plan.scenario.known)
     return [states, *sorted([*known, holding], key=_is_of_obstacle)]

@@ -36,7 +36,9 @@ _NAMED = 3
 """Largest number of vehicles that are named in notes."""
 
 
-def check_rest(scenario: Scenario, ends: FloatArray | None = None) -> Iterator[Column]:
+def check_rest(
+    scenario: Scenario, ends: FloatArray | None = None, *, near_only: bool = False
+) -> Iterator[Column]:
     """Yield the margins of holding at the goals for ever, if required: one check per unit.
 
     A check is of the most violated constraint or, if all hold, of the closest.
@@ -45,11 +47,13 @@ def check_rest(scenario: Scenario, ends: FloatArray | None = None) -> Iterator[C
         scenario: scenario of the flight.
         ends: positions at the last knot [m], where vehicles rest without an exact goal, (N, 3);
             such vehicles do not count if there is no flight yet.
+        near_only: whether obstacles that surely stay away from the vehicles are left out. They
+            cannot be violated, but could be the closest.
     """
     if not scenario.hold_at_goal:
         return
     rest, count = Rest.of(scenario, ends=ends), len(scenario.vehicles)
-    columns = [] if rest is None else rest.columns()
+    columns = [] if rest is None else rest.near_columns() if near_only else rest.columns()
     for unit in dict.fromkeys(["m", *(each.unit for each in columns)]):
         yield _worst_of(unit, [each for each in columns if each.unit == unit], scenario, count)
 
@@ -275,8 +279,7 @@ class Rest:
     @property
     def checks(self) -> list[Check]:
         """Functions that together verify all constraints of vehicles at rest."""
-        every = checkers(range(1, len(self.scenario.bodies) + 1))
-        return [each.check for each in every if each.at_rest]
+        return _checks_of(range(1, len(self.scenario.bodies) + 1))
 
     def columns(self, lasting: float = np.inf) -> list[Column]:
         """Return the checks of all constraints at all times.
@@ -286,13 +289,36 @@ class Rest:
         """
         return self._checked(self._trajectory(lasting))
 
+    def near_columns(self) -> list[Column]:
+        """Return the checks without those of obstacles that surely stay away."""
+        return self._checked(self._trajectory(np.inf), self._near)
+
+    @property
+    def _near(self) -> list[int]:
+        """Numbers of the obstacles that may come near, by balls around their centres.
+
+        An obstacle is in the ball with the corners of its bounding box, enlarged by its errors.
+        """
+        required = self.scenario.fleet.radii + self.radii()["position"]
+        near = list[int]()
+        for number, body in enumerate(self.scenario.bodies_in_flight, start=1):
+            size = float(np.linalg.norm(body.shape.extent)) + body.deviation + body.position_error
+            away = body.gaps(self.places, self.places, self._elapsed)
+            if body.velocity_error > 0.0 or not (away >= size + required).all():  # also for NaN
+                near.append(number)
+        return near
+
     def columns_without_errors(self) -> list[Column]:
         """Return the checks with radii of zero, whose margins do not depend on the disturbance."""
         tubes = ConstantTubes.with_radii(dict.fromkeys(_QUANTITIES, 0.0))
         return self._checked(dataclasses.replace(self._trajectory(np.inf), tubes=tubes))
 
-    def _checked(self, rest: PiecewiseTrajectory) -> list[Column]:
-        return [each for check in self.checks for each in check(rest) if _counts(each)]
+    def _checked(
+        self, rest: PiecewiseTrajectory, obstacles: Iterable[int] | None = None
+    ) -> list[Column]:
+        """Return the checks of some obstacles, by their numbers, or of all, and of all else."""
+        checks = self.checks if obstacles is None else _checks_of(obstacles)
+        return [each for check in checks for each in check(rest) if _counts(each)]
 
     def _trajectory(self, lasting: float) -> PiecewiseTrajectory:
         """Return the rest as one piece of time, with its largest radii."""
@@ -349,6 +375,11 @@ class Rest:
             for check in checks
             if any(each.is_beyond(vehicle, REACHED) for each in check(rest) if _counts(each))
         ]
+
+
+def _checks_of(obstacles: Iterable[int]) -> list[Check]:
+    """Return functions that verify some obstacles, by their numbers, and all else at rest."""
+    return [each.check for each in checkers(obstacles) if each.at_rest]
 
 
 def _counts(column: Column) -> bool:

@@ -17,13 +17,14 @@ from __future__ import annotations
 
 import abc
 import dataclasses
+from functools import cached_property
 from typing import Self
 
 import numpy as np
 
 from drake_rho.motion.close_pairs import CloseApproaches
 from drake_rho.motion.dynamics import Motion, step_at
-from drake_rho.motion.penetration import deepest, pieces_near
+from drake_rho.motion.penetration import Course, deepest, pieces_near_course
 from drake_rho.planning.constraints.base import VIOLATED, Constraint, HalfSpaces
 from drake_rho.planning.constraints.margins import Margins
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
@@ -217,12 +218,17 @@ class KeepOutOfObstacle(KeepOut):
         """Return the parts, vehicles and times [s] of the deepest instants inside, (R,) each."""
         below = self.required[vehicles] - VIOLATED * self.tolerances[vehicles]
         within = np.maximum(below + self.margins.largest, 0.0)
-        pieces = pieces_near(motion.of(vehicles), self.obstacle, within)
+        pieces = pieces_near_course(motion.of(vehicles), self._course, within)
         steps = step_at(pieces.times, motion.step)
         below = below[pieces.owners] + self.margins.steps["position"][steps]
         tolerances = self.tolerances[vehicles[pieces.owners]]
         which, times = deepest(self.obstacle.shape, pieces, below, tolerances)
         return pieces.parts[which], vehicles[pieces.owners[which]], times
+
+    @cached_property
+    def _course(self) -> Course:
+        """Motion of the obstacle in the steps of every motion, which are those of `reference`."""
+        return Course.of(self.obstacle, self.reference.step, self.reference.accelerations.shape[1])
 
     def bounds_at(self, rows: HalfSpaces, times: FloatArray) -> FloatArray:
         """Return bounds with the obstacle's position at other times."""

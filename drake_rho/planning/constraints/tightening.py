@@ -20,6 +20,7 @@ from drake_rho.planning.constraints.slack import (
     states_at,
 )
 from drake_rho.scenario.fields import unchecked
+from drake_rho.scenario.obstacles import Obstacle
 from drake_rho.scenario.parts import Quantity
 from drake_rho.scenario.records import Scenario
 
@@ -46,7 +47,25 @@ def missing_slack(
         margins: the margins of plans.
         under_way: whether starts are measured states, which may deviate by a few tolerances.
     """
-    return _missing(scenario, _slacks(scenario, margins), under_way=under_way)
+    return _missing(scenario, _slacks(_near_ends(scenario, margins), margins), under_way=under_way)
+
+
+def _near_ends(scenario: Scenario, margins: PlanMargins) -> Scenario:
+    """Return a scenario without the obstacles that are surely far from all starts and goals.
+
+    Each has slack: it is in the ball with the corners of its bounding box, enlarged by its errors.
+    """
+    fleet = scenario.fleet
+    required = fleet.radii + float(margins.inner.knots["position"][list(ENDS)].max())
+    places = fleet.start_positions, fleet.goal_positions
+
+    def is_near(body: Obstacle) -> bool:
+        size = float(np.linalg.norm(body.shape.extent)) + body.deviation + body.position_error
+        away = np.minimum(*(body.gaps(each, each, 0.0) for each in places))
+        return body.velocity_error > 0.0 or not bool((away >= size + required).all())  # or NaN
+
+    near = tuple(each for each in scenario.avoided if is_near(each[1]))
+    return scenario.derived(avoided=near, fleet=fleet)
 
 
 def missing_slack_at_rest(scenario: Scenario) -> dict[str, tuple[str, ...]]:

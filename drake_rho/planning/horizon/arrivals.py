@@ -88,10 +88,10 @@ def _limits(scenario: Scenario) -> tuple[FloatArray, FloatArray]:
     """Return the greatest speeds [m/s] and accelerations [m/s²], (N,); infinite without a limit."""
     fleet = scenario.fleet
     speeds = np.full(len(fleet.radii), np.inf)
-    if (box := fleet.bounds("velocity")) is not None:
-        speeds = np.minimum(np.abs(box.lower), np.abs(box.upper)).min(axis=1)
-    if "max_speed" in fleet.norms:
-        speeds = np.minimum(speeds, fleet.norms["max_speed"].limits)
+    if (box := fleet.sides("velocity")) is not None:
+        speeds = np.minimum(*np.abs(box)).min(axis=1)
+    if "max_speed" in fleet.largest_norms:
+        speeds = np.minimum(speeds, fleet.largest_norms["max_speed"])
     return speeds, largest_accelerations(fleet)
 
 

@@ -22,7 +22,7 @@ from drake_rho.planning.errors import InfeasibleError
 from drake_rho.planning.horizon.interfaces import Planner
 from drake_rho.planning.horizon.windows import WindowPlanner
 from drake_rho.planning.programs.backend import Solver
-from drake_rho.scenario.fields import BoolArray, FloatArray, unchecked
+from drake_rho.scenario.fields import BoolArray, FloatArray, read_only, unchecked
 from drake_rho.scenario.maps.parts import Parts
 from drake_rho.scenario.obstacles import Obstacle
 from drake_rho.scenario.parts import Grid
@@ -40,6 +40,9 @@ radius."""
 
 _MOST_PLACES = 200
 """Largest number of places at which an obstacle counts after the end."""
+
+_STILL = Track([0.0], np.zeros((1, 3)), after="rests")
+"""Track of an obstacle at a place."""
 
 _Numbered = tuple[int, Obstacle]
 
@@ -114,7 +117,7 @@ def _to_rest(
         InfeasibleError: they may not.
     """
     plan = _among_near(planner, scenario, reference, solver)
-    for column in check_rest(scenario, plan.positions[:, -1]):
+    for column in check_rest(scenario, plan.positions[:, -1], near_only=True):
         if not column.holds:
             checks = (each for each in column.checks(scenario.names) if each is not None)
             raise InfeasibleError(
@@ -219,7 +222,8 @@ def _at_place(
     body: Obstacle, number: int, place: FloatArray, time: float, error: float
 ) -> Obstacle:
     """Return an obstacle at a place at one time since the first knot [s], for its errors."""
-    track = Track([0.0], place[None], deviation=body.deviation, after="rests")
+    positions = read_only(place[None])
+    track = unchecked(_STILL, positions=positions, deviation=body.deviation)
     return unchecked(
         body,
         velocity=None,

@@ -256,8 +256,8 @@ class RollingHorizon:
         margin = largest_radius(scenario)
         farthest = reaches(scenario, self._steps * scenario.grid.step)
         lower, upper = np.full((2, *fleet.start_positions.shape), [[[-np.inf]], [[np.inf]]])
-        if (bounds := fleet.bounds("position")) is not None:
-            lower, upper = bounds.lower, bounds.upper
+        if (box := fleet.sides("position")) is not None:
+            lower, upper = box
         begins, goals = fleet.start_positions, places_of_goals(scenario, flight, remaining)
         ends = begins if remaining is None else remaining.positions[:, -1]
         aims = list[Aim]()

@@ -20,7 +20,7 @@ from drake_rho.planning.horizon.places_of_rest import largest_radius
 from drake_rho.planning.horizon.receding_horizon import Proposal
 from drake_rho.planning.horizon.told_goals import is_at
 from drake_rho.planning.onboard.message import Message
-from drake_rho.planning.onboard.others import Others, obstacle_of
+from drake_rho.planning.onboard.others import Others, obstacle_around, obstacle_of
 from drake_rho.planning.onboard.own_windows import OwnWindows
 from drake_rho.planning.onboard.passing import plan_past
 from drake_rho.planning.onboard.radius import greatest_speeds, least_radius, may_be_met
@@ -121,7 +121,8 @@ class OnboardPlanner:
         self.name, self.counts = name, Counts()
         self._period, self._clock_error, self.latency = period, clock_error, latency
         self.replan_every, self.check = replan_every, delay + lost * period + clock_error
-        self._grid, self._radius = scenario.grid, float(scenario.fleet.radii[index])
+        self._grid = scenario.grid
+        self._around = obstacle_around(self._separation, float(scenario.fleet.radii[index]))
         self._scenario = scenario.of_vehicles([index]).derived(separation=None)
         own = OwnWindows(self._scenario, horizon, planner, fallback, solver=solver, options=options)
         self._windows, step = own, scenario.grid.step
@@ -292,8 +293,7 @@ class OnboardPlanner:
                     continue
                 if kind == "announced" and self._conflicts(self._committed, [plan]).any():
                     continue
-                called, separation = f"{name} {kind}", self._separation
-                found.append(obstacle_of(called, plan, separation, self._radius, begin, error))
+                found.append(obstacle_of(f"{name} {kind}", plan, self._around, begin, error))
         return found
 
     def _announce(self, proposal: Proposal, time: float) -> bool:

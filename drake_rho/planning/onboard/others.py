@@ -6,10 +6,12 @@ import dataclasses
 
 import numpy as np
 
+from drake_rho.motion.dynamics import Motion
 from drake_rho.motion.plan import Plan
 from drake_rho.planning.onboard.message import Message, MessageError
 from drake_rho.planning.onboard.shared_plan import SharedPlan
 from drake_rho.scenario.fields import FloatArray, unchecked
+from drake_rho.scenario.fleet import Fleet
 from drake_rho.scenario.goals import Goal
 from drake_rho.scenario.objective import Objective
 from drake_rho.scenario.obstacles import Obstacle
@@ -17,9 +19,15 @@ from drake_rho.scenario.parts import Grid, Separation, State
 from drake_rho.scenario.records import TOLERANCE, Scenario
 from drake_rho.scenario.shapes.quadrics import Ellipsoid, Sphere
 from drake_rho.verification.holds import first_violation
+from drake_rho.verification.quick_bounds import QuickBounds
+from drake_rho.verification.trajectory import PiecewiseTrajectory
 
 _SMALLEST = 1e-3
 """Least semi-axis of the ellipsoid around another vehicle, in separations."""
+
+
+_ANYWHERE = Goal(None)
+"""Goal of a vehicle whose plan may end anywhere."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -56,6 +64,8 @@ class Others:
     ) -> None:
         self._name, self._clock_error, self._forgets_after = name, clock_error, forgets_after
         self._scenario, self._heard = _with_limits_only(scenario), dict[str, Heard]()
+        names = enumerate(scenario.names)
+        self._alone = {each: self._scenario.of_vehicles([index]) for index, each in names}
         grid = scenario.grid
         for each in scenario.vehicles:
             if each.name != name:
@@ -108,11 +118,13 @@ class Others:
         p, v = plan.knots
         if float(np.linalg.norm(v[-1])) > TOLERANCE * float(fleet.scale("velocity")[index]):
             return "rest at its end"
-        start = State(p[0], v[0])
-        vehicle = unchecked(self._scenario.vehicles[index], start=start, goal=Goal(None))
+        start, alone = State(p[0], v[0]), self._alone[sender]
+        vehicle = unchecked(alone.vehicles[0], start=start, goal=_ANYWHERE)
         grid = Grid(plan.step, len(p), 0.0)
-        alone = self._scenario.of_vehicles([index]).derived(vehicles=(vehicle,), grid=grid)
-        scenario = alone.derived(fleet=alone.fleet.reaching(float(fleet.lengths[index])))
+        own = Fleet(grid, (vehicle,), alone.limits, reaches=float(fleet.lengths[index]))
+        scenario = alone.derived(vehicles=(vehicle,), grid=grid, fleet=own)
+        if _surely_within_limits(scenario, plan.accelerations):
+            return None
         found = first_violation(Plan.from_accelerations(scenario, plan.accelerations[None]))
         return None if found is None else f"{found.what} by {found.excess:.3g} {found.unit}"
 
@@ -123,6 +135,21 @@ class Others:
             for name, each in self._heard.items()
             if time - each.time <= self._forgets_after
         ]
+
+
+def _surely_within_limits(scenario: Scenario, accelerations: FloatArray) -> bool:
+    """Return whether quick bounds show that a single vehicle keeps its limits.
+
+    There is nothing else in the scenario that it could violate.
+
+    Args:
+        scenario: of the vehicle.
+        accelerations: in the steps [m/s²], shape (M, 3).
+    """
+    motion = Motion.from_starts(scenario.fleet, accelerations[None], scenario.grid.step)
+    with np.errstate(over="ignore", invalid="ignore"):  # values that overflow are not within
+        bounds = QuickBounds.of(PiecewiseTrajectory.of(scenario, motion))
+        return bounds.boxes_hold() and bounds.norms_hold()
 
 
 def _with_limits_only(scenario: Scenario) -> Scenario:
@@ -136,26 +163,34 @@ def _key(plan: SharedPlan) -> tuple[object, ...]:
     return (*numbers, plan.state.tobytes(), plan.accelerations.tobytes())
 
 
-def obstacle_of(
-    name: str, plan: SharedPlan, separation: Separation, radius: float, begin: float, error: float
-) -> Obstacle:
-    """Return another vehicle as an obstacle that one with a radius keeps the separation from.
+def obstacle_around(separation: Separation, radius: float) -> Obstacle:
+    """Return the space around another vehicle that one with a radius keeps clear of, at rest.
 
     The obstacle, enlarged by the radius r, contains the separation's ellipsoid: with a for its
     semi-axes, the support functions obey |a n| <= |(a - r) n| + r |n|.
 
     Args:
-        name: of the obstacle.
-        plan: of the other vehicle.
         separation: that vehicles have to keep.
-        radius: of the vehicle that avoids it [m].
-        begin: time from which on it matters [s].
-        error: largest distance of the other vehicle from its plan [m].
+        radius: of the vehicle that avoids the other [m].
     """
     least = _SMALLEST * separation.distance
     semi_axes: FloatArray = np.maximum(separation.shape.semi_axes - radius, least)
+    center, round_one = np.zeros(3), separation.is_round
+    return Obstacle(Sphere(center, semi_axes[0]) if round_one else Ellipsoid(center, semi_axes))
+
+
+def obstacle_of(
+    name: str, plan: SharedPlan, around: Obstacle, begin: float, error: float
+) -> Obstacle:
+    """Return another vehicle as an obstacle.
+
+    Args:
+        name: of the obstacle.
+        plan: of the other vehicle.
+        around: as `obstacle_around` returns it.
+        begin: time from which on it matters [s].
+        error: largest distance of the other vehicle from its plan [m].
+    """
     track = plan.track(begin)
-    center = track.positions[0]
-    round_one = separation.is_round
-    shape = Sphere(center, semi_axes[0]) if round_one else Ellipsoid(center, semi_axes)
-    return Obstacle(shape, track=track, name=name, position_error=error)
+    shape = unchecked(around.shape, center=track.positions[0])
+    return unchecked(around, shape=shape, track=track, name=name, position_error=error)

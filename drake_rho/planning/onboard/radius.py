@@ -38,10 +38,10 @@ def least_radius(scenario: Scenario, plans: float, gap: float, error: float) -> 
 def greatest_speeds(scenario: Scenario) -> FloatArray:
     """Return the speeds that vehicles do not exceed [m/s], (N,); infinite without a limit."""
     fleet, speeds = scenario.fleet, np.full(len(scenario.vehicles), np.inf)
-    if (box := fleet.bounds("velocity")) is not None:
-        speeds = np.linalg.norm(np.maximum(np.abs(box.lower), np.abs(box.upper)), axis=1)
-    if "max_speed" in fleet.norms:
-        speeds = np.minimum(speeds, fleet.norms["max_speed"].limits)
+    if (box := fleet.sides("velocity")) is not None:
+        speeds = np.linalg.norm(np.maximum(*np.abs(box)), axis=1)
+    if "max_speed" in fleet.largest_norms:
+        speeds = np.minimum(speeds, fleet.largest_norms["max_speed"])
     return np.asarray(speeds)
 
 

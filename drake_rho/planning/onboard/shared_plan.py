@@ -10,7 +10,7 @@ from typing import Self
 import numpy as np
 
 from drake_rho.motion.dynamics import roll_out
-from drake_rho.scenario.fields import BoolArray, FloatArray
+from drake_rho.scenario.fields import BoolArray, FloatArray, unchecked
 from drake_rho.scenario.parts import Separation
 from drake_rho.scenario.times import steps_begun
 from drake_rho.scenario.tracks import Track
@@ -24,6 +24,10 @@ _PRECISION = 0.01
 
 _HARDLY = 1e-7
 """Distance that counts as no motion [m]."""
+
+
+_RESTING = Track([0.0], np.zeros((1, 3)), after="rests")
+"""Track of which that of a plan is a copy, as validating each one takes longer than making it."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -70,6 +74,12 @@ class SharedPlan:
         """Largest distance of the motion from the polyline through its knots [m]."""
         return float(np.linalg.norm(self.accelerations, axis=1).max()) * self.step**2 / 8.0
 
+    @cached_property
+    def box(self) -> FloatArray:
+        """Lower and upper corner of a box that the motion does not leave [m], shape (2, 3)."""
+        p = self.knots[0]
+        return np.array([p.min(axis=0) - self.deviation, p.max(axis=0) + self.deviation])
+
     def track(self, begin: float) -> Track:
         """Return the polyline through its knots, from the last one before a time on [s].
 
@@ -79,7 +89,10 @@ class SharedPlan:
         times = np.append(self.times[first:], self.times[-1] + self.step)
         end = self.knots[0][-1:] + _HARDLY
         positions = np.concatenate([self.knots[0][first:], end])
-        return Track(times, positions, self.deviation + 2.0 * _HARDLY, after="rests")
+        times.setflags(write=False)
+        positions.setflags(write=False)
+        deviation = self.deviation + 2.0 * _HARDLY
+        return unchecked(_RESTING, times=times, positions=positions, deviation=deviation)
 
     def states(self, times: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return positions [m], velocities [m/s] and accelerations [m/s²] at times, (T, 3) each.
@@ -116,11 +129,15 @@ def conflicting(
         separation: that they have to keep, beside both radii.
         clock_error: largest difference of two vehicles' clocks [s].
     """
-    pieces = [_relative(own, other) for other in others]
-    if not pieces:
-        return np.zeros(0, dtype=bool)
-    owners = np.repeat(np.arange(len(pieces)), [len(each.p) for each in pieces])
     errors = np.array([own.radius + each.radius + clock_error * each.speed for each in others])
+    found, size = np.zeros(len(others), dtype=bool), float(separation.shape.semi_axes.max())
+    # plans whose boxes are apart by the separation in its longest direction do not conflict
+    apart = np.array([_apart(own, each) for each in others])
+    near = np.flatnonzero(~(apart >= size + errors))  # true for NaN as well
+    if len(near) == 0:
+        return found
+    pieces, errors = [_relative(own, others[i]) for i in near.tolist()], errors[near]
+    owners = np.repeat(np.arange(len(pieces)), [len(each.p) for each in pieces])
     least = Least.unknown(np.full(len(pieces), separation.distance - separation.tolerance))
     precision = np.full(len(owners), _PRECISION * separation.tolerance)
     least_over_time(
@@ -131,7 +148,14 @@ def conflicting(
         least,
         ErrorRadii.constant(errors[owners]),
     )
-    return (least.steps >= 0) | np.isnan(least.values)
+    found[near] = (least.steps >= 0) | np.isnan(least.values)
+    return found
+
+
+def _apart(own: SharedPlan, other: SharedPlan) -> float:
+    """Return the distance of the boxes around two plans [m]; NaN where numbers overflow."""
+    gaps = np.maximum(np.maximum(own.box[0] - other.box[1], other.box[0] - own.box[1]), 0.0)
+    return float(np.linalg.norm(gaps))
 
 
 def _relative(own: SharedPlan, other: SharedPlan) -> Steps:

@@ -86,6 +86,18 @@ def _lengths(x: FloatArray) -> FloatArray:
     return lengths
 
 
+def _sums(rows: FloatArray) -> FloatArray:
+    """Return the sums of the coordinates, rows of shape (3, M)."""
+    sums: FloatArray = np.add.reduce(rows, axis=0)
+    return sums
+
+
+def _lengths_of(rows: FloatArray) -> FloatArray:
+    """Return the norms of vectors with coordinates in rows, shape (3, M)."""
+    lengths: FloatArray = np.sqrt(_sums(rows * rows))
+    return lengths
+
+
 @record
 class Ellipsoid(Quadric):
     """Axis-aligned ellipsoid.
@@ -145,7 +157,7 @@ class Ellipsoid(Quadric):
 
     def local_distance(self, x: FloatArray) -> FloatArray:
         """Return distances from the nearest point of the surface, negative inside."""
-        return self.local_measured(x)[0]
+        return self._distance(x, self._nearest(x))
 
     def local_outward(self, x: FloatArray) -> FloatArray:
         """Return the normals of the surface at the points nearest to x."""
@@ -154,11 +166,15 @@ class Ellipsoid(Quadric):
     def local_measured(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return signed distances from the nearest points of the surface, and normals there."""
         nearest = self._nearest(x)
-        distance: FloatArray = np.linalg.norm(x - nearest, axis=-1)
-        inside = np.linalg.norm(x / self.semi_axes, axis=-1) < 1.0
         n = nearest / self.semi_axes**2
         normals: FloatArray = n / np.linalg.norm(n, axis=-1)[..., None]
-        return np.where(inside, -distance, distance), normals
+        return self._distance(x, nearest), normals
+
+    def _distance(self, x: FloatArray, nearest: FloatArray) -> FloatArray:
+        """Return signed distances from the nearest points of the surface (..., 3)."""
+        distance: FloatArray = np.linalg.norm(x - nearest, axis=-1)
+        inside = np.linalg.norm(x / self.semi_axes, axis=-1) < 1.0
+        return np.where(inside, -distance, distance)
 
     def _nearest(self, x: FloatArray) -> FloatArray:
         """Return the points y of the surface that are nearest to x, shape (..., 3).
@@ -169,43 +185,39 @@ class Ellipsoid(Quadric):
         shortest axis, s is as small as the distance from that plane and the iteration is slow, so
         that each iteration also bisects the logarithm of s. Deep inside, on that plane, s is zero
         and y lies above or below x.
+
+        Arrays are of shape (3, M) here, a row for each coordinate: their sums are fast.
         """
-        a, least, ax = self.semi_axes, self.semi_axes.min(), self.semi_axes * x
-        above = least * np.linalg.norm(x * (a == least), axis=-1)  # m times the plane's distance
-        high = np.maximum(np.linalg.norm(ax, axis=-1), _NOTHING * least**2)
+        rows = x.reshape(-1, 3).T
+        a, least = self.semi_axes[:, None], self.semi_axes.min()
+        ax = a * rows
+        above = least * _lengths_of(rows * (a == least))  # m times the plane's distance
+        high = np.maximum(_lengths_of(ax), _NOTHING * least**2)
         s = np.maximum(above, _NOTHING * high)
         tiny = np.finfo(float).tiny
-        deep = (self._length(ax, s)[0] < 1.0) & (above < s)
+        deep = (_lengths_of(ax / (self._differences + s)) < 1.0) & (above < s)
         for _ in range(_ROUNDS):
-            length, slope = self._length(ax, s)
+            divisor = self._differences + s
+            squares = (ax / divisor) ** 2
+            length, slope = np.sqrt(_sums(squares)), _sums(squares / divisor)
             step = np.maximum((length - 1.0) * length**2 / np.maximum(slope, tiny), 0.0)
             middle = np.sqrt(s * high)
-            far = self._length(ax, middle)[0] > 1.0
+            far = _lengths_of(ax / (self._differences + middle)) > 1.0
             high = np.where(far, high, middle)
             s = np.where(far, np.maximum(middle, s + step), s + step)
-            if not np.any(step[~deep] > _LAST_DIGIT * s[~deep]):
+            if not ((step > _LAST_DIGIT * s) & ~deep).any():
                 break
-        y: FloatArray = a * ax / (self._differences + s[..., None])
-        y[deep] = self._nearest_on_plane(x[deep])
-        return y
+        y: FloatArray = np.ascontiguousarray((a * ax / (self._differences + s)).T)
+        if deep.any():
+            y[deep] = self._nearest_on_plane(rows.T[deep])
+        return y.reshape(x.shape)
 
     @cached_property
     def _differences(self) -> FloatArray:
-        """a² - m², shape (3,)."""
-        a = self.semi_axes
+        """a² - m², shape (3, 1)."""
+        a = self.semi_axes[:, None]
         differences: FloatArray = (a - a.min()) * (a + a.min())
         return differences
-
-    def _length(self, ax: FloatArray, s: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return norm(y / a) and the rate at which half its square falls with s, each (...).
-
-        Args:
-            ax: positions times the semi-axes [m²], shape (..., 3).
-            s: as in `_nearest` [m²], shape (...).
-        """
-        divisor = self._differences + s[..., None]
-        squares = (ax / divisor) ** 2
-        return np.sqrt(squares.sum(axis=-1)), (squares / divisor).sum(axis=-1)
 
     def _nearest_on_plane(self, x: FloatArray) -> FloatArray:
         """Return the points of the surface nearest to x, shape (D, 3), on the plane s = 0.
@@ -217,7 +229,7 @@ class Ellipsoid(Quadric):
         least = np.argmin(a)
         longer = a > a[least]
         y = np.zeros_like(x)
-        y[:, longer] = a[longer] ** 2 * x[:, longer] / self._differences[longer]
+        y[:, longer] = a[longer] ** 2 * x[:, longer] / self._differences[longer, 0]
         rest = 1.0 - np.sum((y / a) ** 2, axis=-1)
         y[:, least] = np.copysign(a[least] * np.sqrt(np.maximum(0.0, rest)), x[:, least])
         return y
