@@ -258,12 +258,12 @@ class OnboardPlanner:
         if self._announced is not None or (self.has_arrived and not has_news):
             return False
         waits = 0.0 if has_news else self.replan_every
-        later = self._next_knot(time) > self._windows.last.first_knot
-        return later and time >= self._begun + waits
+        is_flown = self._ready_knot(time) >= self._windows.last.first_knot
+        return is_flown and time >= self._begun + waits
 
     def _window(self, time: float) -> Proposal | None:
         """Plan a window against everything that others may fly; return it if it is a new one."""
-        begin = self._time_of(self._next_knot(time))
+        begin = self._time_of(max(self._ready_knot(time), self._windows.last.first_knot + 1))
         obstacles = (*self._scenario.obstacles, *self._obstacles(time, begin))
         self._counted = self._scenario
         proposal = self._windows.among(self._scenario.derived(obstacles=obstacles), begin)
@@ -271,7 +271,7 @@ class OnboardPlanner:
         window = proposal.window
         return None if window.infeasible and not window.stopping else proposal
 
-    def _next_knot(self, time: float) -> int:
+    def _ready_knot(self, time: float) -> int:
         """Return the first knot from which a window that is planned now can be flown."""
         ready = time + self.latency + self.check - self._grid.start
         return steps_lasting(ready, self._grid.step)
