@@ -10,7 +10,7 @@ import time
 import numpy as np
 
 import drake_rho as rho
-from drake_rho.scenario.fields import FloatArray
+from drake_rho.scenario.fields import BoolArray, FloatArray
 
 STEP, EVERY, HORIZON = 0.1, 2, 3.0
 """Step of the grid [s], steps flown of each window, and time that windows plan ahead [s]."""
@@ -80,12 +80,13 @@ class Eyes:
         sides = np.arange(-48, 48)
         grid = np.stack(np.meshgrid(sides, sides, indexing="ij"), axis=-1).reshape(-1, 2)
         self._cells, self._known = grid, np.zeros(len(grid), dtype=bool)
+        self._occupied = self._meet_pillars() if world.as_map else self._known
 
     def look(self, place: FloatArray) -> bool:
         """Return whether there is anything new within sight of a place."""
         if self.world.as_map:
             near = np.hypot(*((self._cells + 0.5) * CELL - place[:2]).T) < SEEN
-            new = near & ~self._known & self._occupied()
+            new = near & ~self._known & self._occupied
             self._known |= new
             return bool(new.any())
         x, y, size = self.world.pillars.T
@@ -96,11 +97,11 @@ class Eyes:
             self._seen[i] = rho.Obstacle(pillar, name=f"pillar {i}")
         return bool(new)
 
-    def _occupied(self) -> FloatArray:
+    def _meet_pillars(self) -> BoolArray:
         """Return flags of cells that a pillar meets; their circumcircle counts."""
         away = (self._cells + 0.5) * CELL
         distances = np.linalg.norm(away[:, None] - self.world.pillars[:, :2], axis=2)
-        found: FloatArray = (distances < self.world.pillars[:, 2] + 0.71 * CELL).any(axis=1)
+        found: BoolArray = (distances < self.world.pillars[:, 2] + 0.71 * CELL).any(axis=1)
         return found
 
     @property
