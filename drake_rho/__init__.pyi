@@ -26,8 +26,8 @@ from .display.plots.figures import velocities_figure as velocities_figure
 from .display.plots.path_figure import paths_figure as paths_figure
 from .display.plots.publish import save_figure as save_figure
 from .display.viewer.page import viewer_page as viewer_page
-from .exports.export import export as export
-from .exports.record import Exported as Exported
+from .formats.export import export as export
+from .formats.record import Exported as Exported
 from .motion.files import PlanFileError as PlanFileError
 from .motion.files import load as load
 from .motion.files import save as save

@@ -15,9 +15,9 @@ import numpy as np
 import pytest
 
 import drake_rho as rho
-from drake_rho.exports import crazyswarm, states
-from drake_rho.exports import folders as folder_files
-from drake_rho.exports.folders import file_names, write_folder
+from drake_rho.formats import crazyswarm, states
+from drake_rho.formats import folders as folder_files
+from drake_rho.formats.folders import file_names, write_folder
 from drake_rho.system.folders import exchanged
 from tests.scenarios import straight
 from tests.test_cli import run
@@ -272,7 +272,7 @@ def test_an_exported_json_is_verified_and_exported_again(
         (("--format", "csv", "-o", "x.npz"), "path: got 'x.npz', expected a file to write, ending"),
         (("--format", "csv", "-o", "x.csv", "--rate", "inf"), "rate: got inf"),
         (("--format", "csv"), "--output"),
-        (("-o", "x.csv"), "--format"),
+        (("-o", "x.csv"), "format: got none for 'x.csv', expected one of csv, px4"),
     ],
 )
 def test_invalid_arguments_are_refused_before_the_file_is_read(

@@ -18,8 +18,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import drake_rho as rho
-from drake_rho.exports.clearance import spare_of
-from drake_rho.exports.pieces import as_pieces
+from drake_rho.formats.clearance import spare_of
+from drake_rho.formats.pieces import as_pieces
 from tests.scenarios import box, fleet, sampled_separation, single, slow
 from tests.tolerances import ROUNDING
 

@@ -9,8 +9,8 @@ import typer
 from drake_rho.cli.console import tell, working
 from drake_rho.cli.options import ResultArgument
 from drake_rho.cli.sources import load_result
-from drake_rho.exports.export import FORMATS, check_export
-from drake_rho.exports.export import export as exported
+from drake_rho.formats.export import FORMATS, check_export
+from drake_rho.formats.export import export as exported
 
 
 def export(
@@ -20,7 +20,7 @@ def export(
         typer.Option(
             "--format",
             metavar="|".join(FORMATS),
-            help="Required. csv: a table of states; json: a plan that drake-rho can read again; "
+            help="By default that of the output's ending, if only one has it. csv: a table of states; json: a plan that drake-rho can read again; "
             "crazyswarm: polynomials for Crazyswarm2; skybrush: CSV files for Skybrush; px4: "
             "setpoints for PX4's offboard mode.",
         ),
@@ -41,8 +41,6 @@ def export(
     ] = None,
 ) -> int:
     """Write a plan, flight or simulation in another program's format."""
-    if format is None:
-        raise ValueError(f"export: got no --format, expected one of {', '.join(FORMATS)}")
     if output is None:
         raise ValueError("export: got no --output, expected --output PATH, a file or a folder")
     check_export(output, format, rate)

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import numpy as np
 
-from drake_rho.exports.format import RATE, Format, exported, planned
-from drake_rho.exports.milliseconds import milliseconds
-from drake_rho.exports.record import Exported
+from drake_rho.formats.format import RATE, Format, exported, planned
+from drake_rho.formats.milliseconds import milliseconds
+from drake_rho.formats.record import Exported
 from drake_rho.motion.flown import Flown, sample
 from drake_rho.motion.samples import Samples
 from drake_rho.motion.tables import write_rows

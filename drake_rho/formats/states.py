@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from drake_rho.exports.format import RATE, Format, exported
-from drake_rho.exports.record import Exported
+from drake_rho.formats.format import RATE, Format, exported
+from drake_rho.formats.record import Exported
 from drake_rho.motion.documents import write_document
 from drake_rho.motion.flown import Flown, sample
 from drake_rho.motion.samples import with_knots

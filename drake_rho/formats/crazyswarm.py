@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from drake_rho.exports.folders import check_folder, file_names, write_folder
-from drake_rho.exports.format import Format, exported, planned
-from drake_rho.exports.merged import merged
-from drake_rho.exports.pieces import DEGREE, Pieces, as_pieces
-from drake_rho.exports.record import Exported
+from drake_rho.formats.folders import check_folder, file_names, write_folder
+from drake_rho.formats.format import Format, exported, planned
+from drake_rho.formats.merged import merged
+from drake_rho.formats.pieces import DEGREE, Pieces, as_pieces
+from drake_rho.formats.record import Exported
 from drake_rho.motion.dynamics import Motion
 from drake_rho.motion.flown import Flown
 from drake_rho.motion.tables import write_rows

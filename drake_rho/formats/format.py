@@ -10,9 +10,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from drake_rho.exports.clearance import spare_of
-from drake_rho.exports.folders import check_folder
-from drake_rho.exports.record import Exported
+from drake_rho.formats.clearance import spare_of
+from drake_rho.formats.folders import check_folder
+from drake_rho.formats.record import Exported
 from drake_rho.motion.flown import Flown
 from drake_rho.motion.jumps import check_continuous
 from drake_rho.motion.plan import Plan

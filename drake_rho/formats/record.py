@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from drake_rho.exports.clearance import Spare
+from drake_rho.formats.clearance import Spare
 from drake_rho.scenario.described import Described
 from drake_rho.scenario.fields import FloatArray
 

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
-from drake_rho.exports.folders import file_names, write_archive, write_folder
-from drake_rho.exports.format import RATE, Format, exported
-from drake_rho.exports.milliseconds import milliseconds
-from drake_rho.exports.record import Exported
+from drake_rho.formats.folders import file_names, write_archive, write_folder
+from drake_rho.formats.format import RATE, Format, exported
+from drake_rho.formats.milliseconds import milliseconds
+from drake_rho.formats.record import Exported
 from drake_rho.motion.flown import Flown, sample
 from drake_rho.motion.jumps import jump_sizes
 from drake_rho.motion.tables import write_rows

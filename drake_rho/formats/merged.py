@@ -12,7 +12,7 @@ from functools import partial
 import numpy as np
 from numpy.polynomial import Polynomial
 
-from drake_rho.exports.pieces import DEGREE, Pieces, fitted, joined, powers, to_control_points
+from drake_rho.formats.pieces import DEGREE, Pieces, fitted, joined, powers, to_control_points
 from drake_rho.motion.polynomials import Polynomials
 from drake_rho.scenario.fields import FloatArray, IntArray
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from drake_rho.exports.crazyswarm import Crazyswarm
-from drake_rho.exports.format import Format
-from drake_rho.exports.px4 import Px4
-from drake_rho.exports.record import Exported
-from drake_rho.exports.skybrush import Skybrush
-from drake_rho.exports.states import Csv, Json
+from drake_rho.formats.crazyswarm import Crazyswarm
+from drake_rho.formats.format import Format
+from drake_rho.formats.px4 import Px4
+from drake_rho.formats.record import Exported
+from drake_rho.formats.skybrush import Skybrush
+from drake_rho.formats.states import Csv, Json
 from drake_rho.motion.flown import Flown
 from drake_rho.scenario.arguments import checked
 
@@ -20,7 +20,9 @@ FORMATS: dict[str, Format] = {
 
 
 @checked
-def export(flown: Flown, path: str | Path, *, format: str, rate: float | None = None) -> Exported:
+def export(
+    flown: Flown, path: str | Path, *, format: str | None = None, rate: float | None = None
+) -> Exported:
     """Write a motion in the format of another program, completely or not at all.
 
     `docs/export.md` describes the formats.
@@ -31,7 +33,8 @@ def export(flown: Flown, path: str | Path, *, format: str, rate: float | None = 
         path: path of a file with the format's ending (.csv for csv and px4, .json, .zip for
             skybrush), or of a folder, for crazyswarm and skybrush. An existing folder is replaced
             if it holds only files that are to be written.
-        format: csv, json, crazyswarm, skybrush or px4.
+        format: csv, json, crazyswarm, skybrush or px4; by default the only one with the path's
+            ending.
         rate: samples per second [1/s], up to 1000. If not given, 20, and for json the knots alone.
             Not allowed for crazyswarm, which holds polynomials.
 
@@ -54,14 +57,29 @@ def export(flown: Flown, path: str | Path, *, format: str, rate: float | None = 
     return check_export(path, format, rate).write(flown, Path(path), rate)
 
 
-def check_export(path: str | Path, format: str, rate: float | None = None) -> Format:
+def check_export(path: str | Path, format: str | None = None, rate: float | None = None) -> Format:
     """Return the format with a name, after checking that it can be written to a path.
 
     Raises:
-        ValueError: there is no such format, the format does not support the ending or the rate, or
-            the path cannot be written to.
+        ValueError: there is no such format, the format does not support the ending or the rate, no
+            or several formats have the ending if none is named, or the path cannot be written to.
     """
+    if format is None:
+        format = _of_ending(Path(path))
     if format not in FORMATS:
         raise ValueError(f"format: got {format!r}, expected one of {', '.join(FORMATS)}")
     FORMATS[format].check(Path(path), rate)
     return FORMATS[format]
+
+
+def _of_ending(path: Path) -> str:
+    """Return the name of the only format with a path's ending.
+
+    Raises:
+        ValueError: there is none, or there are several.
+    """
+    found = [name for name, each in FORMATS.items() if path.suffix.lower() in each.endings]
+    if len(found) != 1:
+        expected = f"one of {', '.join(found or FORMATS)}"
+        raise ValueError(f"format: got none for {str(path)!r}, expected {expected}")
+    return found[0]
