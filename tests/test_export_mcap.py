@@ -151,7 +151,7 @@ SHAPES: list[tuple[Any, list[int], float]] = [
 def test_obstacles_are_markers_of_their_shape(
     shape: Any, kinds: list[int], size: float, tmp_path: Path
 ) -> None:
-    ends = rho.State([0, 0, 0]), rho.State([9, 9, 9])
+    ends = rho.State([-9, -9, -9]), rho.State([9, 9, 9])
     vehicle = rho.Vehicle("v0", *ends, radius=0.1)
     scenario = rho.Scenario("one", rho.Grid(0.5, 3), [vehicle], obstacles=[shape])
     plan = rho.Plan.from_accelerations(scenario, np.zeros((1, 2, 3)))

@@ -71,12 +71,13 @@ def export(
 
 
 def formats() -> int:
-    """List the formats of exports, what they hold, and how they are read back."""
+    """List the formats of exports and what they hold."""
     table = plain_table("format", "paths", "holds", "headings", "read by", texts=5)
     for name, each in FORMATS.items():
         table.add_row(name, ", ".join(_paths(each)), each.content, each.heading, each.read or "-")
-    document = {
-        name: {
+    rows = [
+        {
+            "name": name,
             "endings": each.endings,
             "folder": each.folder,
             "rate": each.rated,
@@ -85,8 +86,8 @@ def formats() -> int:
             "read_by": each.read or None,
         }
         for name, each in FORMATS.items()
-    }
-    return answer({"formats": document}, table)
+    ]
+    return answer({"formats": rows}, table)
 
 
 def _paths(format: Format) -> list[str]:
