@@ -37,6 +37,7 @@ ASKED: dict[str, list[str]] = {
     "results": ["results", "runs.sqlite"],
     "reproduce": ["reproduce", "--figures", "drawn"],
     "schema": ["schema"],
+    "formats": ["formats"],
 }
 """Arguments of each command."""
 FAILED = "any command that fails"

@@ -1,5 +1,6 @@
 """Files that are damaged or hostile: one line each, and neither memory nor a terminal is taken."""
 
+import contextlib
 import io
 import json
 import os
@@ -18,6 +19,8 @@ from benchmarks.damaged_files import damaged
 from drake_rho.cli.console import escaped
 from drake_rho.cli.documents import json_of
 from drake_rho.display.viewer.serve import serve
+from drake_rho.formats.skyc import read_skyc
+from tests.test_export import rough
 from tests.written import from_yaml
 
 SAME = 1e-11
@@ -314,3 +317,92 @@ def test_clients_that_hang_up_or_wait_are_no_matter(capfd: pytest.CaptureFixture
 def test_nan_and_infinity_are_null() -> None:
     text = json_of({"cost": np.nan, "rows": ({"bound": np.float64(-np.inf)},)})
     assert json.loads(text) == {"cost": None, "rows": [{"bound": None}]}
+
+
+def _show(path: Path, trajectory: object, **files: bytes) -> Path:
+    """Write a show with one drone, and further files."""
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        drones = [{"settings": {"trajectory": trajectory}}]
+        archive.writestr("show.json", json.dumps({"version": 1, "swarm": {"drones": drones}}))
+        for name, content in files.items():
+            archive.writestr(f"{name}.json", content)
+    return path
+
+
+def _points(*points: object) -> dict[str, object]:
+    return {"version": 1, "points": list(points)}
+
+
+START = [0, [0, 0, 0], []]
+
+
+def test_an_exported_show_is_read_as_the_curves_of_its_steps(tmp_path: Path) -> None:
+    plan = rough(step=0.25)
+    rho.export(plan, tmp_path / "x.skyc")
+    read = read_skyc(tmp_path / "x.skyc")
+    assert list(read) == list(plan.scenario.names)
+    for i, curves in enumerate(read.values()):
+        np.testing.assert_array_equal(curves.times, plan.scenario.grid.elapsed)
+        start, middle, end = np.moveaxis(curves.control, 1, 0)
+        np.testing.assert_array_equal(start, plan.positions[i, :-1])
+        np.testing.assert_array_equal(end, plan.positions[i, 1:])
+        np.testing.assert_allclose((middle - start) / 0.125, plan.velocities[i, :-1], atol=1e-12)
+
+
+def test_lines_and_quadratic_curves_are_raised_to_the_highest_degree(tmp_path: Path) -> None:
+    line, bent = [2, [3, 0, 0], []], [3, [3, 0, 3], [[3, 0, 1.5]]]
+    cubic = [4.5, [0, 0, 0], [[1, 1, 1], [2, 2, 2]]]
+    trajectory = _points(START, line, bent, cubic) | {"takeoffTime": 10}
+    (curves,) = read_skyc(_show(tmp_path / "x.skyc", trajectory)).values()
+    np.testing.assert_array_equal(curves.times, [10, 12, 13, 14.5])
+    np.testing.assert_allclose(curves.control[0], [[x, 0, 0] for x in range(4)])
+    np.testing.assert_allclose(curves.control[1], [[3, 0, z] for z in range(4)])
+    np.testing.assert_array_equal(curves.control[2], [[3, 0, 3], [1, 1, 1], [2, 2, 2], [0, 0, 0]])
+
+
+@pytest.mark.parametrize(
+    ("trajectory", "words"),
+    [
+        ({"$ref": "./../secret.json#"}, "expected a file in the archive"),
+        ({"$ref": "/etc/passwd"}, "expected a file in the archive"),
+        ({"$ref": "file:///etc/passwd"}, "expected a file in the archive"),
+        ({"$ref": "%2e%2e/x.json"}, "expected a file in the archive"),
+        ({"$ref": "./deep.json#"}, "damaged"),
+        ({"$ref": "./no.json#"}, "no.json: not valid JSON"),
+        ({"$ref": "./nan.json#"}, "got NaN, expected a finite number"),
+        ({"version": 2, "points": []}, "drone 1: not a trajectory of version 1"),
+        (_points(START), "expected two points or more"),
+        (_points(START, START), "expected increasing times"),
+        (_points(START, [1, [0, 0], []]), "drone 1: not a trajectory of version 1"),
+        (_points(START, [1, [0, 0, 1e300], []]), "expected numbers up to"),
+        (_points(START, [1, [0, 0, "up"], []]), "drone 1: not a trajectory"),
+        (_points(START, [1, [0, 0, 1], [[0, 0, 0]] * 9]), "degree 10, expected at most 7"),
+        (_points(START, 7), "drone 1: not a trajectory"),
+        (None, "drone 1: not a trajectory"),
+    ],
+)
+def test_a_damaged_show_is_refused(trajectory: object, words: str, tmp_path: Path) -> None:
+    (tmp_path / "secret.json").write_text(json.dumps(_points(START, [1, [1, 1, 1], []])))
+    files = {"deep": b"[" * 100_000, "no": b"{", "nan": b'{"version": NaN}'}
+    path = _show(tmp_path / "x.skyc", trajectory, **files)
+    with pytest.raises(rho.PlanFileError, match=words) as caught:
+        read_skyc(path)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_show_that_inflates_without_end_is_refused_before_it_does(tmp_path: Path) -> None:
+    path = _show(tmp_path / "x.skyc", {"$ref": "./bomb.json#"}, bomb=b" " * (257 << 20))
+    assert path.stat().st_size < 1 << 20
+    with pytest.raises(rho.PlanFileError, match="more than 268435456 bytes, inflated"):
+        read_skyc(path)
+
+
+def test_a_cut_or_changed_show_is_refused_or_read(tmp_path: Path) -> None:
+    path = _show(tmp_path / "x.skyc", _points(START, [1, [1, 1, 1], []]))
+    whole, rng = path.read_bytes(), np.random.default_rng(5)
+    for number in range(300):
+        content = bytearray(whole)
+        content[rng.integers(len(whole))] ^= int(rng.integers(1, 256))
+        path.write_bytes(content[: rng.integers(len(whole))] if number % 3 == 0 else content)
+        with contextlib.suppress(rho.PlanFileError):  # no other error
+            read_skyc(path)

@@ -389,7 +389,7 @@ def test_a_true_motion_cannot_be_read_as_a_plan(simulation: rho.Simulation, tmp_
     rho.export(simulation, tmp_path / "true.json", format="json")
     with pytest.raises(rho.PlanFileError, match=r"true\.json: .*expected a plan"):
         rho.load(tmp_path / "true.json")
-    for format, name in (("crazyswarm", "folder"), ("px4", "table.csv")):
+    for format, name in (("crazyswarm", "folder"), ("px4", "table.csv"), ("skyc", "x.skyc")):
         with pytest.raises(ValueError, match=f"got a simulation, expected a plan .* {format}"):
             rho.export(simulation, tmp_path / name, format=format)
     assert [each.name for each in tmp_path.iterdir()] == ["true.json"]

@@ -24,7 +24,15 @@ from tests.test_cli import run
 from tests.test_names import NAMES
 
 FOLDERS = ("crazyswarm", "skybrush")
-ALL = {"csv": "x.csv", "json": "x.json", "crazyswarm": "x", "skybrush": "x.zip", "px4": "x.csv"}
+ALL = {
+    "csv": "x.csv",
+    "json": "x.json",
+    "crazyswarm": "x",
+    "skybrush": "x.zip",
+    "px4": "x.csv",
+    "skyc": "x.skyc",
+    "mcap": "x.mcap",
+}
 ODD = [*NAMES, "A", "a-2", " ", "...", "\N{GRINNING FACE}", "飛行機" * 26, "\\..\\x", 'q",;']
 
 
@@ -173,6 +181,10 @@ REFUSED: list[tuple[str, str, float | None, str]] = [
     ("csv", "nowhere/x.csv", None, r"\(No such file or directory\)"),
     ("skybrush", "nowhere/x", None, r"\(No such file or directory\)"),
     ("crazyswarm", "x", 20.0, "rate: got 20, expected none with crazyswarm"),
+    ("skyc", "x.skyc", 20.0, "rate: got 20, expected none with skyc"),
+    ("skyc", "x", None, r"expected a file to write, ending in \.skyc"),
+    ("mcap", "x.zip", None, r"ending in \.mcap, or a folder, new or of the same files"),
+    ("mcap", "nowhere/x.mcap", None, r"\(No such file or directory\)"),
     ("csv", "x.csv", 0.0, "rate: got 0, expected above 0 and up to 1000 samples a second"),
     ("px4", "x.csv", -1.0, "rate: got -1, expected above 0"),
     ("json", "x.json", float("nan"), "rate: got nan, expected above 0"),
@@ -233,7 +245,7 @@ def test_the_command_and_the_function_write_the_same_files(
     (tmp_path / "one").mkdir()
     (tmp_path / "other").mkdir()
     path = tmp_path / "one" / ALL[format]
-    rate = () if format == "crazyswarm" else ("--rate", "12.5")
+    rate = () if format in ("crazyswarm", "skyc") else ("--rate", "12.5")
     words = ("export", kept, "--format", format, "-o", str(path), *rate)
     status, out, err = run(capsys, monkeypatch, *words)
     assert (status, err) == (0, "")

@@ -37,7 +37,7 @@ from drake_rho.cli.console import (
     write,
 )
 from drake_rho.cli.documents import content_of
-from drake_rho.cli.export import export
+from drake_rho.cli.export import export, formats
 from drake_rho.cli.failures import status_of
 from drake_rho.cli.maps import map as map_
 from drake_rho.cli.options import (
@@ -261,7 +261,7 @@ GROUPS = {
     "Verify and explain": (verify, certify, diagnose),
     "Show and export": (show, map_, export),
     "Run campaigns": (campaign, results),
-    "Reference": (schema, reproduce),
+    "Reference": (formats, schema, reproduce),
 }
 """Commands by group, in the order in which they are listed."""
 

@@ -14,26 +14,32 @@ from drake_rho.formats.pieces import DEGREE, Pieces, as_pieces
 from drake_rho.formats.record import Exported
 from drake_rho.motion.dynamics import Motion
 from drake_rho.motion.flown import Flown
+from drake_rho.motion.headings import Heading, directions_of
 from drake_rho.motion.tables import write_rows
 
 MAX_PIECES = 31
 """Largest number of pieces of a vehicle: a Crazyflie has 4096 bytes for trajectories, and a piece
 takes 33 numbers of 4 bytes."""
 COLUMNS = ("duration", *(f"{axis}^{k}" for axis in ("x", "y", "z", "yaw") for k in range(8)))
-_NO_YAW = [0.0] * (DEGREE + 1)
 
 
 class Crazyswarm(Format):
-    """Polynomials of degree 7 with their durations; the heading is along the x axis throughout."""
+    """Polynomials of degree 7 with their durations, and constant headings."""
 
     name = "crazyswarm"
     folder = True
     rated = False
+    content = "polynomials of degree 7, constant headings"
+    heading = "angles"
 
-    def write(self, flown: Flown, path: Path, rate: float | None) -> Exported:
+    def write(
+        self, flown: Flown, path: Path, rate: float | None, heading: Heading | None
+    ) -> Exported:
         """Write a file for each vehicle, named after it."""
         plan = planned(flown, self.name)
-        names = file_names((vehicle.name for vehicle in flown.scenario.vehicles), ".csv")
+        directions = directions_of(plan.scenario.names, heading)
+        yaws = [each for each in directions if isinstance(each, float)]  # all of them, by `check`
+        names = file_names(plan.scenario.names, ".csv")
         check_folder(path, names)
         if plan.scenario.smoothing is None:
             motion = _with_two_steps(plan.motion())
@@ -41,7 +47,7 @@ class Crazyswarm(Format):
         else:
             whole = plan.polynomials()
             steps, pieces = len(whole.instants) - 1, merged(whole, MAX_PIECES)
-        write_folder(path, dict(zip(names, _tables(pieces), strict=True)))
+        write_folder(path, dict(zip(names, _tables(pieces, yaws), strict=True)))
         count, kind = len(pieces.durations), "polynomials" if plan.scenario.smoothing else "steps"
         words = f"{steps} {kind} of each vehicle as {count} pieces"
         return exported(flown, path, [path / name for name in names], words, pieces.deviations)
@@ -62,11 +68,13 @@ def _with_two_steps(motion: Motion) -> Motion:
     )
 
 
-def _tables(pieces: Pieces) -> list[bytes]:
-    """Return the contents of each vehicle's file."""
+def _tables(pieces: Pieces, yaws: list[float]) -> list[bytes]:
+    """Return the contents of each vehicle's file, with its heading [rad]."""
     durations, tables = pieces.durations.tolist(), []
-    for each in pieces.coefficients.reshape(len(pieces.coefficients), len(durations), -1).tolist():
-        rows = [[time, *row, *_NO_YAW] for time, row in zip(durations, each, strict=True)]
+    numbers = pieces.coefficients.reshape(len(pieces.coefficients), len(durations), -1).tolist()
+    for each, yaw in zip(numbers, yaws, strict=True):
+        constant = [yaw] + [0.0] * DEGREE
+        rows = [[time, *row, *constant] for time, row in zip(durations, each, strict=True)]
         write_rows(file := io.BytesIO(), [COLUMNS, *rows])
         tables.append(file.getvalue())
     return tables

@@ -6,22 +6,30 @@ from pathlib import Path
 
 from drake_rho.formats.crazyswarm import Crazyswarm
 from drake_rho.formats.format import Format
+from drake_rho.formats.mcap import Mcap
 from drake_rho.formats.px4 import Px4
 from drake_rho.formats.record import Exported
 from drake_rho.formats.skybrush import Skybrush
+from drake_rho.formats.skyc import Skyc
 from drake_rho.formats.states import Csv, Json
 from drake_rho.motion.flown import Flown
+from drake_rho.motion.headings import Heading
 from drake_rho.scenario.arguments import checked
 
 FORMATS: dict[str, Format] = {
-    each.name: each for each in (Csv(), Json(), Crazyswarm(), Skybrush(), Px4())
+    each.name: each for each in (Csv(), Json(), Crazyswarm(), Skybrush(), Px4(), Skyc(), Mcap())
 }
 """Formats by name."""
 
 
 @checked
 def export(
-    flown: Flown, path: str | Path, *, format: str | None = None, rate: float | None = None
+    flown: Flown,
+    path: str | Path,
+    *,
+    format: str | None = None,
+    rate: float | None = None,
+    heading: Heading | None = None,
 ) -> Exported:
     """Write a motion in the format of another program, completely or not at all.
 
@@ -29,14 +37,17 @@ def export(
 
     Args:
         flown: a plan; a flight, whose motion as flown is written; or a simulation, whose true
-            motion is written (not with crazyswarm and px4, which hold motions to be flown).
+            motion is written (not with crazyswarm, px4 and skyc, which hold motions to be flown).
         path: path of a file with the format's ending (.csv for csv and px4, .json, .zip for
-            skybrush), or of a folder, for crazyswarm and skybrush. An existing folder is replaced
-            if it holds only files that are to be written.
-        format: csv, json, crazyswarm, skybrush or px4; by default the only one with the path's
-            ending.
+            skybrush, .skyc, .mcap), or of a folder, for crazyswarm, skybrush and mcap. An existing
+            folder is replaced if it holds only files that are to be written.
+        format: csv, json, crazyswarm, skybrush, px4, skyc or mcap; by default the only one with the
+            path's ending.
         rate: samples per second [1/s], up to 1000. If not given, 20, and for json the knots alone.
-            Not allowed for crazyswarm, which holds polynomials.
+            Not allowed for crazyswarm and skyc, which hold polynomials.
+        heading: "velocity", an angle from the x axis, anticlockwise [rad], the x, y, z of a point
+            to look at [m], or a mapping from names of vehicles to these; along the x axis where
+            none is given. px4, skyc and mcap hold any of them, crazyswarm angles.
 
     Returns:
         A record of the export. If the file does not hold the exact motion (because pieces were
@@ -44,8 +55,8 @@ def export(
         motion, and `spare.keeps_clear` says whether all required distances still hold.
 
     Raises:
-        ValueError: the format, the ending, the rate or the kind of motion is not supported, or the
-            path cannot be written to.
+        ValueError: the format, the ending, the rate, the heading or the kind of motion is not
+            supported, the path cannot be written to, or the extra `ros` is not installed, for mcap.
         OSError: writing failed.
 
     Examples:
@@ -54,21 +65,27 @@ def export(
         >>> [file.name for file in written.files]
         ['plan.csv']
     """
-    return check_export(path, format, rate).write(flown, Path(path), rate)
+    return check_export(path, format, rate, heading).write(flown, Path(path), rate, heading)
 
 
-def check_export(path: str | Path, format: str | None = None, rate: float | None = None) -> Format:
+def check_export(
+    path: str | Path,
+    format: str | None = None,
+    rate: float | None = None,
+    heading: Heading | None = None,
+) -> Format:
     """Return the format with a name, after checking that it can be written to a path.
 
     Raises:
-        ValueError: there is no such format, the format does not support the ending or the rate, no
-            or several formats have the ending if none is named, or the path cannot be written to.
+        ValueError: there is no such format, the format does not support the ending, the rate or
+            the heading, no or several formats have the ending if none is named, the path cannot be
+            written to, or the extra that the format needs is not installed.
     """
     if format is None:
         format = _of_ending(Path(path))
     if format not in FORMATS:
         raise ValueError(f"format: got {format!r}, expected one of {', '.join(FORMATS)}")
-    FORMATS[format].check(Path(path), rate)
+    FORMATS[format].check(Path(path), rate, heading)
     return FORMATS[format]
 
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import errno
 from abc import ABC, abstractmethod
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from drake_rho.formats.clearance import spare_of
 from drake_rho.formats.folders import check_folder
 from drake_rho.formats.record import Exported
 from drake_rho.motion.flown import Flown
+from drake_rho.motion.headings import Heading, direction_of
 from drake_rho.motion.jumps import check_continuous
 from drake_rho.motion.plan import Plan
 from drake_rho.motion.samples import check_rate
@@ -37,14 +38,21 @@ class Format(ABC):
     """whether the format can be written as a folder"""
     rated: ClassVar[bool] = True
     """whether the format holds samples at a rate"""
+    content: ClassVar[str]
+    """description of what a file holds"""
+    heading: ClassVar[Literal["none", "angles", "any"]] = "none"
+    """headings that the format holds: none, constant angles, or any"""
+    read: ClassVar[str] = ""
+    """how a file is read back; empty if it is not"""
 
-    def check(self, path: Path, rate: float | None) -> None:
-        """Check, before any work, that a path and a rate suit this format.
+    def check(self, path: Path, rate: float | None, heading: Heading | None) -> None:
+        """Check, before any work, that a path, a rate and a heading suit this format.
 
         Raises:
-            ValueError: the format does not support the ending or the rate, or the path cannot be
-                written to.
+            ValueError: the format does not support the ending, the rate or the heading, or the path
+                cannot be written to.
         """
+        self._check_heading(heading)
         if rate is not None and not self.rated:
             expected = f"none with {self.name}, which holds no samples"
             raise ValueError(f"rate: got {rate:g}, expected {expected}")
@@ -63,6 +71,22 @@ class Format(ABC):
                 f"path: got {str(path)!r}, expected {self._kinds} ({reason})"
             ) from None
 
+    def _check_heading(self, heading: Heading | None) -> None:
+        """Check that the format holds a heading.
+
+        Raises:
+            ValueError: it does not, or the heading is none of those allowed.
+        """
+        if heading is None:
+            return
+        if self.heading == "none":
+            raise ValueError(f"heading: got one, expected none with {self.name}, which holds none")
+        directions = heading.values() if isinstance(heading, Mapping) else [heading]
+        for each in map(direction_of, directions):
+            if self.heading == "angles" and not isinstance(each, float):
+                expected = f"angles in rad with {self.name}, which holds no other headings"
+                raise ValueError(f"heading: got {each!r}, expected {expected}")
+
     @property
     def _kinds(self) -> str:
         """Description of the paths that can be written."""
@@ -71,8 +95,20 @@ class Format(ABC):
         return ", or ".join(kinds)
 
     @abstractmethod
-    def write(self, flown: Flown, path: Path, rate: float | None) -> Exported:
-        """Write a motion, completely or not at all; None for `rate` [1/s] means the default."""
+    def write(
+        self, flown: Flown, path: Path, rate: float | None, heading: Heading | None
+    ) -> Exported:
+        """Write a motion, completely or not at all.
+
+        Args:
+            flown: the motion.
+            path: as checked by `check`.
+            rate: samples per second [1/s]; None for the default.
+            heading: as checked by `check`; None for the x axis.
+
+        Raises:
+            ValueError: the format does not hold such a motion.
+        """
 
 
 def planned(flown: Flown, format: str) -> Plan:

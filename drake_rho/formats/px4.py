@@ -14,8 +14,10 @@ from drake_rho.formats.format import RATE, Format, exported, planned
 from drake_rho.formats.milliseconds import milliseconds
 from drake_rho.formats.record import Exported
 from drake_rho.motion.flown import Flown, sample
+from drake_rho.motion.headings import Heading, directions_of, headings
 from drake_rho.motion.samples import Samples
 from drake_rho.motion.tables import write_rows
+from drake_rho.scenario.fields import FloatArray
 from drake_rho.system.files import atomic_write
 
 COLUMNS = (
@@ -37,8 +39,12 @@ class Px4(Format):
 
     name = "px4"
     endings = (".csv",)
+    content = "positions, velocities, accelerations and headings at a rate"
+    heading = "any"
 
-    def write(self, flown: Flown, path: Path, rate: float | None) -> Exported:
+    def write(
+        self, flown: Flown, path: Path, rate: float | None, heading: Heading | None
+    ) -> Exported:
         """Write the rows ordered by time, then by vehicle.
 
         Raises:
@@ -49,19 +55,33 @@ class Px4(Format):
         if (count := len(plan.scenario.vehicles)) > _SYSTEMS:
             expected = f"at most {_SYSTEMS} with {self.name}: MAVLink numbers no more systems"
             raise ValueError(f"vehicles: got {count}, expected {expected}")
+        directions = directions_of(plan.scenario.names, heading)
         ticks = milliseconds(plan.scenario, rate or RATE)
         with atomic_write(path) as file:
             write_rows(file, [COLUMNS])
-            samples = sample(plan, ticks / 1000.0 - plan.scenario.lead)
-            write_rows(file, _rows(samples, ticks.tolist()))
+            elapsed = ticks / 1000.0 - plan.scenario.lead
+            yaws = _EAST - headings(plan, elapsed, directions)
+            write_rows(file, _rows(sample(plan, elapsed), ticks.tolist(), _wrapped(yaws)))
         return exported(flown, path, [path], f"{len(ticks)} setpoints of each vehicle")
 
 
-def _rows(samples: Samples, ticks: list[int]) -> Iterator[list[object]]:
-    """Yield the rows of the table, without the header."""
+def _wrapped(angles: FloatArray) -> FloatArray:
+    """Return angles between -π, inclusive, and π [rad]; those between them are unchanged."""
+    turns = np.floor((angles + np.pi) / (2.0 * np.pi))
+    return np.asarray(angles - 2.0 * np.pi * turns)
+
+
+def _rows(samples: Samples, ticks: list[int], yaws: FloatArray) -> Iterator[list[object]]:
+    """Yield the rows of the table, without the header.
+
+    Args:
+        samples: states of N vehicles at M times.
+        ticks: these times [ms].
+        yaws: headings from north, clockwise [rad], shape (N, M).
+    """
     vectors = samples.states.reshape(*samples.positions.shape[:2], 3, 3) @ NED.T
     numbers = (vectors + 0.0).reshape(*vectors.shape[:2], 9)  # adding 0 avoids negative zeros
     for m, tick in enumerate(ticks):
         for system, name in enumerate(samples.names, start=1):
             head = [name, tick, system, _AUTOPILOT, _LOCAL_NED, _IGNORE_YAW_RATE]
-            yield [*head, *numbers[system - 1, m].tolist(), _EAST, 0.0]
+            yield [*head, *numbers[system - 1, m].tolist(), yaws[system - 1, m].item(), 0.0]

@@ -12,6 +12,7 @@ from drake_rho.formats.format import RATE, Format, exported
 from drake_rho.formats.milliseconds import milliseconds
 from drake_rho.formats.record import Exported
 from drake_rho.motion.flown import Flown, sample
+from drake_rho.motion.headings import Heading
 from drake_rho.motion.jumps import jump_sizes
 from drake_rho.motion.tables import write_rows
 from drake_rho.scenario.fields import FloatArray, IntArray
@@ -25,9 +26,12 @@ class Skybrush(Format):
 
     name = "skybrush"
     endings = (".zip",)
+    content = "positions at a rate, with white lights"
     folder = True
 
-    def write(self, flown: Flown, path: Path, rate: float | None) -> Exported:
+    def write(
+        self, flown: Flown, path: Path, rate: float | None, heading: Heading | None
+    ) -> Exported:
         """Write a file for each vehicle, named after it."""
         ticks = milliseconds(flown.scenario, rate or RATE)
         samples = sample(flown, ticks / 1000.0 - flown.scenario.lead)
