@@ -20,7 +20,8 @@ def export(
         typer.Option(
             "--format",
             metavar="|".join(FORMATS),
-            help="By default that of the output's ending, if only one has it. csv: a table of states; json: a plan that drake-rho can read again; "
+            help="By default that of the output's ending, if only one has it. csv: a table of "
+            "states; json: a plan that drake-rho can read again; "
             "crazyswarm: polynomials for Crazyswarm2; skybrush: CSV files for Skybrush; px4: "
             "setpoints for PX4's offboard mode.",
         ),

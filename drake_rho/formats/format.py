@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import errno
 from abc import ABC, abstractmethod
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import ClassVar
 
@@ -16,6 +16,7 @@ from drake_rho.formats.record import Exported
 from drake_rho.motion.flown import Flown
 from drake_rho.motion.jumps import check_continuous
 from drake_rho.motion.plan import Plan
+from drake_rho.motion.polynomials import Polynomials
 from drake_rho.motion.samples import check_rate
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.system.files import check_replaceable
@@ -37,6 +38,10 @@ class Format(ABC):
     """whether the format can be written as a folder"""
     rated: ClassVar[bool] = True
     """whether the format holds samples at a rate"""
+    reads: ClassVar[str] = ""
+    """files that `load_trajectories` reads, in words; empty for a format that is only written"""
+    from_zero: ClassVar[bool] = False
+    """whether times in files count from the beginning, and not on the scenario's clock"""
 
     def check(self, path: Path, rate: float | None) -> None:
         """Check, before any work, that a path and a rate suit this format.
@@ -69,6 +74,22 @@ class Format(ABC):
         kinds = [f"a file to write, ending in {' or '.join(self.endings)}"] if self.endings else []
         kinds += ["a folder, new or of the same files"] if self.folder else []
         return ", or ".join(kinds)
+
+    def recognises(self, content: bytes) -> bool:
+        """Return whether `read` understands files with this content."""
+        return False
+
+    def read(self, content: bytes, name: str) -> Mapping[str, Polynomials]:
+        """Return the motions of vehicles, by name; of samples, straight lines between them.
+
+        Args:
+            content: content of a file that the format recognises.
+            name: name of the file without its ending, for a vehicle that is not named in it.
+
+        Raises:
+            ValueError: the file is damaged; the message says where.
+        """
+        raise NotImplementedError
 
     @abstractmethod
     def write(self, flown: Flown, path: Path, rate: float | None) -> Exported:
