@@ -5,9 +5,12 @@ Random polynomials are judged beside dense samples of them, computed here by Hor
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 from pydrake.polynomial import Polynomial
 from pydrake.trajectories import PiecewisePolynomial
 
@@ -81,12 +84,24 @@ def random_pieces(rng: np.random.Generator, vehicles: int, pieces: int) -> tuple
     return instants, c / durations[:, None, None] ** np.arange(degree + 1.0)
 
 
+def jerks_of_jumps(scenario: rho.Scenario, instants: Array, c: Array) -> Array:
+    """Return jumps of accelerations between pieces, over a step of the grid, (N, J + 1, 3)."""
+    if c.shape[-1] < 3:
+        return np.zeros((len(c), 1, 3))
+    a = values(instants, c, 2)[1].reshape(len(c), -1, DENSE, 3)
+    rest = np.zeros((len(c), 1, 3))
+    before = np.concatenate([rest, a[:, :, -1]], axis=1)
+    return (np.concatenate([a[:, :, 0], rest], axis=1) - before) / scenario.grid.step
+
+
 def dense_excess(scenario: rho.Scenario, instants: Array, c: Array) -> dict[tuple[str, str], Array]:
     """Return the largest excess of each vehicle at dense samples, by constraint, shape (N,)."""
     found: dict[tuple[str, str], Array] = {}
     times, p = values(instants, c, 0)
     for order, quantity in enumerate(("position", "velocity", "acceleration", "jerk")):
         x = values(instants, c, order)[1] if c.shape[-1] > order else np.zeros_like(p)
+        if quantity == "jerk":
+            x = np.concatenate([x, jerks_of_jumps(scenario, instants, c)], axis=1)
         found[quantity, "box"] = (np.abs(x) - 4.0).max(axis=(1, 2))
         if quantity == "velocity":
             found["max_speed", ""] = np.linalg.norm(x, axis=2).max(axis=1) - 4.0
@@ -124,3 +139,196 @@ def wrong(scenario: rho.Scenario, instants: Array, c: Array) -> list[str]:
             if not -below <= 1e-3 * size * c.shape[-1] ** 2:
                 bad.append(f"{worst}: no sample is near, by {below}")
     return bad
+
+
+def test_random_polynomials_are_judged_as_dense_samples_are() -> None:
+    rng, pieces = np.random.default_rng(3), 0
+    while pieces < 2000:
+        vehicles, count = int(rng.integers(1, 6)), int(rng.integers(1, 60))
+        instants, c = random_pieces(rng, vehicles, count)
+        assert wrong(field(vehicles, float(instants[-1])), instants, c) == []
+        pieces += vehicles * count
+
+
+def along_x(limits: rho.Limits | None = None, **more: Any) -> rho.Scenario:
+    """Return a scenario with a vehicle that flies 2 m along x in 2 s, from rest to rest."""
+    ends = rho.State((0.0, 0.0, 0.0)), rho.State((2.0, 0.0, 0.0))
+    more = {"grid": rho.Grid(0.25, 9), "between_knots": True} | more
+    return rho.Scenario(
+        name="x", vehicles=(rho.Vehicle("a", *ends),), limits=limits or rho.Limits(), **more
+    )
+
+
+def smooth_x() -> rho.Trajectories:
+    """Return the cubic from rest to rest, with its largest speed 1.5 m/s at 1 s."""
+    cubic = np.zeros((1, 3, 4))
+    cubic[0, 0] = [0.0, 0.0, 1.5, -0.5]
+    return rho.Trajectories.of({"a": drake(np.array([0.0, 2.0]), cubic)})
+
+
+@pytest.mark.parametrize("beyond", [1e-6, -1e-6, 1e-4, -1e-4])
+def test_a_polynomial_that_touches_a_limit_has_the_known_excess(beyond: float) -> None:
+    limits = rho.Limits(max_speed=1.5 - beyond, max_acceleration=3.0 - beyond, max_jerk=13.0)
+    report = rho.verify(smooth_x(), along_x(limits))
+    found = {each.kind: each for each in report.checks}
+    for kind, time in (("max_speed", {1.0}), ("max_acceleration", {0.0, 2.0})):
+        each = found[kind]
+        assert abs(each.excess - beyond) <= 0.01 * each.tolerance + 1e-12
+        assert min(abs(each.time - t) for t in time) < 1e-2
+        assert each.holds == (beyond <= each.tolerance)
+    assert abs(found["max_jerk"].value - 3.0 / 0.25) < 1e-12  # from rest to 3 m/s² in a step
+    assert report.ok == all(each.holds for each in report.checks)
+
+
+def test_an_obstacle_touched_between_knots_has_the_known_clearance() -> None:
+    ball = rho.Sphere((1.1, 0.3, 0.0), 0.3 + 1e-6)
+    report = rho.verify(smooth_x(), along_x(obstacles=(ball,)))
+    assert report.clearance is not None
+    assert abs(report.clearance.value + 1e-6) < 1e-9
+    assert abs(smooth_x().at(report.clearance.time).positions[0, 0, 0] - 1.1) < 1e-3
+
+
+def test_a_jump_a_wrong_start_and_a_wrong_goal_are_found() -> None:
+    lines = np.zeros((2, 3, 2))
+    lines[:, 0] = [[0.1, 1.0], [1.2, 1.0]]  # jumps by 0.1 m at 1 s, ends at 2.2 m
+    found = rho.Trajectories.of({"a": drake(np.array([0.0, 1.0, 2.0]), lines)})
+    report = rho.verify(found, along_x())
+    assert {each.what: round(each.value, 12) for each in report.violations} == {
+        "dynamics position": 0.1,
+        "start position": 0.1,
+        "start velocity": 1.0,
+        "goal position": 0.2,
+        "goal velocity": 1.0,
+    }
+
+
+def test_a_vehicle_outside_its_own_time_is_at_rest_and_this_is_told() -> None:
+    longer = along_x(grid=rho.Grid(0.25, 13))
+    report = rho.verify(smooth_x().delayed(0.5), longer)
+    assert report.ok
+    assert "taken to be at rest: a until 0.5 s" in report.notes
+    assert "taken to be at rest: a from 2.5 s" in report.notes
+    cut = np.zeros((1, 3, 4))
+    cut[0, 0] = [0.0, 0.0, 1.5, -0.5]
+    early = rho.Trajectories.of({"a": drake(np.array([0.0, 1.0]), cut)})
+    stops = {each.what: each.value for each in rho.verify(early, longer).violations}
+    assert abs(stops["dynamics velocity"] - 1.5) < 1e-12  # it cannot stop at once
+
+
+def flight(name: str) -> rho.Plan:
+    """Return a plan of up to 31 pieces, which files of Crazyswarm hold exactly."""
+    if name == "fleet":
+        rng = np.random.default_rng(2)
+        return rho.plan(rho.random_transitions(4, rng, duration=6.0, step=0.25))
+    ends = rho.State((0.0, 0.0, 1.5)), rho.State((5.0, 0.0, 1.5))
+    house = rho.Box((2.0, -4.0, 0.0), (3.0, 0.3, 4.0))
+    limits = rho.Limits(max_speed=4.0, max_acceleration=4.0, max_jerk=60.0, max_tilt=0.5)
+    scenario = rho.Scenario(
+        name="flight",
+        grid=rho.Grid(0.5, 11, start=100.0),
+        vehicles=(rho.Vehicle("a b", *ends, radius=0.2),),
+        limits=limits,
+        obstacles=(house,),
+        between_knots=True,
+        smoothing=rho.Smoothing(0.5, 1) if name == "smooth" else None,
+        disturbance=rho.Disturbance(0.1) if name == "wind" else None,
+    )
+    return rho.plan(scenario)
+
+
+def margins(report: rho.Report) -> Mapping[tuple[str, str], float]:
+    """Return the margins of all checks but those of starts, which plans meet by construction."""
+    checks = (each for each in report.checks if each.constraint != "start")
+    return {(each.vehicle, each.what): each.left for each in checks}
+
+
+@pytest.mark.parametrize("name", ["fleet", "steps", "smooth", "wind"])
+def test_an_exported_plan_holds_with_the_same_margins(name: str, tmp_path: Path) -> None:
+    plan = flight(name)
+    path = rho.export(plan, tmp_path / "files", format="crazyswarm").path
+    found = rho.load_trajectories(path, plan.scenario)
+    report, own = rho.verify(found, plan.scenario), rho.verify(plan)
+    assert own.ok
+    assert report.ok
+    read, exact = margins(report), margins(own)
+    assert read.keys() == exact.keys()
+    for key, left in exact.items():
+        assert abs(read[key] - left) < 1e-7 * (1.0 + abs(left)), key
+    assert abs(report.summary.top_speed - own.summary.top_speed) < 1e-9
+    times = np.linspace(plan.times[0], plan.times[-1], 50)
+    np.testing.assert_allclose(found.at(times).states, plan.at(times).states, atol=1e-9)
+
+
+def sampled_x(rate: float, most: float) -> rho.Trajectories:
+    """Return samples of the cubic at a rate, with a bound on the acceleration."""
+    times = np.linspace(0.0, 2.0, round(2.0 * rate) + 1)
+    table = np.column_stack([times, smooth_x().at(times, vehicle="a").positions])
+    return rho.Trajectories.of_samples({"a": table}, max_acceleration=most)
+
+
+@pytest.mark.parametrize(
+    ("gap", "rate", "verdict"),
+    [
+        (0.1, 50.0, "holds"),
+        (0.001, 5.0, "undecided"),
+        (-0.001, 5.0, "undecided"),
+        (-0.1, 50.0, "violated"),
+        (0.001, 50.0, "holds"),
+        (-0.001, 50.0, "violated"),
+    ],
+)
+def test_samples_hold_are_violated_or_undecided(gap: float, rate: float, verdict: str) -> None:
+    ball = rho.Sphere((1.1, 0.3 + gap, 0.0), 0.3)
+    report = rho.verify(sampled_x(rate, 3.0), along_x(obstacles=(ball,)))
+    assert report.ok == (verdict == "holds")
+    assert bool(report.violations) == (verdict == "violated")
+    assert bool(report.undecided) == (verdict == "undecided")
+    assert all(each.kind == "obstacles" for each in (*report.violations, *report.undecided))
+
+
+def test_the_rate_that_is_told_decides() -> None:
+    scenario = along_x(
+        rho.Limits(max_speed=1.6, position=rho.Box((-1.0, -0.01, -1.0), (3.0, 1.0, 1.0)))
+    )
+    report = rho.verify(sampled_x(4.0, 3.0), scenario)
+    assert {each.kind for each in report.undecided} == {"max_speed", "position"}
+    rates = [each.deciding_rate for each in report.undecided]
+    assert all(each is not None and 4.0 < each < 200.0 for each in rates)
+    enough = 2.0 * max(each for each in rates if each is not None)
+    assert rho.verify(sampled_x(enough, 3.0), scenario).ok
+    assert "samples a second would decide" in str(report)
+
+
+def test_what_samples_never_decide_is_told() -> None:
+    report = rho.verify(sampled_x(50.0, 3.0), along_x(rho.Limits(max_jerk=50.0)))
+    assert [each.kind for each in report.undecided] == ["max_jerk"]
+    assert "undecided at any rate of samples: maximum jerk" in str(report)
+
+
+def test_samples_that_need_more_than_their_bound_are_found() -> None:
+    report = rho.verify(sampled_x(50.0, 2.0), along_x())
+    assert "dynamics mean acceleration of samples" in {each.what for each in report.violations}
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_motion_between_samples_is_never_judged_wrong(seed: int) -> None:
+    """The verdict on samples of a random motion is that on the motion itself, or is left open."""
+    rng = np.random.default_rng(seed)
+    times = np.sort(rng.uniform(0.0, 8.0, 5))
+    knots = rng.uniform(-3.0, 3.0, (3, 5))
+    curve = PiecewisePolynomial.CubicShapePreserving(np.append(times[:-1], 8.0), knots)
+    truth = rho.Trajectories.of({"v0": curve})
+    scenario = field(1, 8.0)
+    t = np.unique(np.append(rng.uniform(curve.start_time(), 8.0, 200), [curve.start_time(), 8.0]))
+    a = truth.at(np.linspace(curve.start_time(), 8.0, 20001)[:-1]).accelerations
+    most = 1.001 * float(np.linalg.norm(a, axis=2).max())
+    table = np.column_stack([t, truth.at(t, vehicle="v0").positions])
+    seen = rho.Trajectories.of_samples({"v0": table}, max_acceleration=most)
+    exact = {each.what: each for each in rho.verify(truth, scenario).checks}
+    for each in rho.verify(seen, scenario).checks:
+        own = exact.get(each.what.replace("at knots", "at all times")) or exact.get(each.what)
+        if own is None or each.constraint in ("start", "goal", "dynamics") or each.is_undecided:
+            continue
+        if each.part.endswith("at knots") and each.holds:
+            continue  # of the samples alone
+        assert own.holds == each.holds, (own, each)

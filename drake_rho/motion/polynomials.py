@@ -75,10 +75,12 @@ class Polynomials:
     def states(self, times: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return positions [m], velocities [m/s] and accelerations [m/s²] at times, (N, M, 3) each.
 
-        Vehicles are at rest before the motion begins and from its end on.
+        Vehicles are at rest before the motion begins and after its end.
         """
         clock = Clock.of(np.diff(self.instants).min(), *self.instants[[0, -1]])
-        c = self._expanded(times, times + clock.rounding)
+        at_end = clock.same(times, self.instants[-1])  # where the last piece still counts
+        inside = np.where(at_end, np.mean(self.instants[-2:]), times + clock.rounding)
+        c = self._expanded(times, inside)
         c = np.pad(c, ((0, 0), (0, 0), (0, 0), (0, max(0, 3 - c.shape[-1]))))
         return c[..., 0], c[..., 1], 2.0 * c[..., 2]
 

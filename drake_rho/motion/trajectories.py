@@ -128,7 +128,7 @@ class Trajectories(metaclass=Described):
         """Return positions, velocities and accelerations at times; those after a joint at a joint.
 
         Between samples they are those of the straight lines. A vehicle is at rest before its motion
-        begins and from its end on.
+        begins and after its end.
 
         Args:
             times: times [s], shape (T,), or a single one.
