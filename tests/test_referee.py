@@ -5,7 +5,8 @@ Random polynomials are judged beside dense samples of them, computed here by Hor
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import json
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from pydrake.polynomial import Polynomial
 from pydrake.trajectories import PiecewisePolynomial
 
 import drake_rho as rho
+from drake_rho import cli
 
 Array = np.ndarray[Any, np.dtype[np.float64]]
 
@@ -332,3 +334,188 @@ def test_a_motion_between_samples_is_never_judged_wrong(seed: int) -> None:
         if each.part.endswith("at knots") and each.holds:
             continue  # of the samples alone
         assert own.holds == each.holds, (own, each)
+
+
+def run(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, *words: str
+) -> tuple[int, str]:
+    """Run `drake-rho words` in this process."""
+    monkeypatch.setattr("sys.argv", ["drake-rho", *words])
+    with pytest.raises(SystemExit) as left:
+        cli.main()
+    printed = capsys.readouterr()
+    assert isinstance(left.value.code, int)
+    return left.value.code, printed.out + printed.err
+
+
+def write_samples(path: Path, rate: float) -> None:
+    """Write samples of the cubic at a rate, with six digits."""
+    times = np.linspace(0.0, 2.0, round(2.0 * rate) + 1)
+    x = smooth_x().at(times, vehicle="a").positions[:, 0]
+    rows = [f"{t:.6f}, {at:.6f}, 0, 0" for t, at in zip(times, x, strict=True)]
+    path.write_text("\n".join(["t, x, y, z", *rows, ""]))
+
+
+@pytest.mark.parametrize(
+    ("gap", "rate", "status"), [(0.1, 20.0, 0), (-0.1, 20.0, 1), (0.001, 5.0, 6)]
+)
+def test_the_command_line_has_a_status_for_each_verdict(
+    gap: float,
+    rate: float,
+    status: int,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    file, scenario = tmp_path / "any.csv", tmp_path / "scenario.yaml"
+    rho.save_scenario(along_x(obstacles=(rho.Sphere((1.1, 0.3 + gap, 0.0), 0.3),)), scenario)
+    write_samples(file, rate)
+    words = ["verify", str(file), "--scenario", str(scenario), "--max-acceleration", "3.1"]
+    found, text = run(capsys, monkeypatch, *words)
+    assert found == status, text
+    assert ("undecided" in text) == (status == 6)
+    found, text = run(capsys, monkeypatch, *words, "--json")
+    document = json.loads(text)
+    assert (found, document["status"], document["ok"]) == (status, status, status == 0)
+    assert len(document["undecided"]) == (status == 6)
+    for each in document["undecided"]:
+        assert each["deciding_rate_hz"] > rate
+
+
+TABLE = "time,x,y,z\n0,0,0,0\n1,1,0,0\n2,2,0,0\n"
+PIECE = ",".join(["1.0", *["0.0"] * 32])
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("", "got no trajectories"),
+        ("hello\n", "got no trajectories"),
+        ("vehicle,x,y,z\na,1,2,3\n", "got no trajectories"),
+        (TABLE.replace("1,1,0,0", "1,one,0,0"), "row 3, column x: got 'one'"),
+        (TABLE.replace("1,1,0,0", "1,nan,0,0"), "row 3, column x: got 'nan'"),
+        (TABLE.replace("1,1,0,0", "1,1,0"), "row 3: got 3 cells"),
+        (TABLE.replace("2,2,0,0", "1,2,0,0"), "row 4: got 1 s, expected a time after 1 s"),
+        ("time,x,y,z\n0,0,0,0\n", "expected (M, 4) with two or more rows"),
+        (f"duration,x^0\n{PIECE[:-4]}\n", "row 2: got 32 cells"),
+        (f"duration,x^0\n{PIECE}\n-{PIECE}\n", "row 3, column duration"),
+        (f"duration\n{PIECE.replace('0.0', 'inf', 1)}\n", "row 2, column x^0: got 'inf'"),
+        ("duration\n", "got no piece"),
+    ],
+)
+def test_a_damaged_file_is_refused_with_its_place_and_reason(
+    text: str, reason: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "bad.csv"
+    path.write_text(text)
+    with pytest.raises(rho.PlanFileError) as error:
+        rho.load_trajectories(path, max_acceleration=1.0)
+    assert str(path) in str(error.value)
+    assert reason in str(error.value)
+
+
+def test_a_bound_is_for_samples_alone(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text(TABLE)
+    (tmp_path / "b.csv").write_text(f"duration\n{PIECE}\n")
+    with pytest.raises(ValueError, match="max_acceleration: got None, expected a bound"):
+        rho.load_trajectories(tmp_path / "a.csv")
+    with pytest.raises(ValueError, match="max_acceleration: got 1, expected None"):
+        rho.load_trajectories(tmp_path / "b.csv", max_acceleration=1.0)
+    with pytest.raises(rho.PlanFileError, match="got polynomials and samples"):
+        rho.load_trajectories(tmp_path, max_acceleration=1.0)
+    (tmp_path / "b.csv").unlink()
+    outside = tmp_path.parent / f"{tmp_path.name}.csv"
+    outside.write_text(TABLE)
+    (tmp_path / "b.csv").symlink_to(outside)
+    with pytest.raises(rho.PlanFileError, match="got a link to a file outside its folder"):
+        rho.load_trajectories(tmp_path, max_acceleration=1.0)
+
+
+def test_tables_of_any_columns_are_read(tmp_path: Path) -> None:
+    path, expected = tmp_path / "a.csv", np.array([[1.0, 0.0, 0.0]])
+    for text in (
+        TABLE,
+        TABLE.partition("\n")[2],
+        "\ufeffX [m]; Time [msec]".replace(";", ",") + ",z,y,note\n0,0,0,0,a\n2,2000,0,0,b\n",
+        "id,t,x,y,z\na,0,0,0,0\na,2,2,0,0\n",
+    ):
+        path.write_text(text)
+        found = rho.load_trajectories(path, max_acceleration=1.0)
+        assert found.names == ("a",)
+        np.testing.assert_array_equal(found.at(1.0, vehicle="a").positions, expected)
+
+
+def mutated(rng: np.random.Generator, content: bytes) -> bytes:
+    """Return content with some bytes changed, inserted or left out, or cut off."""
+    data = bytearray(content)
+    for _ in range(int(rng.integers(1, 6))):
+        if not data:
+            break
+        at, what = int(rng.integers(0, len(data))), rng.integers(0, 4)
+        if what == 0:
+            data[at] = int(rng.integers(0, 256))
+        elif what == 1:
+            data[at:at] = rng.choice([b",", b"\n", b'"', b"-", b"e9", b"nan", b"\x00", b"\xff"])
+        elif what == 2:
+            del data[at : at + int(rng.integers(1, 40))]
+        else:
+            data = data[: at + 1]
+    return bytes(data)
+
+
+def mutants(count: int, seed: int, folder: Path) -> dict[str, int]:
+    """Return how many mutated files were read and refused; any other outcome is an error."""
+    rng, outcomes = np.random.default_rng(seed), {"read": 0, "refused": 0}
+    scenario, file = along_x(), folder / "a.csv"
+    polynomials = "\n".join([",".join(["duration", "x^0"]), PIECE, PIECE, ""]).encode()
+    for number in range(count):
+        content, most = ((polynomials, None), (TABLE.encode(), 1.0))[number % 2]
+        file.write_bytes(mutated(rng, content))
+        outcome, error = "read", "expected"
+        try:
+            found = rho.load_trajectories(file, scenario, max_acceleration=most)
+            rho.verify(found, scenario)
+        except (rho.PlanFileError, ValueError) as refusal:
+            outcome, error = "refused", str(refusal)
+        assert "\n" not in error
+        assert "expected" in error or "not a" in error, error
+        outcomes[outcome] += 1
+    return outcomes
+
+
+ONE, PAIR = np.array([0.0, 1.0]), PiecewisePolynomial(np.zeros((2, 1)))
+OTHER = rho.Trajectories.of({"b": drake(ONE, np.zeros((1, 3, 1)))})
+
+
+def test_mutated_files_are_read_or_refused_in_a_line(tmp_path: Path) -> None:
+    outcomes = mutants(300, 4, tmp_path)
+    assert min(outcomes.values()) > 30
+
+
+@pytest.mark.parametrize(
+    ("call", "reason"),
+    [
+        (lambda: rho.verify(smooth_x()), "scenario: got None"),
+        (lambda: rho.verify(flight("steps"), along_x()), "None for a plan"),
+        (lambda: rho.verify(smooth_x().delayed(0.5), along_x()), "expected times of x, 0 to 2"),
+        (lambda: rho.verify(OTHER, along_x()), "a is in x, but not"),
+        (lambda: rho.Trajectories.of({}), "motions: got none"),
+        (lambda: rho.Trajectories.of({"a": PAIR}), r"shape \(2, 1\)"),
+        (lambda: rho.Trajectories.of({"a": 3}), "expected a PiecewisePolynomial"),
+        (lambda: sampled_x(5.0, -1.0), "expected a positive number"),
+        (lambda: smooth_x().at(3.0), "expected times from 0 to 2 s"),
+        (lambda: smooth_x().at(1.0, vehicle="b"), "expected one of a"),
+    ],
+)
+def test_what_does_not_fit_is_refused(call: Callable[[], object], reason: str) -> None:
+    with pytest.raises(ValueError, match=reason):
+        call()
+
+
+def test_trajectories_are_drawn_and_planned_from() -> None:
+    scenario = along_x(rho.Limits(max_acceleration=5.0), obstacles=(rho.Sphere((1, 0.1, 0), 0.2),))
+    plan = rho.plan(scenario, reference=smooth_x())
+    assert rho.verify(plan).ok
+    drawn = smooth_x().as_plan(scenario)
+    assert rho.paths_figure(drawn).axes
+    np.testing.assert_allclose(drawn.positions, smooth_x().at(drawn.times).positions, atol=1e-12)
