@@ -27,6 +27,7 @@ from .display.plots.path_figure import paths_figure as paths_figure
 from .display.plots.publish import save_figure as save_figure
 from .display.viewer.page import viewer_page as viewer_page
 from .formats.export import export as export
+from .formats.load import load_trajectories as load_trajectories
 from .formats.record import Exported as Exported
 from .motion.files import PlanFileError as PlanFileError
 from .motion.files import load as load
@@ -40,6 +41,7 @@ from .motion.scenario_tube import error_tube as error_tube
 from .motion.scenario_tube import largest_disturbance as largest_disturbance
 from .motion.simulation import Simulation as Simulation
 from .motion.statistics import Statistics as Statistics
+from .motion.trajectories import Trajectories as Trajectories
 from .motion.tube import ErrorTube as ErrorTube
 from .planning.call.options import Options as Options
 from .planning.constraints.separation import coupled as coupled

@@ -31,7 +31,7 @@ _KEYS: dict[type, str] = {
     "vehicles",
     Change: "numbers",
     Check: "vehicle constraint=what time_s=time value limit excess errors unit holds asked "
-    "penalty? price?",
+    "penalty? price? deciding_rate_hz=deciding_rate?",
     Claim: "number claim=text evidence found",
     Deviation: "vehicle time_s=time position_m=position velocity_mps=velocity",
     Diagnosis: "scenario feasible conflicts premise violations changes "
@@ -63,7 +63,8 @@ def content_of(record: object) -> dict[str, object]:
     keys = _KEYS.get(type(record)) or " ".join(field.name for field in fields)
     pairs = [each.rstrip("?").partition("=") for each in keys.split()]
     content = {key: attrgetter(name or key)(record) for key, _, name in pairs}
-    absent = [key for key, value in content.items() if value is None and f"{key}?" in keys.split()]
+    optional = {each.partition("=")[0].rstrip("?") for each in keys.split() if each.endswith("?")}
+    absent = [key for key, value in content.items() if value is None and key in optional]
     return {key: value for key, value in content.items() if key not in absent}
 
 

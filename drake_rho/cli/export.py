@@ -74,7 +74,9 @@ def formats() -> int:
     """List the formats of exports and what they hold."""
     table = plain_table("format", "paths", "holds", "headings", "read by", texts=5)
     for name, each in FORMATS.items():
-        table.add_row(name, ", ".join(_paths(each)), each.content, each.heading, each.read or "-")
+        table.add_row(
+            name, ", ".join(_paths(each)), each.content, each.heading, each.read_by or "-"
+        )
     rows = [
         {
             "name": name,
@@ -83,7 +85,7 @@ def formats() -> int:
             "rate": each.rated,
             "content": each.content,
             "headings": each.heading,
-            "read_by": each.read or None,
+            "read_by": each.read_by or None,
         }
         for name, each in FORMATS.items()
     ]

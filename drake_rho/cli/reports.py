@@ -20,6 +20,9 @@ from drake_rho.verification.printed import TEXTS, Printed
 from drake_rho.verification.report import Report
 from drake_rho.verification.verify import verify
 
+VIOLATED, UNDECIDED = 1, 6
+"""Exit statuses after a report that is not all right."""
+
 
 def finish(
     flown: Flown,
@@ -59,8 +62,39 @@ def finish(
     document = _document(flown, report, wind, output, drawn)
     heading = [f"wind: {wind}"] if wind is not None else []
     text = _text(flown, report.printed(every_row=every_row))
-    status = 0 if report.ok else 1
-    return tell(document, *heading, *text, *written, status=status)
+    return tell(document, *heading, *text, *written, status=_exit_status(report))
+
+
+def finish_trajectories(report: Report, *, every_row: bool = False) -> int:
+    """Print the report on trajectories of another program and return the exit status.
+
+    Args:
+        report: the report.
+        every_row: whether to print every row of it.
+    """
+    document = {
+        "kind": "trajectories",
+        "scenario": report.scenario,
+        "vehicles": len(report.scenario.vehicles),
+        "ok": report.ok,
+        "cost": report.summary.cost,
+        "clearance_m": _least(report, "obstacles"),
+        "separation_m": _least(report, "separation"),
+        **content_of(report.summary),
+        "notes": report.notes,
+        "violations": report.violations,
+        "undecided": report.undecided,
+        "tightest": report.tightest,
+    }
+    text = _report(report.printed(every_row=every_row))
+    return tell(document, *text, status=_exit_status(report))
+
+
+def _exit_status(report: Report) -> int:
+    """Return the exit status of a report: all holds, is violated, or is undecided at most."""
+    if report.ok:
+        return 0
+    return VIOLATED if report.violations else UNDECIDED
 
 
 def _document(

@@ -20,9 +20,11 @@ from drake_rho.cli.options import (
     TimeLimitOption,
     WorldOption,
 )
-from drake_rho.cli.reports import finish
+from drake_rho.cli.reports import finish, finish_trajectories
 from drake_rho.cli.sources import is_result, load_result, read, refuse_options
+from drake_rho.formats.load import load_trajectories
 from drake_rho.planning.programs.backend import SOLVERS
+from drake_rho.verification.verify import verify as verify_any
 
 
 def verify(
@@ -34,9 +36,34 @@ def verify(
             help="Print every row, also of equalities, with values and limits.",
         ),
     ] = False,
+    scenario: Annotated[
+        str | None,
+        typer.Option(
+            metavar="SCENARIO|FILE",
+            help="Scenario for trajectories of another program: FILE is then a CSV table of "
+            "positions, or polynomials of Crazyswarm, in a file or in a folder.",
+        ),
+    ] = None,
+    max_acceleration: Annotated[
+        float | None,
+        typer.Option(
+            metavar="M/S2", help="For samples: bound on the acceleration between them, in m/s²."
+        ),
+    ] = None,
 ) -> int:
-    """Verify every constraint of a plan, flight or simulation."""
-    return finish(load_result(file), every_row=every_row)
+    """Verify every constraint of a plan, flight or simulation, or of trajectories.
+
+    The exit status is 1 if a constraint is violated, and 6 if samples leave one undecided.
+    """
+    if scenario is None:
+        if max_acceleration is not None:
+            raise ValueError("--max-acceleration: got no --scenario, expected that of samples")
+        return finish(load_result(file), every_row=every_row)
+    problem = read(scenario, None, None)
+    found = load_trajectories(file, problem, max_acceleration=max_acceleration)
+    with working("verifying"):
+        report = verify_any(found, problem)
+    return finish_trajectories(report, every_row=every_row)
 
 
 def certify(

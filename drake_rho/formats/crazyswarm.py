@@ -15,7 +15,8 @@ from drake_rho.formats.record import Exported
 from drake_rho.motion.dynamics import Motion
 from drake_rho.motion.flown import Flown
 from drake_rho.motion.headings import Heading, directions_of
-from drake_rho.motion.tables import write_rows
+from drake_rho.motion.polynomials import Polynomials
+from drake_rho.motion.tables import first_row, numbers_of_row, read_rows, write_rows
 
 MAX_PIECES = 31
 """Largest number of pieces of a vehicle: a Crazyflie has 4096 bytes for trajectories, and a piece
@@ -31,6 +32,9 @@ class Crazyswarm(Format):
     rated = False
     content = "polynomials of degree 7, constant headings"
     heading = "angles"
+    read_by = "rho.load_trajectories(path)"
+    reads = "polynomials of Crazyswarm (duration, x^0, …)"
+    from_zero = True
 
     def write(
         self, flown: Flown, path: Path, rate: float | None, heading: Heading | None
@@ -51,6 +55,24 @@ class Crazyswarm(Format):
         count, kind = len(pieces.durations), "polynomials" if plan.scenario.smoothing else "steps"
         words = f"{steps} {kind} of each vehicle as {count} pieces"
         return exported(flown, path, [path / name for name in names], words, pieces.deviations)
+
+    def recognises(self, content: bytes) -> bool:
+        """Return whether the first row has the names of the columns, or numbers in each of them."""
+        first = first_row(content)
+        return len(first) == len(COLUMNS) or (len(first) > 0 and first[0].lower() == "duration")
+
+    def read(self, content: bytes, name: str) -> dict[str, Polynomials]:
+        """Return the motion in a file of one vehicle; the heading is left out."""
+        rows = [*enumerate(read_rows(content), start=1)]
+        rows = rows[rows[0][1][0].lower() == "duration" :]
+        table = np.array([numbers_of_row(*row, COLUMNS) for row in rows if row[1]])
+        if len(table) == 0:
+            raise ValueError("got no piece, expected one in each row below the header")
+        if (short := table[:, 0] <= 0.0).any():
+            number = [number for number, row in rows if row][int(np.argmax(short))]
+            raise ValueError(f"row {number}, column duration: expected a positive number")
+        axes = table[:, 1:].reshape(len(table), 4, DEGREE + 1)
+        return {name: Polynomials.lasting(table[:, 0], axes[:, :3])}
 
 
 def _with_two_steps(motion: Motion) -> Motion:

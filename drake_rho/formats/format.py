@@ -17,6 +17,7 @@ from drake_rho.motion.flown import Flown
 from drake_rho.motion.headings import Heading, direction_of
 from drake_rho.motion.jumps import check_continuous
 from drake_rho.motion.plan import Plan
+from drake_rho.motion.polynomials import Polynomials
 from drake_rho.motion.samples import check_rate
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.system.files import check_replaceable
@@ -42,8 +43,12 @@ class Format(ABC):
     """description of what a file holds"""
     heading: ClassVar[Literal["none", "angles", "any"]] = "none"
     """headings that the format holds: none, constant angles, or any"""
-    read: ClassVar[str] = ""
+    read_by: ClassVar[str] = ""
     """how a file is read back; empty if it is not"""
+    reads: ClassVar[str] = ""
+    """files that `load_trajectories` reads, in words; empty for a format that is only written"""
+    from_zero: ClassVar[bool] = False
+    """whether times in files count from the beginning, and not on the scenario's clock"""
 
     def check(self, path: Path, rate: float | None, heading: Heading | None) -> None:
         """Check, before any work, that a path, a rate and a heading suit this format.
@@ -93,6 +98,22 @@ class Format(ABC):
         kinds = [f"a file to write, ending in {' or '.join(self.endings)}"] if self.endings else []
         kinds += ["a folder, new or of the same files"] if self.folder else []
         return ", or ".join(kinds)
+
+    def recognises(self, content: bytes) -> bool:
+        """Return whether `read` understands files with this content."""
+        return False
+
+    def read(self, content: bytes, name: str) -> Mapping[str, Polynomials]:
+        """Return the motions of vehicles, by name; of samples, straight lines between them.
+
+        Args:
+            content: content of a file that the format recognises.
+            name: name of the file without its ending, for a vehicle that is not named in it.
+
+        Raises:
+            ValueError: the file is damaged; the message says where.
+        """
+        raise NotImplementedError
 
     @abstractmethod
     def write(

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import TYPE_CHECKING
+from math import comb
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
 from drake_rho.scenario.fields import FloatArray
+from drake_rho.scenario.times import Clock
 
 if TYPE_CHECKING:
     from pydrake.trajectories import PiecewisePolynomial
@@ -18,10 +20,43 @@ class Polynomials:
     """Motions of N vehicles as polynomials in J pieces of time, the same for all."""
 
     instants: FloatArray
-    """times at which pieces begin and end, since the first knot [s], shape (J + 1,)"""
+    """times at which pieces begin and end, of a plan since the first knot [s], shape (J + 1,)"""
     coefficients: FloatArray
     """coefficients of the powers of the time since a piece began, from the lowest up: [m], [m/s],
     [m/s²], …, shape (N, J, 3, D + 1)"""
+
+    @classmethod
+    def through(cls, times: FloatArray, positions: FloatArray) -> Self:
+        """Return the motion of one vehicle along straight lines between samples.
+
+        Args:
+            times: increasing times [s], shape (M,).
+            positions: positions at these times [m], shape (M, 3).
+        """
+        slopes = np.diff(positions, axis=0) / np.diff(times)[:, None]
+        return cls(times, np.stack([positions[:-1], slopes], axis=-1)[None])
+
+    @classmethod
+    def lasting(cls, durations: FloatArray, coefficients: FloatArray) -> Self:
+        """Return the motion of one vehicle from time 0 on, by the durations of its pieces.
+
+        Args:
+            durations: durations [s], shape (J,).
+            coefficients: coefficients as in the field, shape (J, 3, D + 1).
+        """
+        return cls(np.append(0.0, np.cumsum(durations)), coefficients[None])
+
+    @classmethod
+    def of_trajectory(cls, trajectory: PiecewisePolynomial) -> Self:
+        """Return the motion of one vehicle from Drake's type, whose values are of shape (3, 1)."""
+        pieces = range(trajectory.get_number_of_segments())
+        axes = [
+            [trajectory.getPolynomial(piece, axis, 0).GetCoefficients() for axis in range(3)]
+            for piece in pieces
+        ]
+        most = max(len(each) for piece in axes for each in piece)
+        padded = [[np.pad(each, (0, most - len(each))) for each in piece] for piece in axes]
+        return cls(np.array(trajectory.get_segment_times()), np.array(padded)[None])
 
     def trajectory(self, vehicle: int, start: float) -> PiecewisePolynomial:
         """Return a vehicle's motion as Drake's type, on a clock with the first knot at `start`."""
@@ -32,3 +67,48 @@ class Polynomials:
             np.array([[Polynomial(axis)] for axis in piece]) for piece in self.coefficients[vehicle]
         ]
         return PiecewisePolynomial(pieces, start + self.instants)
+
+    def delayed(self, seconds: float) -> Polynomials:
+        """Return the motions that begin later by a time [s]."""
+        return Polynomials(self.instants + seconds, self.coefficients)
+
+    def states(self, times: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return positions [m], velocities [m/s] and accelerations [m/s²] at times, (N, M, 3) each.
+
+        Vehicles are at rest before the motion begins and after its end.
+        """
+        clock = Clock.of(np.diff(self.instants).min(), *self.instants[[0, -1]])
+        at_end = clock.same(times, self.instants[-1])  # where the last piece still counts
+        inside = np.where(at_end, np.mean(self.instants[-2:]), times + clock.rounding)
+        c = self._expanded(times, inside)
+        c = np.pad(c, ((0, 0), (0, 0), (0, 0), (0, max(0, 3 - c.shape[-1]))))
+        return c[..., 0], c[..., 1], 2.0 * c[..., 2]
+
+    def cut(self, instants: FloatArray) -> Polynomials:
+        """Return the motions in pieces between other instants, among which are all of their own.
+
+        Vehicles are at rest before the motion begins and from its end on.
+        """
+        middles = (instants[:-1] + instants[1:]) / 2.0
+        return Polynomials(instants, self._expanded(instants[:-1], middles))
+
+    def _expanded(self, times: FloatArray, inside: FloatArray) -> FloatArray:
+        """Return the coefficients of powers of the time since some times, shape (N, M, 3, D + 1).
+
+        Args:
+            times: these times [s], shape (M,).
+            inside: times in the pieces that are meant, shape (M,): where rounding separates a time
+                from the beginning of its piece, it would be in the piece before.
+        """
+        durations, pieces = np.diff(self.instants), len(self.instants) - 1
+        k = np.searchsorted(self.instants, inside, side="right") - 1
+        begun, ended = k >= 0, k >= pieces
+        k = np.clip(k, 0, pieces - 1)
+        s = np.where(ended, durations[-1], np.where(begun, times - self.instants[k], 0.0))
+        powers = np.arange(self.coefficients.shape[-1])
+        degrees = powers[:, None] - powers  # of a power in another's share
+        shares = np.array([[comb(m, i) for i in powers] for m in powers])
+        shift = shares * s[:, None, None] ** np.maximum(degrees, 0)
+        found = np.einsum("njxm,jmi->njxi", self.coefficients[:, k], shift)
+        found[:, ~begun | ended, :, 1:] = 0.0
+        return np.asarray(found)

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from typing import IO
 
 import numpy as np
 
 from drake_rho.motion.plan import Plan
 from drake_rho.motion.samples import COLUMNS, Samples, knots_among
+from drake_rho.scenario.errors import shortened
 from drake_rho.scenario.fields import LARGEST, FloatArray
 from drake_rho.scenario.records import Scenario
 
@@ -20,6 +22,59 @@ def write_rows(file: IO[bytes], rows: Iterable[Iterable[object]]) -> None:
     text = io.TextIOWrapper(file, "utf-8", newline="")
     csv.writer(text, lineterminator="\n").writerows(rows)
     text.detach()  # flushes the buffer and leaves the file open
+
+
+def read_rows(content: bytes) -> list[list[str]]:
+    """Return the rows of a CSV file without spaces around cells and empty cells at the ends.
+
+    Raises:
+        ValueError: it is not a UTF-8 text, or a row is damaged.
+    """
+    try:
+        text = io.StringIO(content.decode("utf-8-sig"), newline="")
+        rows = [[cell.strip() for cell in row] for row in csv.reader(text, strict=True)]
+    except UnicodeDecodeError:
+        raise ValueError("not a UTF-8 text file") from None
+    except csv.Error as error:
+        raise ValueError(f"not a table: {error}") from None
+    for row in rows:
+        while row and not row[-1]:
+            row.pop()
+    return rows
+
+
+def first_row(content: bytes) -> list[str]:
+    """Return the first row of a CSV file as `read_rows` does; no cell if it is another file."""
+    with suppress(ValueError):
+        return next(iter(read_rows(content.partition(b"\n")[0])), [])
+    return []
+
+
+def numbers_of_row(number: int, cells: Sequence[str], names: Sequence[str]) -> list[float]:
+    """Return the numbers in cells of a row.
+
+    Args:
+        number: number of the row in its file, from 1.
+        cells: the cells.
+        names: name of each cell's column.
+
+    Raises:
+        ValueError: cells are missing, or one is not a number of a flight.
+    """
+    if len(cells) < len(names):
+        raise ValueError(f"row {number}: got {len(cells)} cells, expected {', '.join(names)}")
+    return [_number(number, *each) for each in zip(cells, names, strict=False)]
+
+
+def _number(row: int, cell: str, column: str) -> float:
+    try:
+        found = float(cell)
+    except ValueError:
+        found = np.nan
+    if not abs(found) <= LARGEST:  # also true for NaN
+        expected = f"expected a number of at most {LARGEST:g}"
+        raise ValueError(f"row {row}, column {column}: got {shortened(repr(cell))}, {expected}")
+    return found
 
 
 def write_table(file: IO[bytes], samples: Samples) -> None:

@@ -60,6 +60,7 @@ def averaged(trajectory: PiecewiseTrajectory) -> PiecewiseTrajectory:
         accelerations=a[0],
         commands=a[0],
         higher=np.stack(higher, axis=2),
+        jerks=trajectory.jerks.none,
     )
 
 

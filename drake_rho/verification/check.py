@@ -58,6 +58,9 @@ class Check(metaclass=Described):
     penalty: float | None = None
     """cost of each unit of excess, the vehicle's weight included [m²/s⁴ per unit], if the
     limit is soft; such a limit is not required"""
+    deciding_rate: float | None = None
+    """of a sampled motion that may or may not violate the constraint: about the number of samples a
+    second that would decide, infinite if none does [1/s]; None for a check that is decided"""
 
     @property
     def price(self) -> float | None:
@@ -87,6 +90,11 @@ class Check(metaclass=Described):
         return self.excess <= self.tolerance
 
     @property
+    def is_undecided(self) -> bool:
+        """Whether the samples of a motion neither show that it holds nor that it is violated."""
+        return self.deciding_rate is not None
+
+    @property
     def badness(self) -> float:
         """Excess for comparing checks of one constraint; NaN is the worst."""
         return np.inf if np.isnan(self.excess) else self.excess
@@ -110,6 +118,7 @@ class Column:
     asked: bool = True
     partners: IntArray | None = None  # index of the other vehicle of each pair
     penalties: FloatArray | None = None  # of a soft limit, per unit of excess
+    rates: FloatArray | None = None  # that would decide, NaN where it is decided [1/s]
 
     @property
     def is_at_knots(self) -> bool:
@@ -152,8 +161,16 @@ class Column:
         numbers = (self.times, self.values, self.limits, self.excess, self.tolerances, self.errors)
         rows = zip(*(each.tolist() for each in numbers), strict=True)
         prices = [None] * len(names) if self.penalties is None else self.penalties.tolist()
-        for has_it, name, part, (time, value, limit, excess, tolerance, error), penalty in zip(
-            self.concerned.tolist(), names, self.parts, rows, prices, strict=True
+        rates = [np.nan] * len(names) if self.rates is None else self.rates.tolist()
+        for has_it, name, part, (
+            time,
+            value,
+            limit,
+            excess,
+            tolerance,
+            error,
+        ), penalty, rate in zip(
+            self.concerned.tolist(), names, self.parts, rows, prices, rates, strict=True
         ):
             if not has_it:
                 yield None
@@ -172,4 +189,5 @@ class Column:
                 unit=self.unit,
                 asked=self.asked,
                 penalty=penalty,
+                deciding_rate=None if np.isnan(rate) else rate,
             )

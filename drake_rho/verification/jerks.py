@@ -15,30 +15,61 @@ _NAMED = 3
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Jerks:
-    """Jerks of a plan, which has no errors, at its knots."""
+    """Jerks of motions at K instants where accelerations jump, such as the knots of a plan."""
 
+    elapsed: FloatArray
+    """instants since the first knot [s], shape (K,)"""
     values: FloatArray
-    """change of acceleration at each knot over the step, including the accelerations before the
+    """change of acceleration at each instant over the step, including the accelerations before the
     start and after the goal [m/s³], shape (N, K, 3)"""
     free: BoolArray
     """mask of unknown jerks, which are not limited, shape (N, K)"""
+    error: float = 0.0
+    """error radius: 0 for plans, infinite for motions of which only samples are known [m/s³]"""
 
     @classmethod
     def of(cls, scenario: Scenario, accelerations: FloatArray) -> Jerks:
         """Return the jerks of a plan with accelerations (N, K-1, 3)."""
+        return cls.at_joints(scenario, scenario.grid.elapsed, accelerations, accelerations)
+
+    @classmethod
+    def at_joints(
+        cls,
+        scenario: Scenario,
+        elapsed: FloatArray,
+        begun: FloatArray,
+        ended: FloatArray,
+        error: float = 0.0,
+    ) -> Jerks:
+        """Return the jerks between pieces of time.
+
+        Args:
+            scenario: scenario of the motions.
+            elapsed: instants, as the field.
+            begun: accelerations at the beginnings of the pieces [m/s²], shape (N, K-1, 3).
+            ended: accelerations at their ends [m/s²], shape (N, K-1, 3).
+            error: error radius, as the field.
+        """
         free = _unknown(scenario)
         outside = scenario.fleet.accelerations_before, scenario.fleet.accelerations_after
-        before, after = (each[:, None] for each in outside)
-        whole = np.concatenate([before, accelerations, after], axis=1)
-        values = (whole[:, 1:] - whole[:, :-1]) / scenario.grid.step
+        first, last = (each[:, None] for each in outside)
+        before = np.concatenate([first, ended], axis=1)
+        after = np.concatenate([begun, last], axis=1)
+        values = (after - before) / scenario.grid.step
         inner = np.zeros((len(values), values.shape[1] - 2), dtype=bool)
-        return cls(values, np.column_stack([free[0], inner, free[1]]))
+        return cls(elapsed, values, np.column_stack([free[0], inner, free[1]]), error)
 
     @classmethod
     def at_rest(cls, scenario: Scenario) -> Jerks:
         """Return the jerks of vehicles at rest, which are zero."""
         count = len(scenario.vehicles), scenario.grid.knots
-        return cls(np.zeros((*count, 3)), np.zeros(count, dtype=bool))
+        elapsed = scenario.grid.elapsed
+        return cls(elapsed, np.zeros((*count, 3)), np.zeros(count, dtype=bool))
+
+    @property
+    def none(self) -> Jerks:
+        """Jerks of motions whose accelerations do not jump: at no instant."""
+        return Jerks(self.elapsed[:0], self.values[:, :0], self.free[:, :0])
 
     @property
     def limited(self) -> FloatArray:

@@ -7,7 +7,7 @@ the quantity plus the radius of its errors. Each quantity has its own times:
 - velocities are linear in a piece of time, so that its ends suffice. With errors, their radius is
   convex in a sample of the feedback, so that the ends of samples suffice;
 - accelerations are constant in a piece of time, and limits apply to commands;
-- jerks are changes of the plan's acceleration at the knots, without errors.
+- jerks are changes of the acceleration where it jumps, as at a plan's knots, without errors.
 
 All quantities of smooth motions are verified at every instant.
 """
@@ -89,7 +89,10 @@ class Constrained:
                 return self._at(self._active(self.trajectory.elapsed))
             return self._at_every_instant()
         if self.trajectory.is_smooth and not self.is_instant:
-            return self._at_every_instant()
+            found = self._at_every_instant()
+            if self.quantity == "jerk" and len(self.trajectory.jerks.elapsed) > 0:
+                found = found.or_greater(self._greatest_jerks())
+            return found
         if self.quantity == "velocity":
             return self._greatest_velocities()
         if self.trajectory.is_smooth:
@@ -234,11 +237,12 @@ class Constrained:
         return self._greatest_of(begins[chosen], values, errors)
 
     def _greatest_jerks(self) -> Highest:
-        """Return the greatest measure of the plan's jerks at the knots."""
+        """Return the greatest measure of jerks where accelerations jump, as at a plan's knots."""
         grid, jerks = self.trajectory.scenario.grid, self.trajectory.jerks
-        chosen = self._clock.meets(grid.elapsed, grid.elapsed + grid.step, self.interval)
-        times, values = grid.elapsed[chosen], jerks.values[:, chosen]
-        return self._greatest_of(times, values, np.zeros(len(times)), jerks.free[:, chosen])
+        chosen = self._clock.meets(jerks.elapsed, jerks.elapsed + grid.step, self.interval)
+        times, values = jerks.elapsed[chosen], jerks.values[:, chosen]
+        errors = np.full(len(times), jerks.error)
+        return self._greatest_of(times, values, errors, jerks.free[:, chosen])
 
     @cached_property
     def _during(self) -> IntArray:

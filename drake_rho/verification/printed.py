@@ -115,7 +115,8 @@ def _is_always(check: Check) -> bool:
 
 def _distance(check: Check) -> str:
     """Return a vehicle's distance from an obstacle or another vehicle, and its margin."""
-    return f"{_place(check)}; {margin_in_words(check) + ' left' if check.holds else 'VIOLATED'}"
+    verdict = "undecided" if check.is_undecided else "VIOLATED"
+    return f"{_place(check)}; {margin_in_words(check) + ' left' if check.holds else verdict}"
 
 
 def _place(check: Check) -> str:
@@ -219,6 +220,8 @@ def _verdict(check: Check) -> str:
         return f"soft: {check.price:.6g} m²/s⁴" if check.price else "soft"
     if not check.asked:
         return "not required"
+    if check.is_undecided:
+        return "undecided"
     return "" if check.holds else "VIOLATED"
 
 

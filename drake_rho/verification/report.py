@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 
 from drake_rho.motion.flight import Sighting
 from drake_rho.scenario.clock import clock_time
@@ -51,12 +52,26 @@ class Report(metaclass=Described):
 
     @property
     def violations(self) -> tuple[Check, ...]:
-        """Checks that do not hold, the worst first.
+        """Checks that do not hold, the worst first; without those that are undecided.
 
         Their units differ, so they are ordered by excess over tolerance, which is dimensionless.
         """
-        violated = (check for check in self.checks if check.asked and not check.holds)
-        return tuple(sorted(violated, key=_relative_excess, reverse=True))
+        return tuple(each for each in self._unmet if not each.is_undecided)
+
+    @property
+    def undecided(self) -> tuple[Check, ...]:
+        """Checks that samples neither show to hold nor to be violated, the furthest first.
+
+        Each has the number of samples a second that would decide (`Check.deciding_rate`). There are
+        none for plans, flights, simulations and polynomials.
+        """
+        return tuple(each for each in self._unmet if each.is_undecided)
+
+    @property
+    def _unmet(self) -> list[Check]:
+        """Required checks that do not hold, by their excess over the tolerance."""
+        unmet = (check for check in self.checks if check.asked and not check.holds)
+        return sorted(unmet, key=_relative_excess, reverse=True)
 
     @property
     def exceeded(self) -> tuple[Check, ...]:
@@ -112,27 +127,32 @@ class Report(metaclass=Described):
             every_row: whether to list every row, with values and limits: also equalities, the
                 furthest obstacles, and the knots where every instant is verified.
         """
-        violations = self.violations
+        violations, undecided = self.violations, self.undecided
+        unmet = [*violations, *undecided]
         lines = tuple(facts(self.summary, self.checks, self.scenario.grid.duration, gap=self.ok))
         name, below = self.scenario.name, list[str]()
         title = f"{name}: all constraints hold"
         if self.exceeded:
             title += ", but for soft limits"
         rows = list(self.tightest)
-        if violations:
+        if unmet:
+            counts = {"violated": len(violations), "undecided": len(undecided)}
+            words = [f"{count} {word}" for word, count in counts.items() if count]
+            title = f"{name}: of {len(self.checks)} checks {' and '.join(words)}"
+        if violations and not undecided:
             title = f"{name}: {len(violations)} of {len(self.checks)} checks violated"
         if every_row:
             others = [row for row in rows if row.holds or not row.asked]
-            heads, cells = full_table([*violations, *others])
+            heads, cells = full_table([*unmet, *others])
             return Printed(title, lines, heads, cells, (_LEFT_VIOLATED, *self._notes()))
-        if violations:
-            rows, more = list(violations[:LONGEST]), len(violations) - LONGEST
+        if unmet:
+            rows, more = unmet[:LONGEST], len(unmet) - LONGEST
             below += [f"… and {more} more"] if more > 0 else []
         else:
             rows, more = self._without_far_obstacles([row for row in rows if self._is_short(row)])
             below += [f"… and {more} more obstacles, further away"] if more > 0 else []
         heads, cells = short_table(rows)
-        below += [_LEFT_VIOLATED if violations else _LEFT] if rows else []
+        below += [_LEFT_VIOLATED if unmet else _LEFT] if rows else []
         return Printed(title, lines, heads, cells, (*below, *self._notes()))
 
     def _is_short(self, row: Check) -> bool:
@@ -169,7 +189,17 @@ class Report(metaclass=Described):
         notes += map(in_words, paid[:LONGEST])
         if len(paid) > LONGEST:
             notes.append(f"{len(paid) - LONGEST} more soft limits are exceeded")
-        return [*notes, *self.notes]
+        return [*notes, *self._deciding(), *self.notes]
+
+    def _deciding(self) -> list[str]:
+        """Return a note on the rate of samples that would decide what is undecided."""
+        rates = [each.deciding_rate for each in self.undecided if each.deciding_rate is not None]
+        if not rates:
+            return []
+        if math.isinf(most := max(rates)):
+            open_ = next(each for each in self.undecided if each.deciding_rate == most)
+            return [f"undecided at any rate of samples: {open_.what} (of {open_.vehicle})"]
+        return [f"undecided: about {most:.3g} samples a second would decide"]
 
 
 def _outcome(sighting: Sighting) -> str:

@@ -96,6 +96,26 @@ def check_flown(
         )
 
 
+def check_start(trajectory: PiecewiseTrajectory, within: float) -> Iterator[Column]:
+    """Verify that a motion that was not planned here begins at the start.
+
+    Args:
+        trajectory: the motion.
+        within: allowed distance of the velocity from that of the start [m/s].
+    """
+    fleet, times = (
+        trajectory.scenario.fleet,
+        np.full(len(trajectory.positions), trajectory.times[0]),
+    )
+    pairs: tuple[tuple[Quantity, FloatArray, float], ...] = (
+        ("position", trajectory.positions[:, 0] - fleet.start_positions, 0.0),
+        ("velocity", trajectory.velocities[:, 0] - fleet.start_velocities, within),
+    )
+    for quantity, missed, most in pairs:
+        away = np.linalg.norm(missed, axis=1)
+        yield _difference(trajectory.scenario, "start", quantity, times, away, most)
+
+
 def check_goal(trajectory: PiecewiseTrajectory, within: tuple[float, float]) -> Iterator[Column]:
     """Verify that the last state is within the given distances [m, m/s] of the goal."""
     fleet, errors = (

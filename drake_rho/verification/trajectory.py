@@ -135,9 +135,12 @@ class PiecewiseTrajectory:
             return self.positions[:, 1:], self.velocities[:, 1:]
         p, v = np.array(self.positions[:, 1:]), np.array(self.velocities[:, 1:])
         k = self.last_before_jumps
-        s, a = self.durations[k, None], self.accelerations[:, k]
+        s, a, higher = self.durations[k, None], self.accelerations[:, k], self.higher[:, k]
+        added = powers_of(s[..., None], higher)
         p[:, k] = self.positions[:, k] + s * (self.velocities[:, k] + s / 2.0 * a)
         v[:, k] = self.velocities[:, k] + s * a
+        p[:, k] += added.sum(axis=2)
+        v[:, k] += np.einsum("njmx,m->njx", added, 3.0 + np.arange(added.shape[2])) / s
         return p, v
 
     @property

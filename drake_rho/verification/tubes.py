@@ -25,6 +25,7 @@ from drake_rho.motion.scenario_tube import tube_of
 from drake_rho.motion.tube import ErrorTube
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.parts import Quantity
+from drake_rho.scenario.records import Scenario
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -45,16 +46,21 @@ class Tubes:
     @staticmethod
     def of(flown: Flown) -> Tubes:
         """Return the tube of a plan or those of all windows; `NO_ERRORS` without a disturbance."""
-        if flown.scenario.disturbance is None:
-            return NO_ERRORS
-        if flown.flight is None:
-            start = np.array([flown.scenario.grid.start])
-            return Tubes((tube_of(flown.scenario),), start, np.zeros(1, dtype=bool))
+        if flown.flight is None or flown.scenario.disturbance is None:
+            return Tubes.of_plan(flown.scenario)
         grid = flown.scenario.grid
         knots = np.array([window.first_knot for window in flown.windows])
         tubes = tuple(tube_of(window.plan.scenario) for window in flown.windows)
         anew = np.isin(knots, flown.plan.jumps)
         return Tubes(tubes, grid.start + grid.elapsed[knots], anew)
+
+    @staticmethod
+    def of_plan(scenario: Scenario) -> Tubes:
+        """Return the tube of a plan of a scenario; `NO_ERRORS` without a disturbance."""
+        if scenario.disturbance is None:
+            return NO_ERRORS
+        start = np.array([scenario.grid.start])
+        return Tubes((tube_of(scenario),), start, np.zeros(1, dtype=bool))
 
     @property
     def last(self) -> ErrorTube:

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from drake_rho.motion.dynamics import Motion
 from drake_rho.motion.flight import Sighting
 from drake_rho.motion.flown import Flown
+from drake_rho.motion.trajectories import Trajectories
 from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.fields import FloatArray
+from drake_rho.scenario.records import Scenario
 from drake_rho.verification.averages import averaged
 from drake_rho.verification.check import Check, Column
 from drake_rho.verification.checkers import checkers, refuse_unchecked
@@ -25,8 +28,14 @@ from drake_rho.verification.notes import (
     notes_on_tracks,
     notes_on_uncertainty,
 )
+from drake_rho.verification.referee import (
+    check_own,
+    notes_on_trajectories,
+    trajectory_of_any,
+)
 from drake_rho.verification.report import Report
 from drake_rho.verification.rest import check_rest, notes_on_rest
+from drake_rho.verification.sampled import with_rates
 from drake_rho.verification.states import check_planned, check_simulated, trajectory_of
 from drake_rho.verification.summary import Summary
 from drake_rho.verification.trajectory import PiecewiseTrajectory
@@ -36,8 +45,8 @@ __all__ = ["Check", "Report", "Summary", "verify"]
 
 
 @checked
-def verify(flown: Flown) -> Report:
-    """Verify every constraint of a scenario for a plan, a flight or a simulation.
+def verify(flown: Flown | Trajectories, scenario: Scenario | None = None) -> Report:
+    """Verify every constraint of a scenario for a plan, a flight, a simulation or trajectories.
 
     Positions and velocities are integrated anew from the initial states and the accelerations; the
     plan's own states are only compared with them ("dynamics"). Obstacles, separation and position
@@ -89,6 +98,15 @@ def verify(flown: Flown) -> Report:
     Limits on accelerations apply to the commands, and the limit on jerk to the plans. A vehicle
     reaches its goal if it ends within the radii of the last window's tube.
 
+    Trajectories of other planners (`Trajectories`) are verified at every instant for a scenario
+    with the same vehicles. They must be continuous in position and velocity, begin at the starts
+    and end at the goals. Polynomials are verified as smooth motions are. Their accelerations may
+    jump; the jerk is then that over one step of the scenario's grid. Samples are verified with the
+    largest distance from the straight lines between them that their bound on the acceleration
+    allows. Where that leaves it open whether a constraint holds, the check does not count as
+    violated but as undecided (`Report.undecided`), and `ok` is False. Before and after its own
+    trajectory a vehicle is at rest, and a note says so.
+
     The arithmetic is in double precision. A position at the knots is a sum of 2K terms, none
     larger than the largest of the motion's coordinates and its length scale, so with the unit
     roundoff u = 1.1e-16 its error is at most 4 K u times that; an instant between the knots adds a
@@ -96,10 +114,16 @@ def verify(flown: Flown) -> Report:
     tolerance.
 
     Args:
-        flown: a plan, a flight, which is verified as flown from start to end, or a simulation.
+        flown: a plan, a flight, which is verified as flown from start to end, a simulation, or
+            trajectories.
+        scenario: scenario for trajectories; plans, flights and simulations have their own.
 
     Returns:
         A report; `report.ok` says whether every constraint holds.
+
+    Raises:
+        ValueError: a scenario is missing or given where it should not be; or the vehicles or times
+            of trajectories are not those of the scenario.
 
     Examples:
         >>> report = rho.verify(rho.plan(rho.load_scenario("paper")))
@@ -108,6 +132,18 @@ def verify(flown: Flown) -> Report:
         >>> print(report.clearance.vehicle, report.summary.fastest)
         UAV-2 UAV-3
     """
+    if isinstance(flown, Trajectories):
+        if scenario is None:
+            raise ValueError("scenario: got None, expected that of the trajectories")
+        return _of_trajectories(flown, scenario)
+    if scenario is not None:
+        expected = f"None for a {flown.kind}, which has one of its own"
+        raise ValueError(f"scenario: got {scenario.name!r}, expected {expected}")
+    return _of_flown(flown)
+
+
+def _of_flown(flown: Flown) -> Report:
+    """Return the report on a plan, a flight or a simulation."""
     last = flown.windows[-1].plan if flown.windows else flown.plan
     with np.errstate(over="ignore", invalid="ignore"):  # values that overflow become NaN or inf
         if (simulation := flown.simulation) is not None:
@@ -124,22 +160,49 @@ def verify(flown: Flown) -> Report:
             own = check_planned(plan, trajectory)
             trajectory, notes = averaged(trajectory), notes_on(trajectory)
             notes += notes_on_jumps(plan)
-        every_obstacle = range(1, len(trajectory.scenario.bodies) + 1)
-        columns = [
-            *own,
-            *(found for each in checkers(every_obstacle) for found in each.check(trajectory)),
-            *check_rest(last.scenario, last.positions[:, -1]),
-        ]
+        ends = last.scenario, last.positions[:, -1]
+        columns = [*own, *_every_column(trajectory), *check_rest(*ends)]
         summary = Summary.of(trajectory, flown)
-        notes += notes_on_rest(last.scenario, last.positions[:, -1])
+        notes += notes_on_rest(*ends)
         measured = list[Column]()
         if flown.flight is not None:
             measured += check_measured(trajectory, flown.flight)
             notes += notes_on_measured(flown.flight)
-    scenario = trajectory.scenario
+    refuse_unchecked(trajectory.scenario, columns)
+    return _report(trajectory, [*columns, *measured], summary, notes, flown)
+
+
+def _of_trajectories(trajectories: Trajectories, scenario: Scenario) -> Report:
+    """Return the report on trajectories, for a scenario with the same vehicles."""
+    trajectory, plan = trajectory_of_any(trajectories, scenario), trajectories.as_plan(scenario)
+    with np.errstate(over="ignore", invalid="ignore"):
+        ends = scenario, trajectory.positions[:, -1]
+        found = [*_every_column(trajectory), *check_rest(*ends)]
+        judged = (with_rates(column, trajectory.tubes) for column in found)
+        columns = [*check_own(trajectory, trajectories), *judged]
+        summary = Summary.of(trajectory, plan)
+        notes = notes_on_trajectories(trajectories, scenario) + notes_on_rest(*ends)
     refuse_unchecked(scenario, columns)
+    return _report(trajectory, columns, summary, notes, plan)
+
+
+def _every_column(trajectory: PiecewiseTrajectory) -> Iterator[Column]:
+    """Yield the checks of everything that a trajectory has to satisfy during the flight."""
+    for each in checkers(range(1, len(trajectory.scenario.bodies) + 1)):
+        yield from each.check(trajectory)
+
+
+def _report(
+    trajectory: PiecewiseTrajectory,
+    columns: Sequence[Column],
+    summary: Summary,
+    notes: tuple[str, ...],
+    flown: Flown,
+) -> Report:
+    """Return the report of all columns, with what became of the sighted obstacles of a flight."""
+    scenario = trajectory.scenario
     names = [vehicle.name for vehicle in scenario.vehicles]
-    by_vehicle = zip(*(column.checks(names) for column in [*columns, *measured]), strict=True)
+    by_vehicle = zip(*(column.checks(names) for column in columns), strict=True)
     checks = tuple(check for checks in by_vehicle for check in checks if check is not None)
     hit = {
         each.constraint

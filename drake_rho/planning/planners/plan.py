@@ -9,6 +9,7 @@ from functools import partial
 
 from drake_rho.motion.plan import Plan
 from drake_rho.motion.statistics import Statistics
+from drake_rho.motion.trajectories import Trajectories
 from drake_rho.planning.call.options import DEFAULTS, Options
 from drake_rho.planning.call.progress import Progress, tell
 from drake_rho.planning.call.time_limit import with_time_limit
@@ -41,7 +42,7 @@ from drake_rho.system.threads import single_threaded_blas
 def plan(
     scenario: Scenario,
     *,
-    reference: Plan | None = None,
+    reference: Plan | Trajectories | None = None,
     coupling: Coupling | CouplingName | None = None,
     solver: Solver | SolverName | None = None,
     executor: Executor | None = None,
@@ -64,7 +65,8 @@ def plan(
         reference: first motion to linearise around, in place of the plan without obstacles. It may
             be a plan of a related scenario: with more vehicles, from rest to rest in less time
             (`fitted`), with more obstacles or tighter limits. A reference that already satisfies
-            every constraint is kept as a fallback.
+            every constraint is kept as a fallback. Of trajectories of another planner it is the
+            states at the knots (`Trajectories.as_plan`).
         coupling: treatment of pairs, by name or as this package's object of that name: `coupled`,
             with the least cost; `decoupled`, with one program per vehicle; or `grouped`, decoupled
             around references in which groups of vehicles are coupled, with almost the least cost.
@@ -95,6 +97,8 @@ def plan(
         <Plan of paper: 4 vehicles, 50 knots, cost 16741.4 m²/s⁴>
     """
     options = options or DEFAULTS
+    if isinstance(reference, Trajectories):
+        reference = reference.as_plan(scenario)
     if isinstance(coupling, str):
         coupling = COUPLINGS[coupling]
     coupling = coupling or coupling_for(scenario, options)
@@ -271,7 +275,7 @@ def _iterated(problem: Problem, first: Plan, coupling: Coupling, search: FirstPl
 def plan_scp(
     scenario: Scenario,
     *,
-    reference: Plan | None = None,
+    reference: Plan | Trajectories | None = None,
     coupling: Coupling | CouplingName | None = None,
     solver: Solver | SolverName | None = None,
     executor: Executor | None = None,

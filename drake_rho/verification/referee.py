@@ -1,0 +1,153 @@
+"""Verification of trajectories that any planner may have made.
+
+Their polynomials become the pieces of a `PiecewiseTrajectory`, for which all checks are made: each
+piece is cut where a piece of another vehicle begins, and at the knots. Samples are straight lines
+with the error radii of `drake_rho.verification.sampled`.
+
+Outside a vehicle's own time it is at rest, up to the beginning and the end of the scenario. A jump
+of position or velocity, also to this rest, violates the dynamics. The acceleration may jump, as it
+does in plans: the jerk there is the jump over one step of the scenario's grid.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from drake_rho.motion.polynomials import Polynomials
+from drake_rho.motion.trajectories import Trajectories
+from drake_rho.scenario.clock import clock_number
+from drake_rho.scenario.fields import BoolArray, FloatArray
+from drake_rho.scenario.records import Scenario
+from drake_rho.verification.check import Column
+from drake_rho.verification.jerks import Jerks
+from drake_rho.verification.sampled import SampleTubes, check_samples
+from drake_rho.verification.states import check_flown, check_goal, check_start
+from drake_rho.verification.trajectory import PiecewiseTrajectory
+from drake_rho.verification.tubes import Tubes
+
+_NAMED = 3
+"""Largest number of vehicles that a note names."""
+
+
+def trajectory_of_any(trajectories: Trajectories, scenario: Scenario) -> PiecewiseTrajectory:
+    """Return trajectories as pieces of time that are the same for all vehicles.
+
+    Raises:
+        ValueError: the vehicles are not those of the scenario, a motion is outside its time, or
+            samples are to be verified with a disturbance.
+    """
+    own = [
+        Polynomials(scenario.grid.since_start(each.instants), each.coefficients)
+        for each in trajectories.by_vehicle(scenario)
+    ]
+    bound = trajectories.max_acceleration
+    elapsed, knots = _instants(scenario, own, sampled=bound is not None)
+    durations = np.diff(elapsed)
+    c = np.concatenate(_alike([each.cut(elapsed).coefficients for each in own]))
+    powers = np.arange(c.shape[-1], dtype=np.float64)
+    s, terms = durations[:, None], c * durations[:, None, None] ** powers
+    ends = terms.sum(axis=-1)
+    slopes = (terms * powers).sum(axis=-1) / s
+    bends = (terms * powers * (powers - 1.0)).sum(axis=-1) / s**2
+    a = 2.0 * c[..., 2]
+    return PiecewiseTrajectory(
+        scenario,
+        elapsed,
+        durations,
+        knots,
+        positions=np.concatenate([c[..., 0], ends[:, -1:]], axis=1),
+        velocities=np.concatenate([c[..., 1], slopes[:, -1:]], axis=1),
+        accelerations=a,
+        commands=a,
+        higher=np.moveaxis(c[..., 3:], -1, -2),
+        jerks=Jerks.at_joints(scenario, elapsed, a, bends, 0.0 if bound is None else np.inf),
+        tubes=_tubes(trajectories, scenario),
+        jumps=np.arange(1, len(durations)),
+    )
+
+
+def check_own(trajectory: PiecewiseTrajectory, trajectories: Trajectories) -> Iterator[Column]:
+    """Verify that trajectories are continuous, begin at the starts and end at the goals.
+
+    Of samples, velocities at both ends are known only to within their errors, which are allowed.
+    """
+    bound, ends = trajectories.max_acceleration, trajectory.times[[0, -1]]
+    if bound is None:
+        joined = zip((trajectory.positions, trajectory.velocities), trajectory.ends, strict=True)
+        before = (np.concatenate([whole[:, :1], each], axis=1) for whole, each in joined)
+        yield from check_flown(trajectory, *before)
+        first, last = 0.0, 0.0
+    else:
+        yield check_samples(trajectory, trajectories, bound)
+        first, last = trajectory.tubes.at("velocity", ends).tolist()
+    yield from check_start(trajectory, first)
+    yield from check_goal(trajectory, (0.0, last))
+
+
+def notes_on_trajectories(trajectories: Trajectories, scenario: Scenario) -> tuple[str, ...]:
+    """Return notes on what is assumed: rest outside a vehicle's own time, a bound for samples."""
+    grid, lead = scenario.grid, scenario.lead
+    notes = list[str]()
+    if trajectories.max_acceleration is not None:
+        notes.append(
+            f"samples, verified with accelerations of at most {trajectories.max_acceleration:g} "
+            "m/s² between them"
+        )
+    late = {
+        name: each.instants[0]
+        for name, each in trajectories.motions.items()
+        if grid.clock.after(each.instants[0], grid.start - lead)
+    }
+    early = {
+        name: each.instants[-1]
+        for name, each in trajectories.motions.items()
+        if grid.clock.before(each.instants[-1], grid.end + lead)
+    }
+    for word, found in (("until", late), ("from", early)):
+        texts = [f"{name} {word} {clock_number(time)} s" for name, time in found.items()]
+        more = f" and {len(texts) - _NAMED} more" if len(texts) > _NAMED else ""
+        if texts:
+            notes.append(f"taken to be at rest: {', '.join(texts[:_NAMED])}{more}")
+    return tuple(notes)
+
+
+def _instants(
+    scenario: Scenario, own: list[Polynomials], *, sampled: bool
+) -> tuple[FloatArray, BoolArray]:
+    """Return instants since the first knot [s] that cut every motion, and which count as knots.
+
+    The knots are those of the grid. Of samples verified at every instant they are the samples.
+    """
+    grid, lead = scenario.grid, scenario.lead
+    fixed = np.union1d(grid.elapsed, [-lead, grid.elapsed[-1] + lead])
+    given = grid.clock.distinct(np.concatenate([each.instants for each in own]))
+    elapsed = np.union1d(fixed, grid.clock.apart(given, fixed))
+    if sampled and scenario.between_knots:
+        return elapsed, ~np.isin(elapsed, grid.clock.apart(fixed, given))
+    return elapsed, np.isin(elapsed, grid.elapsed)
+
+
+def _alike(coefficients: list[FloatArray]) -> list[FloatArray]:
+    """Return coefficients of one degree, the lowest possible from 2 up."""
+    degrees = [np.flatnonzero(each.any(axis=(0, 1, 2))) for each in coefficients]
+    count = max(3, *(int(each.max(initial=0)) + 1 for each in degrees))
+    return [
+        np.pad(each, ((0, 0), (0, 0), (0, 0), (0, max(0, count - each.shape[-1]))))[..., :count]
+        for each in coefficients
+    ]
+
+
+def _tubes(trajectories: Trajectories, scenario: Scenario) -> Tubes:
+    """Return the error tubes: those of samples, or that of the scenario's disturbance.
+
+    Raises:
+        ValueError: there are samples and a disturbance.
+    """
+    if trajectories.max_acceleration is None:
+        return Tubes.of_plan(scenario)
+    if scenario.disturbance is not None:
+        expected = "expected one without: samples are verified as they were flown"
+        raise ValueError(f"{scenario.name} has a disturbance, {expected}")
+    return SampleTubes.of_samples(trajectories, trajectories.max_acceleration)
