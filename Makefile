@@ -60,7 +60,7 @@ bench-mixed: $(VENV)/.bench $(VENV)/.test ## The same for random scenes, windows
 bench-objective: $(VENV)/.bench $(VENV)/.test ## The same for costs: CVXPY, closed forms, IPOPT, all mixed (forty minutes)
 	$(BIN)/python -m benchmarks --objective
 
-bench-online: $(VENV)/.bench ## The same for missions that go on, seen in flight (two hours); MISSIONS as for maps
+bench-online: $(VENV)/.bench ## The same for missions that go on, seen in flight (three hours); MISSIONS as for maps
 	$(BIN)/python -m benchmarks --online $(if $(MISSIONS),--missions "$(MISSIONS)")
 
 test: $(VENV)/.test ## Run the tests, but for slow ones (some five minutes on two cores)
