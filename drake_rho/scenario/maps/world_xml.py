@@ -32,6 +32,12 @@ _SHAPES = {
 PARTS = {"link", "collision", "joint", "frame", "model", "body", "geom", "site"}
 """Elements limited in number in a world."""
 
+_ATTRIBUTES = {"relative_to", "rotation_format", "degrees"}
+"""Attributes of poses. An unknown one of an element in an inclusion ends Drake's process."""
+
+_WITH_FRAMES = ("1.5", "1.6")
+"""Versions of SDF in which poses have an attribute `frame`."""
+
 _NO_SHAPES = {"hfield", "sdf"}
 """Types of geometries of MJCF that are not read."""
 
@@ -71,8 +77,20 @@ def check_geometries(path: Path, tree: Element) -> None:
                 given = Description(f"the collision geometry {name} in a {parent.tag}, of {kinds}")
                 raise ScenarioError(named(path), given, "one shape, in a link")
             _check_shape(path, name, shapes[0])
+    if tree.tag == "sdf":
+        _check_inclusions(path, tree)
     if tree.tag in ("mujoco", "mujocoinclude"):
         _check_mjcf(path, tree)
+
+
+def _check_inclusions(path: Path, tree: Element) -> None:
+    """Check that elements in inclusions have no attributes that Drake does not know."""
+    of_pose = _ATTRIBUTES | ({"frame"} if tree.get("version") in _WITH_FRAMES else set())
+    for element in (each for include in tree.iter("include") for each in include):
+        known = of_pose if element.tag == "pose" else set[str]()
+        for key in sorted(element.attrib.keys() - known):
+            given = Description(f"the attribute {key} of a {element.tag} in an include")
+            raise ScenarioError(named(path), given, "attributes of SDF")
 
 
 def _check_mjcf(path: Path, tree: Element) -> None:
