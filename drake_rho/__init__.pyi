@@ -107,6 +107,7 @@ from .scenario.records import Voxels as Voxels
 from .scenario.records import Waypoint as Waypoint
 from .scenario.sets import ConvexSet as ConvexSet
 from .scenario.sets import check_set as check_set
+from .scenario.worlds import World as World
 from .scenario.worlds import load_world as load_world
 from .simulation import winds as winds
 from .simulation.attack import Attack as Attack

@@ -280,18 +280,16 @@ def _include(uri: str) -> str:
         "missing.obj",
     ],
 )
-@pytest.mark.parametrize("kind", ["sdf", "visual", "include", "nested", "urdf", "mjcf", "meshdir"])
+@pytest.mark.parametrize("kind", ["sdf", "include", "nested", "urdf", "mjcf", "meshdir"])
 def test_nothing_outside_of_the_folder_is_read(folder: Path, uri: str, kind: str) -> None:
     (folder / "link.obj").symlink_to(folder.parent / "outside.obj")
     (folder / "linked").symlink_to(folder.parent)
     path = folder / {"urdf": "t.urdf", "mjcf": "t.xml", "meshdir": "t.xml"}.get(kind, "t.sdf")
     (folder / "inner.sdf").write_text(_mesh(uri))
-    visual = BALL + collision("v", f"<mesh><uri>{uri}</uri></mesh>").replace("collision", "visual")
     mjcf = '<mujoco model="m"><compiler %s/><asset><mesh name="q" file="%s"/></asset><worldbody>'
     mjcf += '<geom type="mesh" mesh="q"/></worldbody></mujoco>'
     text = {
         "sdf": _mesh(uri),
-        "visual": sdf(visual),
         "include": _include(uri),
         "nested": _include("inner.sdf"),
         "urdf": URDF.replace("l.obj", uri),
@@ -357,7 +355,7 @@ def test_files_of_the_working_directory_do_not_stand_in_for_those_of_the_world(
             sdf(collision("c", "<cone><radius>1</radius></cone>")),
             "geometry c, of kind con",
         ),
-        ("t.sdf", sdf(collision("c", "<mesh><uri>a.dae</uri></mesh>")), "kind mesh in .dae"),
+        ("t.sdf", sdf(collision("c", "<mesh><uri>a.vtk</uri></mesh>")), "kind mesh in .vtk"),
         ("t.sdf", sdf(""), r"t\.sdf: got no collision geometry"),
         ("t.sdf", sdf(BALL).replace("0.5", "-1"), r"radius -1 of the collision geometry ball"),
         ("t.sdf", sdf(collision("sheet", "<box><size>9 9 1e-5</size></box>")), "sheet.*flat shape"),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections import Counter
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -20,11 +20,10 @@ from drake_rho.scenario.maps.mesh import Mesh
 from drake_rho.scenario.maps.octomaps import Leaves, read_leaves
 from drake_rho.scenario.maps.parts import Parts
 from drake_rho.scenario.maps.voxels import Voxels
-from drake_rho.scenario.obstacles import Obstacle
-from drake_rho.scenario.worlds import load_world
+from drake_rho.scenario.worlds import World, load_world
 
 _FIGURES = (".png", ".pdf", ".svg")
-_KINDS = {"octomap": "an OctoMap", "points": "a point cloud", "mesh": "a mesh"}
+_KINDS = {"octomap": "an OctoMap", "points": "a point cloud", "mesh": "a mesh", "world": "a world"}
 _ENDINGS = dict.fromkeys(
     (*octomaps.ENDINGS, *point_clouds.ENDINGS, *mesh_files.ENDINGS, *world_xml.ENDINGS)
 )
@@ -58,8 +57,13 @@ class Mapped:
     """number of vertices; None unless it is a mesh"""
     watertight: bool | None = None
     """true if a mesh has an inside, false if it is a surface; None unless it is a mesh"""
+    moved_vertices: int | None = None
+    """number of vertices of a mesh that count as one with others next to them; None unless it is a
+    mesh"""
     obstacles: list[str] | None = None
     """names and shapes of the obstacles of a world; None for other maps"""
+    skipped: list[str] | None = None
+    """elements of a world that place no obstacle; None for other maps"""
     parts: int
     """number of convex parts in the planners' cover of the map"""
     beyond_m: float
@@ -94,6 +98,13 @@ def map(
     scale: Annotated[
         float | None, typer.Option(help="Length of the unit of a mesh in metres; 1 by default.")
     ] = None,
+    resource_path: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="FOLDER",
+            help="Folder of models that a world refers to by their names; may be repeated.",
+        ),
+    ] = None,
     figure: Annotated[
         str | None,
         typer.Option(metavar="FILE", help="Draw the map to this file (.png, .pdf or .svg)."),
@@ -103,13 +114,13 @@ def map(
     check_writable(figure, _FIGURES, "--figure")
     leaves = None
     with working("reading") as work:
-        kind = _kind_of(file, unknown, resolution, scale)
+        kind = _kind_of(file, unknown, resolution, scale, resource_path)
         if kind == "world":
             if figure is not None:
                 raise ValueError(
                     f"--figure: got {figure!r}, expected a map, not the world {file!r}"
                 )
-            world = _world(file, load_world(file))
+            world = _world(file, load_world(file, resource_path=resource_path or ()))
             return answer(world, _table(world))
         if kind == "octomap":
             work("reading the octree")
@@ -133,7 +144,11 @@ def map(
 
 
 def _kind_of(
-    file: str, unknown: str | None, resolution: float | None, scale: float | None
+    file: str,
+    unknown: str | None,
+    resolution: float | None,
+    scale: float | None,
+    resource_path: list[str] | None,
 ) -> Literal["octomap", "points", "mesh", "world"]:
     """Return the kind of a map by its ending; a PLY file with a resolution is a point cloud.
 
@@ -152,8 +167,13 @@ def _kind_of(
         kind = "world"
     else:
         raise ValueError(f"{file!r}: got no map, expected a file ending in {', '.join(_ENDINGS)}")
-    of_kinds = (("--unknown", unknown, "octomap"), ("--scale", scale, "mesh"))
-    for option, given, of in (*of_kinds, ("--resolution", resolution, "points")):
+    of_kinds = (
+        ("--unknown", unknown, "octomap"),
+        ("--scale", scale, "mesh"),
+        ("--resolution", resolution, "points"),
+        ("--resource-path", ", ".join(resource_path) if resource_path else None, "world"),
+    )
+    for option, given, of in of_kinds:
         if given is not None and of != kind:
             raise ValueError(f"{option}: got {given}, expected {_KINDS[of]}, not {file!r}")
     return kind
@@ -203,22 +223,24 @@ def _document(
         triangles=None if mesh is None else len(mesh.triangles),
         vertices=None if mesh is None else len(mesh.vertices),
         watertight=None if mesh is None else mesh.is_watertight,
+        moved_vertices=None if mesh is None else mesh.moved_vertices,
         parts=len(found.cover) if isinstance(found.cover, Parts) else 1,
         beyond_m=found.cover_excess,
         figure=figure,
     )
 
 
-def _world(file: str, obstacles: Sequence[Obstacle]) -> Mapped:
+def _world(file: str, world: World) -> Mapped:
     """Return the description of a world."""
-    shapes = [each.shape for each in obstacles]
+    shapes = [each.shape for each in world]
     covers = [each.cover for each in shapes]
     return Mapped(
         file=file,
         kind="world",
         lower_m=np.min([each.center - each.extent for each in shapes], axis=0).tolist(),
         upper_m=np.max([each.center + each.extent for each in shapes], axis=0).tolist(),
-        obstacles=[f"{each.name}: {each.shape}" for each in obstacles],
+        obstacles=[f"{each.name}: {each.shape}" for each in world],
+        skipped=list(world.skipped),
         parts=sum(len(each) if isinstance(each, Parts) else 1 for each in covers),
         beyond_m=max(each.cover_excess if isinstance(each, Map) else 0.0 for each in shapes),
     )
@@ -244,8 +266,13 @@ def _rows(document: Mapped) -> dict[str, str]:
     if document.triangles is not None:
         kind = "watertight, a solid" if document.watertight else "not watertight, a surface"
         rows["obstacle"] = f"{document.triangles} triangles, {document.vertices} vertices; {kind}"
+    if document.moved_vertices:
+        rows["rounding"] = f"{document.moved_vertices} vertices count as one with others beside"
     for number, text in enumerate(document.obstacles or (), start=1):
         rows[f"obstacle {number}"] = text
+    if document.skipped:
+        counts = Counter(text.split()[0] for text in document.skipped)
+        rows["skipped"] = ", ".join(f"{number} {kind}" for kind, number in counts.items())
     beyond = f"up to {document.beyond_m:.3g} m beyond the map" if document.beyond_m else "exact"
     rows["cover"] = f"{document.parts} convex part{'s'[: document.parts != 1]}, {beyond}"
     return rows

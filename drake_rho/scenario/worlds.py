@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Self
 
 from pydantic import BeforeValidator, Field, TypeAdapter, ValidationError, ValidationInfo
 
@@ -20,7 +20,7 @@ from drake_rho.scenario.refusals import scenario_error
 from drake_rho.scenario.rotations import Rotation
 
 _LONGEST = 80
-"""Longest name of an obstacle."""
+"""Longest name of an obstacle or a skipped element."""
 
 
 @record
@@ -29,6 +29,8 @@ class WorldFile:
 
     world: Annotated[str, Field(min_length=1)]
     """path of an .sdf, .urdf or MJCF .xml file, relative to the folder of the scenario's file"""
+    resource_path: tuple[str, ...] = ()
+    """further folders of models that the world may refer to, relative to the same folder"""
     position: Vector | None = None
     """position of the world's origin [m]; the origin if not given"""
     rotation: Rotation | None = None
@@ -36,28 +38,59 @@ class WorldFile:
     given"""
 
 
+class World(tuple[Obstacle, ...]):
+    """Obstacles of a world's file, and what else is in it.
+
+    Attributes:
+        skipped: elements of the file that place no collision geometry, such as
+            'sensor camera in link base'.
+    """
+
+    skipped: tuple[str, ...]
+
+    def __new__(cls, obstacles: Iterable[Obstacle], skipped: Iterable[str] = ()) -> Self:
+        """Return the obstacles of a world."""
+        found = super().__new__(cls, obstacles)
+        found.skipped = tuple(skipped)
+        return found
+
+
 @checked
-def load_world(path: str | Path, pose: AnyPose = None) -> tuple[Obstacle, ...]:
+def load_world(
+    path: str | Path,
+    pose: AnyPose = None,
+    *,
+    resource_path: str | Path | Sequence[str | Path] = (),
+) -> World:
     """Return the collision geometries of an SDF, URDF or MJCF file as obstacles at rest.
 
     They are placed by Drake's parser, with all joints in the default configuration. Meshes are
-    `Mesh`es, convex ones `Polytope`s. An endless plane becomes a box of 200 m by 200 m, 1 m thick,
-    with the middle of its top at the origin of the plane. Only files in the folder of the world's
-    file are read.
+    `Mesh`es, convex ones `Polytope`s, and so are polylines. An endless plane becomes a box of 200 m
+    by 200 m, 1 m thick, with the middle of its top at the origin of the plane. Elements of SDF and
+    URDF that place no collision geometry are skipped.
+
+    Models are looked for by their names in the folder of the world's file, in `resource_path`, in a
+    folder `models` in or beside that of the file, and in those that the environment variables
+    `GZ_SIM_RESOURCE_PATH`, `SDF_PATH` and `GAZEBO_MODEL_PATH` list. Nothing else is read, and
+    nothing is downloaded.
 
     Args:
         path: of an .sdf, .urdf or .xml file.
         pose: pose of the world, a 4 x 4 matrix or Drake's `RigidTransform`.
+        resource_path: further folder of models, or several.
 
     Returns:
-        Obstacles with the names of their bodies and geometries, in the order of the file.
+        Obstacles with the names of their bodies and geometries, in the order of the file, and the
+        skipped elements.
 
     Raises:
         ScenarioError: the file cannot be read, has no collision geometry, or one that no obstacle
-            can represent, or refers to files outside of its folder.
+            can represent, or refers to files that are in none of the folders.
     """
-    found = read_world(path, pose_of(pose))
-    return tuple(Obstacle(each.shape, name=_name(each.name)) for each in found)
+    folders = [resource_path] if isinstance(resource_path, str | Path) else resource_path
+    found = read_world(path, pose_of(pose), folders)
+    obstacles = [Obstacle(each.shape, name=_name(each.name)) for each in found.geometries]
+    return World(obstacles, map(_name, found.skipped))
 
 
 def _name(text: str) -> str:
@@ -82,14 +115,20 @@ def _expanded(value: object, info: ValidationInfo[Context | None]) -> object:
     return tuple(found)
 
 
-def _of_reference(value: object, folder: Path) -> tuple[Obstacle, ...]:
+def _of_reference(value: object, folder: Path) -> World:
     try:
         form: WorldFile = TypeAdapter(WorldFile).validate_python(value)
     except ValidationError as error:
         raise scenario_error(error, WorldFile) from None
+    pose, resources = (
+        Pose(form.rotation, form.position),
+        [folder / each for each in form.resource_path],
+    )
     try:
-        return load_world(folder / form.world, Pose(form.rotation, form.position))
+        return load_world(folder / form.world, pose, resource_path=resources)
     except ScenarioError as error:
+        if error.field == "resource_path":
+            raise
         reason = Description(f"{named(form.world)}: {error.value}")
         raise ScenarioError("world", reason, error.expected) from None
 

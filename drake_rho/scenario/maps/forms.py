@@ -72,8 +72,8 @@ class MeshFile:
     """Mesh in a file of its own."""
 
     mesh: _File
-    """path of an .obj, .stl, .ply, .gltf or .glb file, relative to the folder of the scenario's
-    file"""
+    """path of an .obj, .stl, .ply, .gltf, .glb or .dae file, relative to the folder of the
+    scenario's file"""
     scale: Positive = 1.0
     """length of the file's unit [m]"""
     position: Vector | None = None

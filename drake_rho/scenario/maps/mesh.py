@@ -22,7 +22,8 @@ from drake_rho.scenario.maps.stored import NumberRows, WholeRows
 from drake_rho.scenario.poses import AnyPose, pose_of
 
 _SAME = 1e-9
-"""Distance at which vertices count as one, in sizes of the mesh: programs round them so."""
+"""Distance at which vertices count as one, in longest sides of the mesh's bounding box: programs
+round them so."""
 
 
 @record
@@ -72,9 +73,10 @@ class Mesh(Map):
         """Return the triangles of all geometries in a mesh file.
 
         Args:
-            path: of an .obj, .stl, .ply, .gltf or .glb file. Axes are those of the file; in glTF
-                files y is up, which a pose can turn.
-            scale: length of the file's unit [m].
+            path: of an .obj, .stl, .ply, .gltf, .glb or .dae file. Axes are those of the file; in
+                glTF files y is up, which a pose can turn.
+            scale: length of the file's unit [m], times which lengths are read. COLLADA files (.dae)
+                name their unit, so that they are in metres before.
             pose: pose of the scaled mesh, a 4 x 4 matrix or Drake's
                 `RigidTransform`.
 
@@ -128,15 +130,24 @@ class Mesh(Map):
     def is_watertight(self) -> bool:
         """Whether every edge joins two triangles, so that all of them enclose an inside.
 
-        Vertices within a billionth of the size of each other count as one, a duplicate triangle may
-        count once, and a triangle without area does not count.
+        Vertices within a billionth of the longest side of each other count as one, a duplicate
+        triangle may count once, and a triangle without area does not count.
         """
         return self._shells.are_closed
+
+    @property
+    def moved_vertices(self) -> int:
+        """Number of vertices that count as one with others, a billionth of the longest side away.
+
+        It is 0 if the mesh is watertight without them.
+        """
+        return self._shells.moved
 
     @cached_property
     def _shells(self) -> Shells:
         """Its triangles with coincident vertices joined, and which of them enclose an inside."""
-        return Shells.of(self.vertices, self.triangles, _SAME * self.size)
+        longest = 2.0 * float(self.extent.max())
+        return Shells.of(self.vertices, self.triangles, _SAME * longest)
 
     def _inside(self, x: FloatArray, distances: FloatArray) -> FloatArray:
         """Return distances, negative inside closed shells."""

@@ -1,4 +1,4 @@
-"""Triangles of mesh files: OBJ, STL, PLY and glTF."""
+"""Triangles of mesh files: OBJ, STL, PLY, glTF and COLLADA."""
 
 from __future__ import annotations
 
@@ -12,12 +12,13 @@ import numpy as np
 from drake_rho.scenario.errors import Description, ScenarioError
 from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.maps.claims import check_gltf, check_ply
+from drake_rho.scenario.maps.collada import read_collada
 from drake_rho.scenario.maps.libraries import library, quiet
 from drake_rho.scenario.maps.source import absolute, checked_file, named, unreadable
 from drake_rho.scenario.maps.stored import MOST
 from drake_rho.system.files import read_bytes
 
-ENDINGS = (".obj", ".stl", ".ply", ".gltf", ".glb")
+ENDINGS = (".obj", ".stl", ".ply", ".gltf", ".glb", ".dae")
 """Endings of mesh files."""
 
 _FEW = 1_000_000
@@ -30,7 +31,7 @@ class MeshFile(NamedTuple):
     """Triangles of all geometries of a file, each where the file places it."""
 
     vertices: FloatArray
-    """positions, in the unit of the file, shape (V, 3)"""
+    """positions, in the unit of the file, or in metres if the file names its unit, shape (V, 3)"""
     triangles: IntArray
     """numbers of the vertices of each triangle, shape (F, 3)"""
     beside: tuple[str, ...]
@@ -47,23 +48,27 @@ def read_mesh(path: str | Path) -> MeshFile:
             is not installed.
     """
     path = checked_file(path, ENDINGS)
+    ending, beside, unit = path.suffix.lower(), _Beside(path), 1.0
     trimesh = library("trimesh")
-    beside = _Beside(path)
+    if ending == ".dae":
+        library("collada")  # trimesh asks for it too late for an error of its own
     try:
-        content = read_bytes(path)
-        check = {".ply": check_ply, ".gltf": check_gltf, ".glb": check_gltf}.get(
-            path.suffix.lower()
-        )
+        if ending == ".dae":
+            content, unit = read_collada(path)
+        else:
+            content = read_bytes(path)
+        check = {".ply": check_ply, ".gltf": check_gltf, ".glb": check_gltf}.get(ending)
         if check is not None:
             check(content)
         # numbers that are not finite are refused below
         with np.errstate(all="ignore"), quiet("trimesh"):
             scene = trimesh.load_scene(
                 io.BytesIO(content),
-                file_type=path.suffix[1:].lower(),
+                file_type=ending[1:],
                 resolver=beside,
                 process=False,  # which would merge vertices and remove NaN
                 skip_materials=True,
+                **({"ignore_broken": False} if ending == ".dae" else {}),
             )
             vertices, triangles = _merged(scene, trimesh.Trimesh, max(_FEW, len(content)))
     except ScenarioError:
@@ -76,7 +81,7 @@ def read_mesh(path: str | Path) -> MeshFile:
         row = int(np.argmin(np.isfinite(vertices).all(axis=1)))
         given = Description(f"vertex {row + 1} at {vertices[row].tolist()}")
         raise ScenarioError(named(path), given, "finite coordinates")
-    return MeshFile(vertices, triangles, tuple(sorted(beside.read)))
+    return MeshFile(unit * vertices, triangles, tuple(sorted(beside.read)))
 
 
 def _merged(scene: Any, kind: Any, most: int) -> tuple[FloatArray, IntArray]:

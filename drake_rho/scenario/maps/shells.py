@@ -24,6 +24,8 @@ class Shells:
     """mask of the triangles that bound an inside, each once, shape (F,)"""
     are_closed: bool
     """whether every triangle with an area belongs to a closed shell"""
+    moved: int = 0
+    """number of vertices joined with others at another place"""
 
     @classmethod
     def of(cls, vertices: FloatArray, triangles: IntArray, tolerance: float) -> Self:
@@ -40,7 +42,8 @@ class Shells:
         exact = cls._joined(vertices, triangles, vertices)
         if exact.are_closed:
             return exact
-        return cls._joined(vertices, triangles, _clusters(vertices, tolerance))
+        near = cls._joined(vertices, triangles, _clusters(vertices, tolerance))
+        return dataclasses.replace(near, moved=len(exact.vertices) - len(near.vertices))
 
     @classmethod
     def _joined(cls, vertices: FloatArray, triangles: IntArray, places: np.ndarray) -> Self:

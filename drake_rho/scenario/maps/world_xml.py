@@ -1,4 +1,4 @@
-"""XML of worlds: parsing without declarations, and checks for geometries that are never read.
+"""Checks of the XML of worlds for geometries that are never read.
 
 Drake silently ignores some collision geometries, and replaces others; these are refused.
 """
@@ -7,27 +7,36 @@ from __future__ import annotations
 
 from contextlib import suppress
 from pathlib import Path
-from xml.etree.ElementTree import Element, TreeBuilder
-from xml.parsers import expat
+from xml.etree.ElementTree import Element
 
 from drake_rho.scenario.errors import Description, ScenarioError
+from drake_rho.scenario.maps.mesh_files import ENDINGS as MESHES
 from drake_rho.scenario.maps.source import named
-from drake_rho.system.files import check_readable, read_bytes, reason_of
 
 ENDINGS = (".sdf", ".urdf", ".xml")
 """Endings of files of worlds: SDF, URDF and MJCF."""
 
-LARGEST = 64 << 20
-"""Largest size of a file of a world, and of any that it refers to [bytes]."""
-
-_SHAPES = {"box", "capsule", "cylinder", "ellipsoid", "mesh", "sphere", "empty", "plane"}
+_SHAPES = {
+    "box",
+    "capsule",
+    "cylinder",
+    "ellipsoid",
+    "empty",
+    "mesh",
+    "plane",
+    "polyline",
+    "sphere",
+}
 """Collision geometries of SDF and URDF that are read, with and without Drake's prefix."""
 
-_MESHES = (".obj", ".gltf")
-"""Endings of meshes to collide with; Drake reads no others as surfaces."""
-
-PARTS = {"link", "collision", "visual", "joint", "frame", "model", "body", "geom", "site"}
+PARTS = {"link", "collision", "joint", "frame", "model", "body", "geom", "site"}
 """Elements limited in number in a world."""
+
+_ATTRIBUTES = {"relative_to", "rotation_format", "degrees"}
+"""Attributes of poses. An unknown one of an element in an inclusion ends Drake's process."""
+
+_WITH_FRAMES = ("1.5", "1.6")
+"""Versions of SDF in which poses have an attribute `frame`."""
 
 _NO_SHAPES = {"hfield", "sdf"}
 """Types of geometries of MJCF that are not read."""
@@ -47,63 +56,10 @@ _LENGTHS = {
     "capsule": ("radius", "length"),
     "cylinder": ("radius", "length"),
     "ellipsoid": ("a", "b", "c"),
+    "polyline": ("height",),
     "sphere": ("radius",),
 }
 """Dimensions of shapes; one that is missing or not positive may silently become 1 m."""
-
-_DEEPEST = 100
-"""Largest nesting depth of elements; readers recurse once per level."""
-
-
-def check_size(path: Path) -> None:
-    """Check that a file can be read and is not too large.
-
-    Raises:
-        ScenarioError: it cannot be read, or is too large.
-    """
-    try:
-        check_readable(path, LARGEST)
-    except OSError as error:
-        expected = f"a file of at most {LARGEST} bytes"
-        raise ScenarioError(named(path), Description(reason_of(error)), expected) from None
-
-
-def parsed(path: Path) -> Element:
-    """Return the root of an XML file, without declarations of types or entities."""
-    builder, parser = TreeBuilder(), expat.ParserCreate()
-
-    def refuse(*_: object) -> None:
-        expected = "XML without declarations of types and entities"
-        raise ScenarioError(named(path), Description("a DOCTYPE or an ENTITY"), expected)
-
-    parser.StartDoctypeDeclHandler = parser.EntityDeclHandler = refuse
-    open_elements = list[str]()
-
-    def start(tag: str, given: dict[str, str]) -> None:
-        open_elements.append(tag)
-        if len(open_elements) > _DEEPEST:
-            depth = Description(f"more than {_DEEPEST} elements in each other")
-            raise ScenarioError(named(path), depth, "fewer")
-        builder.start(tag, given)
-
-    def end(tag: str) -> None:
-        open_elements.pop()
-        builder.end(tag)
-
-    parser.StartElementHandler, parser.EndElementHandler = start, end
-    parser.CharacterDataHandler = lambda text: builder.data(text)
-    try:
-        content = read_bytes(path, LARGEST)
-        content.decode("utf-8")
-        parser.Parse(content, True)
-    except ScenarioError:
-        raise
-    except (expat.ExpatError, OSError, ValueError) as error:
-        reason = " ".join(str(error).split())
-        raise ScenarioError(
-            named(path), Description("a damaged file"), f"XML in UTF-8; {reason}"
-        ) from None
-    return builder.close()
 
 
 def check_geometries(path: Path, tree: Element) -> None:
@@ -121,8 +77,20 @@ def check_geometries(path: Path, tree: Element) -> None:
                 given = Description(f"the collision geometry {name} in a {parent.tag}, of {kinds}")
                 raise ScenarioError(named(path), given, "one shape, in a link")
             _check_shape(path, name, shapes[0])
+    if tree.tag == "sdf":
+        _check_inclusions(path, tree)
     if tree.tag in ("mujoco", "mujocoinclude"):
         _check_mjcf(path, tree)
+
+
+def _check_inclusions(path: Path, tree: Element) -> None:
+    """Check that elements in inclusions have no attributes that Drake does not know."""
+    of_pose = _ATTRIBUTES | ({"frame"} if tree.get("version") in _WITH_FRAMES else set())
+    for element in (each for include in tree.iter("include") for each in include):
+        known = of_pose if element.tag == "pose" else set[str]()
+        for key in sorted(element.attrib.keys() - known):
+            given = Description(f"the attribute {key} of a {element.tag} in an include")
+            raise ScenarioError(named(path), given, "attributes of SDF")
 
 
 def _check_mjcf(path: Path, tree: Element) -> None:
@@ -148,7 +116,7 @@ def _check_shape(path: Path, name: str, shape: Element) -> None:
     kind = shape.tag.removeprefix("drake:")
     if kind not in _SHAPES:
         raise no_shape(path, name, shape.tag)
-    if kind == "mesh" and (ending := _ending(shape)) not in _MESHES:
+    if kind == "mesh" and (ending := _ending(shape)) not in MESHES:
         raise no_shape(path, name, f"mesh in {ending or 'a file without ending'}")
     if shape.find("submesh") is not None:
         raise no_shape(path, name, "submesh")
@@ -177,5 +145,6 @@ def _ending(mesh: Element) -> str:
 def no_shape(path: Path, name: str, kind: str) -> ScenarioError:
     """Return the error for a collision geometry that no obstacle can represent."""
     given = Description(f"the collision geometry {name}, of kind {kind}")
-    expected = "boxes, spheres, cylinders, capsules, ellipsoids, planes and meshes (.obj, .gltf)"
+    solids = "boxes, spheres, cylinders, capsules, ellipsoids, planes, polylines"
+    expected = f"{solids} and meshes ({', '.join(MESHES)})"
     return ScenarioError(named(path), given, expected)

@@ -7,7 +7,7 @@ when a world is read.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
@@ -18,9 +18,10 @@ from drake_rho.scenario.errors import Description, ScenarioError, shorten
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.maps.libraries import quiet
 from drake_rho.scenario.maps.mesh import Mesh
-from drake_rho.scenario.maps.mesh_files import ENDINGS, read_mesh
+from drake_rho.scenario.maps.mesh_files import read_mesh
 from drake_rho.scenario.maps.source import named, unreadable
 from drake_rho.scenario.maps.world_files import WorldFiles, world_files
+from drake_rho.scenario.maps.world_solids import OF_DRAKE, Y_UP
 from drake_rho.scenario.maps.world_xml import no_shape
 from drake_rho.scenario.poses import Pose
 from drake_rho.scenario.shapes.base import Solid
@@ -40,9 +41,6 @@ axes."""
 _LEFT_OUT = re.compile("(geom type|fromto tag|mesh asset|unknown mesh).*ignored")
 """Warnings of Drake that a geometry is left out."""
 
-_Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
-"""Rotation that Drake applies to glTF files, which have y up."""
-
 
 class Geometry(NamedTuple):
     """Collision geometry of a world."""
@@ -53,18 +51,28 @@ class Geometry(NamedTuple):
     """shape or mesh, where the world places it"""
 
 
-def read_world(path: str | Path, pose: Pose) -> list[Geometry]:
+class Contents(NamedTuple):
+    """Content of a world's file."""
+
+    geometries: list[Geometry]
+    """collision geometries in the order of the file"""
+    skipped: list[str]
+    """elements of the files that are not read"""
+
+
+def read_world(path: str | Path, pose: Pose, resource_path: Sequence[str | Path] = ()) -> Contents:
     """Return the collision geometries of a world in its default configuration.
 
     Args:
         path: of an .sdf, .urdf or MJCF .xml file.
         pose: pose of the world.
+        resource_path: further folders of models.
 
     Raises:
         ScenarioError: the file cannot be read, has no collision geometry, or one that cannot be
-            represented, or refers to files that are not in its folder.
+            represented, or refers to files that are in none of the folders.
     """
-    files = world_files(path)
+    files = world_files(path, resource_path)
     with TemporaryDirectory() as folder, quiet("drake") as warnings:
         copies = files.copied(Path(folder))
         try:
@@ -75,6 +83,7 @@ def read_world(path: str | Path, pose: Pose) -> list[Geometry]:
             reason = re.sub(r"^Failure at .*?: condition", "condition", str(error))
             for original, copy in copies.items():
                 reason = reason.replace(f"/{copy}", original.name).replace(f"{copy}", original.name)
+            reason = reason.replace(f"{folder}/", "")  # meshes of polylines
             raise unreadable(files.path, reason, "an SDF, URDF or MJCF file") from None
     for text in warnings:
         if _LEFT_OUT.search(text):
@@ -82,7 +91,7 @@ def read_world(path: str | Path, pose: Pose) -> list[Geometry]:
     if not found:
         given = Description("no collision geometry")
         raise ScenarioError(named(path), given, "a world with something to collide with")
-    return found
+    return Contents(found, files.skipped)
 
 
 def _geometries(files: WorldFiles, path: Path, pose: Pose) -> Iterator[Geometry]:
@@ -194,10 +203,10 @@ def _cylinder(radius: float, height: float, turn: FloatArray, at: FloatArray) ->
 def _mesh(shape: Any, turn: FloatArray, at: FloatArray) -> Solid | None:
     """Return the triangles of a mesh's file; None for files that hold volumes."""
     source = shape.source()
-    if not source.is_path() or source.extension().lower() not in ENDINGS:
+    if not source.is_path() or source.extension().lower() not in OF_DRAKE:
         return None
     found = read_mesh(source.path())
     vertices = found.vertices
     if source.extension().lower() == ".gltf":
-        vertices = vertices @ _Y_UP.T
+        vertices = vertices @ Y_UP.T
     return Mesh((vertices * np.asarray(shape.scale3())) @ turn.T + at, found.triangles)
