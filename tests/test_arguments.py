@@ -87,7 +87,8 @@ def test_a_checked_function_keeps_its_signature_and_documentation(name: str) -> 
         ),
         (
             lambda: rho.verify(EMPTY),  # type: ignore[arg-type]
-            "flown: got an object of type Scenario, expected Plan, Flight or Simulation",
+            "flown: got an object of type Scenario, "
+            "expected Plan, Flight, Simulation or Trajectories",
         ),
         (
             lambda: rho.errors_figure(STRAIGHT),  # type: ignore[arg-type]

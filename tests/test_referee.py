@@ -95,8 +95,8 @@ def jerks_of_jumps(scenario: rho.Scenario, instants: Array, c: Array) -> Array:
     a = values(instants, c, 2)[1].reshape(len(c), -1, DENSE, 3)
     rest = np.zeros((len(c), 1, 3))
     before = np.concatenate([rest, a[:, :, -1]], axis=1)
-    jumps: Array = np.concatenate([a[:, :, 0], rest], axis=1) - before
-    return jumps / scenario.grid.step
+    after = np.concatenate([a[:, :, 0], rest], axis=1)
+    return np.asarray((after - before) / scenario.grid.step)
 
 
 def dense_excess(scenario: rho.Scenario, instants: Array, c: Array) -> dict[tuple[str, str], Array]:
