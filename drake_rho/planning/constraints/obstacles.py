@@ -24,9 +24,6 @@ from drake_rho.scenario.maps.parts import Parts
 from drake_rho.scenario.records import Scenario
 from drake_rho.scenario.shapes.base import Shape, Solid
 
-_ROUNDED_DOWN = 1.0 - 1e-9
-"""Factor by which a distance is at most rounded up."""
-
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class KeepOutOfShape(KeepOutOfObstacle):
@@ -76,8 +73,6 @@ class KeepOutOfShape(KeepOutOfObstacle):
         if not self.every_instant:
             return self._penetrating_knots(motion, vehicles)
         _, whose, times = self.deepest_instants(motion, vehicles)
-        if len(whose) == 0:
-            return EvaluationPoints(whose, whose, times)
         repeated = (np.diff(whose, prepend=-1) == 0) & (np.diff(times, prepend=-1.0) == 0.0)
         return EvaluationPoints(whose[~repeated], whose[~repeated], times[~repeated])
 
@@ -95,12 +90,9 @@ class KeepOutOfShape(KeepOutOfObstacle):
         violate the row only if its distance from the reference is larger.
         """
         checked = vehicles if len(vehicles) < len(self.required) else slice(None)
-        inner = slice(1, 1 + self._least_clearances.shape[1])
+        inner = slice(1, 1 + self._clearances.shape[1])
         moved = motion.positions[checked, inner] - self.reference.positions[checked, inner]
-        distances = np.sqrt(np.vecdot(moved, moved))
-        if not (distances >= self._least_clearances[checked]).any():
-            return self.none
-        far = distances >= self._clearances[checked]
+        far = np.sqrt(np.vecdot(moved, moved)) >= self._clearances[checked]
         if not far.any():
             return self.none
         every = np.zeros_like(self._clearances, dtype=bool)
@@ -122,22 +114,8 @@ class KeepOutOfShape(KeepOutOfObstacle):
     @cached_property
     def _clearances(self) -> FloatArray:
         """Distances of the reference beyond the required ones at inner knots [m], (N, K-2)."""
-        return self._beyond_required(self.shape.local_distance(self._knot_offsets))
-
-    @cached_property
-    def _least_clearances(self) -> FloatArray:
-        """Lower bounds of them, from the ball with the corners of the shape's bounding box."""
-        x, size = self._knot_offsets, float(np.linalg.norm(self.shape.extent))
-        return self._beyond_required(_ROUNDED_DOWN * np.sqrt(np.vecdot(x, x)) - size)
-
-    @cached_property
-    def _knot_offsets(self) -> FloatArray:
-        """Positions of the reference relative to the centre at inner knots [m], (N (K-2), 3)."""
-        return self.offsets(self.reference, self.inner_knots)
-
-    def _beyond_required(self, distances: FloatArray) -> FloatArray:
-        """Return distances at inner knots less the required ones [m], shape (N, K-2)."""
-        distances = distances.reshape(len(self.required), -1)
+        offsets = self.offsets(self.reference, self.inner_knots)
+        distances = self.shape.local_distance(offsets).reshape(len(self.required), -1)
         times = self.inner_knots.times[: distances.shape[1]]
         inside = self.margins.knots["position"][1 : 1 + len(times)]
         inside = inside + self.obstacle.uncertainty(times)
