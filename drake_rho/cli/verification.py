@@ -51,7 +51,7 @@ def verify(
         ),
     ] = None,
 ) -> int:
-    """Verify every constraint of a plan, flight, simulation or trajectories.
+    """Verify a plan, flight, simulation or trajectories of another planner.
 
     The exit status is 1 if a constraint is violated, and 6 if samples leave one undecided.
     """
