@@ -513,6 +513,7 @@ MUTATIONS = 300
 """Number of damaged files in the test."""
 
 
+@pytest.mark.slow
 def test_a_damaged_world_is_read_or_refused_in_one_line_that_names_a_file(yard: Path) -> None:
     rng = np.random.default_rng(7)
     root = yard.parent.parent
