@@ -51,7 +51,7 @@ def verify(
         ),
     ] = None,
 ) -> int:
-    """Verify a plan, flight, simulation or trajectories of another planner.
+    """Verify a plan, flight, simulation or other trajectories.
 
     The exit status is 1 if a constraint is violated, and 6 if samples leave one undecided.
     """
