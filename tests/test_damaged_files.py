@@ -19,7 +19,6 @@ from benchmarks.damaged_files import damaged
 from drake_rho.cli.console import escaped
 from drake_rho.cli.documents import json_of
 from drake_rho.display.viewer.serve import serve
-from drake_rho.formats.skyc import read_skyc
 from tests.test_export import rough
 from tests.written import from_yaml
 
@@ -336,28 +335,26 @@ def _points(*points: object) -> dict[str, object]:
 START = [0, [0, 0, 0], []]
 
 
-def test_an_exported_show_is_read_as_the_curves_of_its_steps(tmp_path: Path) -> None:
+def test_an_exported_show_is_read_as_the_same_motion(tmp_path: Path) -> None:
     plan = rough(step=0.25)
     rho.export(plan, tmp_path / "x.skyc")
-    read = read_skyc(tmp_path / "x.skyc")
-    assert list(read) == list(plan.scenario.names)
-    for i, curves in enumerate(read.values()):
-        np.testing.assert_array_equal(curves.times, plan.scenario.grid.elapsed)
-        start, middle, end = np.moveaxis(curves.control, 1, 0)
-        np.testing.assert_array_equal(start, plan.positions[i, :-1])
-        np.testing.assert_array_equal(end, plan.positions[i, 1:])
-        np.testing.assert_allclose((middle - start) / 0.125, plan.velocities[i, :-1], atol=1e-12)
+    read, times = rho.load_trajectories(tmp_path / "x.skyc"), np.linspace(0.0, plan.times[-1], 77)
+    assert read.names == plan.scenario.names
+    found, expected = read.at(times), plan.at(times)
+    np.testing.assert_allclose(found.positions, expected.positions, atol=1e-12)
+    np.testing.assert_allclose(found.velocities, expected.velocities, atol=1e-11)
 
 
-def test_lines_and_quadratic_curves_are_raised_to_the_highest_degree(tmp_path: Path) -> None:
+def test_curves_of_different_degrees_are_read(tmp_path: Path) -> None:
     line, bent = [2, [3, 0, 0], []], [3, [3, 0, 3], [[3, 0, 1.5]]]
     cubic = [4.5, [0, 0, 0], [[1, 1, 1], [2, 2, 2]]]
     trajectory = _points(START, line, bent, cubic) | {"takeoffTime": 10}
-    (curves,) = read_skyc(_show(tmp_path / "x.skyc", trajectory)).values()
-    np.testing.assert_array_equal(curves.times, [10, 12, 13, 14.5])
-    np.testing.assert_allclose(curves.control[0], [[x, 0, 0] for x in range(4)])
-    np.testing.assert_allclose(curves.control[1], [[3, 0, z] for z in range(4)])
-    np.testing.assert_array_equal(curves.control[2], [[3, 0, 3], [1, 1, 1], [2, 2, 2], [0, 0, 0]])
+    found = rho.load_trajectories(_show(tmp_path / "x.skyc", trajectory))
+    assert (found.start, found.end) == (10.0, 14.5)
+    x = found.at([10.0, 11.0, 12.0, 12.5, 13.75, 14.5]).positions[0]
+    middle = (np.array([3, 0, 3]) + 3 * np.ones(3) + 3 * 2 * np.ones(3)) / 8  # de Casteljau
+    expected = np.array([[0, 0, 0], [1.5, 0, 0], [3, 0, 0], [3, 0, 1.5], middle, [0, 0, 0]])
+    np.testing.assert_allclose(x, expected, atol=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -386,7 +383,7 @@ def test_a_damaged_show_is_refused(trajectory: object, words: str, tmp_path: Pat
     files = {"deep": b"[" * 100_000, "no": b"{", "nan": b'{"version": NaN}'}
     path = _show(tmp_path / "x.skyc", trajectory, **files)
     with pytest.raises(rho.PlanFileError, match=words) as caught:
-        read_skyc(path)
+        rho.load_trajectories(path)
     assert "\n" not in str(caught.value)
 
 
@@ -394,7 +391,7 @@ def test_a_show_that_inflates_without_end_is_refused_before_it_does(tmp_path: Pa
     path = _show(tmp_path / "x.skyc", {"$ref": "./bomb.json#"}, bomb=b" " * (257 << 20))
     assert path.stat().st_size < 1 << 20
     with pytest.raises(rho.PlanFileError, match="more than 268435456 bytes, inflated"):
-        read_skyc(path)
+        rho.load_trajectories(path)
 
 
 def test_a_cut_or_changed_show_is_refused_or_read(tmp_path: Path) -> None:
@@ -405,4 +402,4 @@ def test_a_cut_or_changed_show_is_refused_or_read(tmp_path: Path) -> None:
         content[rng.integers(len(whole))] ^= int(rng.integers(1, 256))
         path.write_bytes(content[: rng.integers(len(whole))] if number % 3 == 0 else content)
         with contextlib.suppress(rho.PlanFileError):  # no other error
-            read_skyc(path)
+            rho.load_trajectories(path)

@@ -24,6 +24,7 @@ def load_trajectories(
     Files are recognised by their content:
 
     - polynomials of Crazyswarm (degree 7, with durations), one file for each vehicle;
+    - compiled shows of Skybrush (.skyc), of all vehicles;
     - tables of positions with columns time, x, y and z (CSV), of all vehicles with a column vehicle
       or of one, with or without names of columns: those of `rho.export` and of Skybrush as well.
 

@@ -9,7 +9,7 @@ take times to the millisecond.
 from __future__ import annotations
 
 import base64
-import dataclasses
+import io
 import json
 import lzma
 import zipfile
@@ -27,13 +27,13 @@ from drake_rho.formats.beziers import Segments, as_segments
 from drake_rho.formats.folders import write_archive
 from drake_rho.formats.format import Format, exported, planned
 from drake_rho.formats.record import Exported
-from drake_rho.motion.files import PlanFileError
 from drake_rho.motion.flown import Flown
 from drake_rho.motion.headings import Heading, directions_of, headings
 from drake_rho.motion.plan import Plan
+from drake_rho.motion.polynomials import Polynomials
 from drake_rho.scenario.errors import shorten
 from drake_rho.scenario.fields import LARGEST, FloatArray, IntArray
-from drake_rho.system.files import LARGEST_TEXT, opened, reason_of
+from drake_rho.system.files import LARGEST_TEXT
 
 _HEADING_STEP = 100
 """Time between two headings, which players join by straight lines [ms]."""
@@ -51,6 +51,9 @@ class Skyc(Format):
     rated = False
     content = "quadratic or cubic Bézier segments, headings, white lights"
     heading = "any"
+    read_by = "rho.load_trajectories(path)"
+    reads = "a compiled show of Skybrush"
+    from_zero = True
 
     def write(
         self, flown: Flown, path: Path, rate: float | None, heading: Heading | None
@@ -71,6 +74,25 @@ class Skyc(Format):
         write_archive(path, {name: _text(each) for name, each in contents.items()})
         words = f"{len(segments.ticks) - 1} Bézier segments of each vehicle"
         return exported(flown, path, [path], words, segments.deviations)
+
+    def recognises(self, content: bytes) -> bool:
+        """Return whether the content is an archive."""
+        return content.startswith(b"PK")
+
+    def read(self, content: bytes, name: str) -> dict[str, Polynomials]:
+        """Return the motions of a show's drones; one without a name is called "drone 1" and so on.
+
+        Nothing outside the archive is read, and sizes are bounded before anything is inflated.
+
+        Raises:
+            ValueError: the archive is damaged, too large or not of version 1, or refers to files
+                that are not in it.
+        """
+        try:
+            with zipfile.ZipFile(io.BytesIO(content)) as archive:
+                return _trajectories(_Documents(archive))
+        except _DAMAGES as error:
+            raise ValueError(f"not a Skybrush show, or damaged ({error})") from None
 
 
 def _yaws(plan: Plan, ticks: IntArray, heading: Heading) -> list[list[list[float]]]:
@@ -132,37 +154,6 @@ def _text(document: object) -> bytes:
     return json.dumps(document, ensure_ascii=False, separators=(",", ":")).encode()
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class Curves:
-    """Trajectory of a drone as S Bézier curves."""
-
-    times: FloatArray
-    """times of the ends of the curves since the show began [s], shape (S + 1,); the drone stays at
-    the first position before, and at the last one after"""
-    control: FloatArray
-    """control points of each curve, its ends included [m], shape (S, D + 1, 3), for the highest
-    degree D in the trajectory"""
-
-
-def read_skyc(path: str | Path) -> dict[str, Curves]:
-    """Return the trajectories of a .skyc file by the names of its drones.
-
-    A drone without a name is called by its number, such as "drone 1". Nothing is written, nothing
-    outside the archive is read, and sizes are bounded before anything is inflated.
-
-    Raises:
-        PlanFileError: the file cannot be read, is damaged, too large or not of version 1, or refers
-            to files that are not in it.
-    """
-    try:
-        with opened(path) as file, zipfile.ZipFile(file) as archive:
-            return _trajectories(_Documents(archive))
-    except (OSError, ValueError) as error:
-        raise PlanFileError(f"{path}: {reason_of(error)}") from None
-    except _DAMAGES as error:
-        raise PlanFileError(f"{path}: not a Skybrush show, or damaged ({error})") from None
-
-
 _DAMAGES = (zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, RuntimeError)
 """Errors of damaged archives; RuntimeError of encrypted, unsupported or deeply nested ones too."""
 
@@ -196,13 +187,13 @@ def _no_number(word: str) -> float:
     raise ValueError(f"got {word}, expected a finite number")
 
 
-def _trajectories(documents: _Documents) -> dict[str, Curves]:
+def _trajectories(documents: _Documents) -> dict[str, Polynomials]:
     """Return the trajectories of a show by name.
 
     Raises:
         ValueError: the documents are not those of a show of version 1.
     """
-    found = dict[str, Curves]()
+    found = dict[str, Polynomials]()
     for number, drone in enumerate(_drones(documents.read("show.json")), start=1):
         settings = drone.get("settings") if isinstance(drone, dict) else None
         if not isinstance(settings, dict):
@@ -215,7 +206,7 @@ def _trajectories(documents: _Documents) -> dict[str, Curves]:
                 f"drone {number}: got the name {shorten(name)}, expected one of its own"
             )
         try:
-            found[name] = _curves(trajectory)
+            found[name] = _polynomials(trajectory)
         except (KeyError, TypeError, ValueError) as error:
             raise ValueError(f"drone {number}: not a trajectory of version 1: {error}") from None
     return found
@@ -234,8 +225,8 @@ def _drones(show: Any) -> list[Any]:
     return drones
 
 
-def _curves(trajectory: Any) -> Curves:
-    """Return a trajectory, with all curves raised to the highest degree.
+def _polynomials(trajectory: Any) -> Polynomials:
+    """Return the motion of a trajectory.
 
     Raises:
         KeyError, TypeError, ValueError: it is not a trajectory of version 1.
@@ -252,24 +243,24 @@ def _curves(trajectory: Any) -> Curves:
     degree = max(map(len, corners)) - 1
     if degree > _HIGHEST:
         raise ValueError(f"got a segment of degree {degree}, expected at most {_HIGHEST}")
-    control = np.array([_raised(each, degree) for each in corners])
+    coefficients = np.zeros((len(corners), 3, degree + 1))
+    for own, each, lasting in zip(coefficients, corners, np.diff(times), strict=True):
+        own[:, : len(each)] = _powers(each, lasting)
     start = float(trajectory.get("takeoffTime", 0.0))
-    if not max(np.abs(control).max(), np.abs(times).max(), abs(start)) <= LARGEST:
-        raise ValueError(f"expected numbers up to {LARGEST:g}")
-    return Curves(start + times, control)
+    return Polynomials(start + times, coefficients[None])
 
 
-def _raised(corners: list[list[float]], degree: int) -> FloatArray:
-    """Return the control points of the same curve at a degree that is not lower, (D + 1, 3)."""
+def _powers(corners: list[list[float]], lasting: float) -> FloatArray:
+    """Return the coefficients of a Bézier curve of D + 1 control points, shape (3, D + 1).
+
+    They are of the powers of the time since it began, and of a curve that lasts for a time [s].
+    """
     points = np.array(corners, dtype=np.float64)
     if points.shape[1:] != (3,):
         raise ValueError(f"got points of shape {points.shape[1:]}, expected x, y, z")
-    low = len(points) - 1
-    weights = [
-        [
-            comb(low, j) * comb(degree - low, i - j) / comb(degree, i) if i >= j else 0.0
-            for j in range(low + 1)
-        ]
-        for i in range(degree + 1)
-    ]
-    return np.asarray(weights @ points)
+    if not np.abs(points).max() <= LARGEST:
+        raise ValueError(f"expected numbers up to {LARGEST:g}")
+    degree = len(points) - 1
+    differences = (np.diff(points, k, axis=0)[0] for k in range(degree + 1))
+    scaled = [comb(degree, k) * each / lasting**k for k, each in enumerate(differences)]
+    return np.stack(scaled, axis=-1)
