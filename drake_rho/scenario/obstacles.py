@@ -307,6 +307,21 @@ class Obstacle:
         gaps = np.maximum(np.maximum(low - upper, lower - high), 0.0)
         return np.asarray(np.sqrt(np.vecdot(gaps, gaps)))
 
+    def stays_beyond(self, places: FloatArray, distances: FloatArray, begin: float) -> bool:
+        """Return whether it surely stays further away than distances, from a time on.
+
+        The ball with the corners of its bounding box, enlarged by its errors, decides. Errors that
+        grow and numbers that are no numbers are never sure.
+
+        Args:
+            places: places [m], shape (N, 3).
+            distances: distance of each place [m], shape (N,).
+            begin: the time, on the scenario's clock [s].
+        """
+        size = float(np.linalg.norm(self.shape.extent)) + self.deviation + self.position_error
+        away = self.gaps(places, places, begin)
+        return self.velocity_error == 0.0 and bool((away >= size + distances).all())
+
     def distances(self, positions: FloatArray, times: FloatArray) -> FloatArray:
         """Return signed distances from the space that it may occupy [m], shape (..., M).
 

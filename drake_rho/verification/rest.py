@@ -295,18 +295,13 @@ class Rest:
 
     @property
     def _near(self) -> list[int]:
-        """Numbers of the obstacles that may come near, by balls around their centres.
-
-        An obstacle is in the ball with the corners of its bounding box, enlarged by its errors.
-        """
+        """Numbers of the obstacles that may come near, counted from 1."""
         required = self.scenario.fleet.radii + self.radii()["position"]
-        near = list[int]()
-        for number, body in enumerate(self.scenario.bodies_in_flight, start=1):
-            size = float(np.linalg.norm(body.shape.extent)) + body.deviation + body.position_error
-            away = body.gaps(self.places, self.places, self._elapsed)
-            if body.velocity_error > 0.0 or not (away >= size + required).all():  # also for NaN
-                near.append(number)
-        return near
+        return [
+            number
+            for number, body in enumerate(self.scenario.bodies_in_flight, start=1)
+            if not body.stays_beyond(self.places, required, self._elapsed)
+        ]
 
     def columns_without_errors(self) -> list[Column]:
         """Return the checks with radii of zero, whose margins do not depend on the disturbance."""

@@ -20,7 +20,6 @@ from drake_rho.planning.constraints.slack import (
     states_at,
 )
 from drake_rho.scenario.fields import unchecked
-from drake_rho.scenario.obstacles import Obstacle
 from drake_rho.scenario.parts import Quantity
 from drake_rho.scenario.records import Scenario
 
@@ -51,20 +50,12 @@ def missing_slack(
 
 
 def _near_ends(scenario: Scenario, margins: PlanMargins) -> Scenario:
-    """Return a scenario without the obstacles that are surely far from all starts and goals.
-
-    Each has slack: it is in the ball with the corners of its bounding box, enlarged by its errors.
-    """
+    """Return a scenario without the obstacles that are surely far from all starts and goals."""
     fleet = scenario.fleet
     required = fleet.radii + float(margins.inner.knots["position"][list(ENDS)].max())
-    places = fleet.start_positions, fleet.goal_positions
-
-    def is_near(body: Obstacle) -> bool:
-        size = float(np.linalg.norm(body.shape.extent)) + body.deviation + body.position_error
-        away = np.minimum(*(body.gaps(each, each, 0.0) for each in places))
-        return body.velocity_error > 0.0 or not bool((away >= size + required).all())  # or NaN
-
-    near = tuple(each for each in scenario.avoided if is_near(each[1]))
+    places = np.concatenate([fleet.start_positions, fleet.goal_positions])
+    both = np.tile(required, 2)
+    near = tuple(each for each in scenario.avoided if not each[1].stays_beyond(places, both, 0.0))
     return scenario.derived(avoided=near, fleet=fleet)
 
 
