@@ -71,7 +71,7 @@ def export(
 
 
 def formats() -> int:
-    """List the formats of exports and what they hold."""
+    """List the export formats."""
     table = plain_table("format", "paths", "holds", "headings", "read by", texts=5)
     for name, each in FORMATS.items():
         table.add_row(

@@ -132,7 +132,7 @@ def _document(
 
 
 def _least(report: Report, kind: str) -> float | None:
-    """Return the least value of the required checks of a kind, without those of samples."""
+    """Return the least value of a kind of required checks; measured samples do not count."""
     checks = [each for each in report.checks if each.kind == kind and not each.is_measured]
     return min((each.value for each in checks if each.asked), default=None)
 

@@ -47,7 +47,7 @@ class _Part(NamedTuple):
 
 
 class Obstacles:
-    """Markers of a scenario's obstacles: all at first, and those that change later."""
+    """Markers of a scenario's obstacles, sent again when they change."""
 
     def __init__(self, scenario: Scenario) -> None:
         self._start = scenario.grid.start

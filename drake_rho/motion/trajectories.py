@@ -80,7 +80,7 @@ class Trajectories(metaclass=Described):
     @classmethod
     @checked
     def of_samples(cls, samples: Mapping[str, npt.ArrayLike], *, max_acceleration: float) -> Self:
-        """Return trajectories through samples of positions, with a bound on what is between them.
+        """Return trajectories through position samples with a bound on accelerations.
 
         Args:
             samples: rows of time [s], x, y and z [m] of each vehicle, shape (M, 4), by its name.

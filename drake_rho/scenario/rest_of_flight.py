@@ -161,7 +161,7 @@ def within_flight(scenario: Scenario) -> Scenario:
     requirements = tuple(
         each if each.active is None else unchecked(each, active=_clipped(each.active, grid))
         for each in scenario.requirements
-        if each.active is None or _overlaps(each.active, grid)
+        if each.active is None or grid.clock.overlap(each.active, (grid.start, grid.end))
     )
     never = grid.start - 2.0 * grid.step, grid.start - grid.step
     late = [grid.clock.after(each.known_from, max(grid.end, 0.0)) for each in scenario.bodies]
@@ -172,10 +172,6 @@ def within_flight(scenario: Scenario) -> Scenario:
     if requirements == scenario.requirements:
         return scenario
     return scenario.derived(requirements=requirements)
-
-
-def _overlaps(active: tuple[float, float], grid: Grid) -> bool:
-    return not (grid.clock.after(active[0], grid.end) or grid.clock.before(active[1], grid.start))
 
 
 def _clipped(active: tuple[float, float], grid: Grid) -> tuple[float, float]:

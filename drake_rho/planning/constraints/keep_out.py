@@ -227,7 +227,7 @@ class KeepOutOfObstacle(KeepOut):
 
     @cached_property
     def _course(self) -> Course:
-        """Motion of the obstacle in the steps of every motion, which are those of `reference`."""
+        """Motion of the obstacle in the steps of the reference, which all motions share."""
         return Course.of(self.obstacle, self.reference.step, self.reference.accelerations.shape[1])
 
     def bounds_at(self, rows: HalfSpaces, times: FloatArray) -> FloatArray:

@@ -140,7 +140,7 @@ class OnboardPlanner:
         self._announced: tuple[SharedPlan, Proposal] | None = None
         self._planned: Proposal | None = None
         self._first, self._flown = 0, np.zeros((0, 3))
-        self._counted = self._flown_among = self._scenario
+        self._planned_among = self._flown_among = self._scenario
         self._number, self._sent, self._begun = 0, -np.inf, -np.inf
 
     @property
@@ -265,7 +265,7 @@ class OnboardPlanner:
         """Plan a window against everything that others may fly; return it if it is a new one."""
         begin = self._time_of(max(self._ready_knot(time), self._windows.last.first_knot + 1))
         obstacles = (*self._scenario.obstacles, *self._obstacles(time, begin))
-        self._counted = self._scenario
+        self._planned_among = self._scenario
         proposal = self._windows.among(self._scenario.derived(obstacles=obstacles), begin)
         self._count("windows")
         window = proposal.window
@@ -337,7 +337,7 @@ class OnboardPlanner:
             self._count("withdrawn")
             return
         self._windows.accept(proposal)
-        self._flown_among = self._counted
+        self._flown_among = self._planned_among
         self._flown = self._flown_until(self._knot_of(own.start))
         self._first, self._committed = self._knot_of(own.start), own
         self._count("committed")
