@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
-from drake_rho.scenario.fields import FloatArray
+from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.times import Clock
 
 if TYPE_CHECKING:
@@ -79,8 +79,8 @@ class Polynomials:
         """
         clock = Clock.of(np.diff(self.instants).min(), *self.instants[[0, -1]])
         at_end = clock.same(times, self.instants[-1])  # where the last piece still counts
-        inside = np.where(at_end, np.mean(self.instants[-2:]), times + clock.rounding)
-        c = self._expanded(times, inside)
+        begun = clock.last_begun(self.instants, times)
+        c = self._expanded(times, np.where(at_end, len(self.instants) - 2, begun))
         c = np.pad(c, ((0, 0), (0, 0), (0, 0), (0, max(0, 3 - c.shape[-1]))))
         return c[..., 0], c[..., 1], 2.0 * c[..., 2]
 
@@ -90,20 +90,20 @@ class Polynomials:
         Vehicles are at rest before the motion begins and from its end on.
         """
         middles = (instants[:-1] + instants[1:]) / 2.0
-        return Polynomials(instants, self._expanded(instants[:-1], middles))
+        pieces = np.searchsorted(self.instants, middles, side="right") - 1
+        return Polynomials(instants, self._expanded(instants[:-1], pieces))
 
-    def _expanded(self, times: FloatArray, inside: FloatArray) -> FloatArray:
+    def _expanded(self, times: FloatArray, pieces: IntArray) -> FloatArray:
         """Return the coefficients of powers of the time since some times, shape (N, M, 3, D + 1).
 
         Args:
             times: these times [s], shape (M,).
-            inside: times in the pieces that are meant, shape (M,): where rounding separates a time
-                from the beginning of its piece, it would be in the piece before.
+            pieces: number of the piece of each, counted from 0, shape (M,): less before the motion
+                begins, more after its end.
         """
-        durations, pieces = np.diff(self.instants), len(self.instants) - 1
-        k = np.searchsorted(self.instants, inside, side="right") - 1
-        begun, ended = k >= 0, k >= pieces
-        k = np.clip(k, 0, pieces - 1)
+        durations = np.diff(self.instants)
+        begun, ended = pieces >= 0, pieces >= len(durations)
+        k = np.clip(pieces, 0, len(durations) - 1)
         s = np.where(ended, durations[-1], np.where(begun, times - self.instants[k], 0.0))
         powers = np.arange(self.coefficients.shape[-1])
         degrees = powers[:, None] - powers  # of a power in another's share
