@@ -20,9 +20,11 @@ def export(
         typer.Option(
             "--format",
             metavar="|".join(FORMATS),
-            help="By default that of the output's ending, if only one has it. csv: a table of states; json: a plan that drake-rho can read again; "
-            "crazyswarm: polynomials for Crazyswarm2; skybrush: CSV files for Skybrush; px4: "
-            "setpoints for PX4's offboard mode.",
+            help="By default that of the output's ending, if only one has it. csv: a table of "
+            "states; json: a plan that drake-rho can read again; crazyswarm: polynomials for "
+            "Crazyswarm2; skybrush: CSV files for Skybrush; px4: setpoints for PX4's offboard "
+            "mode; qgroundcontrol: a plan of QGroundControl; mavlink: a mission of MAVLink; "
+            "waypoints: a table of places and times.",
         ),
     ] = None,
     output: Annotated[
@@ -31,8 +33,9 @@ def export(
             "--output",
             "-o",
             metavar="PATH",
-            help="Required. Output: a .csv file for csv and px4, a .json file for json, a .zip "
-            "file for skybrush, or a folder for crazyswarm and skybrush.",
+            help="Required. Output: a .csv file for csv, px4 and waypoints, a .json file for json, "
+            "a .zip file for skybrush, .plan for qgroundcontrol, .waypoints for mavlink; or a "
+            "folder for crazyswarm, skybrush, and missions of several vehicles.",
         ),
     ] = None,
     rate: Annotated[

@@ -6,15 +6,22 @@ from pathlib import Path
 
 from drake_rho.formats.crazyswarm import Crazyswarm
 from drake_rho.formats.format import Format
+from drake_rho.formats.mavlink import Mavlink
 from drake_rho.formats.px4 import Px4
+from drake_rho.formats.qgroundcontrol import QGroundControl
 from drake_rho.formats.record import Exported
 from drake_rho.formats.skybrush import Skybrush
 from drake_rho.formats.states import Csv, Json
+from drake_rho.formats.waypoint_tables import WaypointTables
 from drake_rho.motion.flown import Flown
 from drake_rho.scenario.arguments import checked
 
 FORMATS: dict[str, Format] = {
-    each.name: each for each in (Csv(), Json(), Crazyswarm(), Skybrush(), Px4())
+    each.name: each
+    for each in (
+        *(Csv(), Json(), Crazyswarm(), Skybrush(), Px4()),
+        *(QGroundControl(), Mavlink(), WaypointTables()),
+    )
 }
 """Formats by name."""
 
