@@ -36,14 +36,15 @@ def export(
 
     Args:
         flown: a plan; a flight, whose motion as flown is written; or a simulation, whose true
-            motion is written (not with crazyswarm and px4, which hold motions to be flown).
-        path: path of a file with the format's ending (.csv for csv and px4, .json, .zip for
-            skybrush), or of a folder, for crazyswarm and skybrush. An existing folder is replaced
-            if it holds only files that are to be written.
-        format: csv, json, crazyswarm, skybrush or px4; by default the only one with the path's
-            ending.
+            motion is written (only with csv, json and skybrush: others hold motions to be flown).
+        path: path of a file with the format's ending (.csv for csv, px4 and waypoints, .json, .zip
+            for skybrush, .plan for qgroundcontrol, .waypoints for mavlink), or of a folder, for
+            crazyswarm, skybrush and the last three. An existing folder is replaced if it holds only
+            files that are to be written.
+        format: csv, json, crazyswarm, skybrush, px4, qgroundcontrol, mavlink or waypoints; by
+            default the only one with the path's ending.
         rate: samples per second [1/s], up to 1000. If not given, 20, and for json the knots alone.
-            Not allowed for crazyswarm, which holds polynomials.
+            Not allowed for formats without samples, such as crazyswarm and missions.
 
     Returns:
         A record of the export. If the file does not hold the exact motion (because pieces were

@@ -37,7 +37,7 @@ def parse_waypoints(text: str) -> MissionFile:
     header, *lines = text.split("\n")
     if (version := header.strip().removeprefix(HEADER).strip()) != _VERSION:
         expected = f"{HEADER} {_VERSION}, the version that is read"
-        raise ScenarioError("line 1", Description(shorten(f"version {version}")), expected)
+        raise ScenarioError("line 1", Description(f"version {version}"), expected)
     rows = [(number, line.split()) for number, line in enumerate(lines, start=2)]
     rows = [(number, row) for number, row in rows if row and not row[0].startswith("#")]
     if len(rows) > MOST_ITEMS:
