@@ -296,7 +296,8 @@ def _requirements(flight: _Flight, pace: Pace, count: int) -> Iterator[KeepIn]:
             continue
         if speed is not None and speed < pace.speed:
             ball, legs = Sphere(np.zeros(3), speed), (names[first], names[k + 1])
-            yield KeepIn(ball, of="velocity", vehicles=who, between=legs, name=f"{speed:g} m/s")
+            own, name = (flight.name,), f"{speed:g} m/s"
+            yield KeepIn(ball, of="velocity", vehicles=own, between=legs, name=name)
         first = k + 1
 
 
