@@ -26,8 +26,8 @@ class Frame:
 
     Examples:
         >>> home = rho.Frame(47.3977, 8.5456, 488.0)
-        >>> home.local(47.3977, 8.5456, 498.0).round(6).tolist()
-        [0.0, 0.0, 10.0]
+        >>> home.local(47.3986, 8.5456, 488.0).round(1).tolist()
+        [0.0, 100.1, -0.0]
         >>> home.geodetic([0.0, 0.0, 10.0]).round(6).tolist()
         [47.3977, 8.5456, 498.0]
     """
