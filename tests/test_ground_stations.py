@@ -282,6 +282,33 @@ def test_missing_places_are_the_present_one(tmp_path: Path) -> None:
     assert elsewhere.frame.altitude == 100.0
 
 
+def test_fences_are_items_of_mission_files(tmp_path: Path) -> None:
+    corners = on_map((-50, -50), (80, -50), (80, 80), (-50, 80))
+    rows = [f"{k}\t0\t3\t5001\t4\t0\t0\t0\t{x}\t{y}\t0\t1\n" for k, (x, y) in enumerate(corners, 4)]
+    latitude, longitude = on_map((20, 20))[0]
+    circle = f"8\t0\t3\t5004\t3\t0\t0\t0\t{latitude}\t{longitude}\t0\t1\n"
+    (tmp_path / "m.waypoints").write_text(LINES + "".join(rows) + circle)
+    scenario = rho.load_mission(tmp_path / "m.waypoints")
+    (zone,) = scenario.bodies
+    assert isinstance(zone.shape, rho.Cylinder)
+    assert zone.shape.radius == 3.0
+    np.testing.assert_allclose(zone.shape.center[:2], 20.0, atol=MILLIMETRE)
+    assert [each.name for each in scenario.requirements] == ["inclusion polygon 1", "floor"]
+
+
+def test_a_landing_pattern_is_an_approach_and_a_landing(tmp_path: Path) -> None:
+    pattern = {
+        "type": "ComplexItem",
+        "complexItemType": "fwLandingPattern",
+        "altitudesAreRelative": True,
+        "landingApproachCoordinate": [*geodetic(60, 0, 0)[:2], 30],
+        "landCoordinate": [*geodetic(100, 0, 0)[:2], 0],
+    }
+    scenario = rho.load_mission(plan_file(tmp_path, [item(22, *PLACES[0]), pattern]))
+    expected = [[0, 0, 15], [60, 0, 30], [100, 0, 30], [100, 0, 0]]
+    np.testing.assert_allclose(places_of(scenario), expected, atol=2e-3)
+
+
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
