@@ -74,8 +74,8 @@ def load_mission(
         limits: limits of all vehicles; if not given, the largest speed in the file, else 5 m/s, and
             2.5 m/s².
         home: place of the launch and level of relative altitudes; the file's if not given.
-        grid: knots and step, with which waypoints have no times: planning finds them, which may take
-            minutes for eight.
+        grid: knots and step, with which waypoints have no times: planning finds them, which may
+            take minutes for eight.
 
     Warns:
         MissionWarning: items are left out, by number and command; the file has no home; or the
