@@ -28,7 +28,9 @@ from .display.plots.publish import save_figure as save_figure
 from .display.viewer.page import viewer_page as viewer_page
 from .formats.export import export as export
 from .formats.load import load_trajectories as load_trajectories
+from .formats.missions import load_mission as load_mission
 from .formats.record import Exported as Exported
+from .formats.waypoint_tables import load_waypoints as load_waypoints
 from .motion.files import PlanFileError as PlanFileError
 from .motion.files import load as load
 from .motion.files import save as save
@@ -68,6 +70,7 @@ from .scenario.errors import DrakeRhoError as DrakeRhoError
 from .scenario.errors import DrakeRhoWarning as DrakeRhoWarning
 from .scenario.errors import MapChangedWarning as MapChangedWarning
 from .scenario.errors import MapScaleWarning as MapScaleWarning
+from .scenario.errors import MissionWarning as MissionWarning
 from .scenario.errors import ScenarioError as ScenarioError
 from .scenario.files import library as library
 from .scenario.files import load_scenario as load_scenario
@@ -86,6 +89,7 @@ from .scenario.records import Cone as Cone
 from .scenario.records import Cylinder as Cylinder
 from .scenario.records import Disturbance as Disturbance
 from .scenario.records import Ellipsoid as Ellipsoid
+from .scenario.records import Frame as Frame
 from .scenario.records import Goal as Goal
 from .scenario.records import Grid as Grid
 from .scenario.records import HalfSpace as HalfSpace

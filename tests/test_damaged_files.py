@@ -187,6 +187,8 @@ READERS: list[Callable[[Path], object]] = [
     lambda path: rho.Voxels.from_points(path, 1.0),
     lambda path: rho.Voxels.from_octomap(path, "free"),
     lambda path: rho.load_lsc_mission(path, grid=rho.Grid(1.0, 5)),
+    rho.load_mission,
+    rho.load_waypoints,
 ]
 
 

@@ -361,6 +361,7 @@ CHANGES: dict[str, Any] = {
     "smoothing": None,  # none is allowed beside a disturbance, and nothing cached depends on it
     "hold_at_goal": False,
     "objective": rho.Objective(terminal_velocity=1.0),
+    "frame": rho.Frame(47.0, 8.0),
 }
 """Other values of every field."""
 

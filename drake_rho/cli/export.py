@@ -25,7 +25,9 @@ def export(
             help="By default that of the output's ending, if only one has it. csv: a table of "
             "states; json: a plan that drake-rho can read again; crazyswarm: polynomials for "
             "Crazyswarm2; skybrush: CSV files for Skybrush; px4: setpoints for PX4's offboard "
-            "mode; skyc: a compiled show for Skybrush; mcap: a rosbag2 of ROS 2.",
+            "mode; skyc: a compiled show for Skybrush; mcap: a rosbag2 of ROS 2; qgroundcontrol: "
+            "a plan of QGroundControl; mavlink: a mission of MAVLink; waypoints: a table of places "
+            "and times.",
         ),
     ] = None,
     output: Annotated[
@@ -34,9 +36,9 @@ def export(
             "--output",
             "-o",
             metavar="PATH",
-            help="Required. Output: a .csv file for csv and px4, a .json file for json, a .zip "
-            "file for skybrush, a .skyc or .mcap file, or a folder for crazyswarm, skybrush and "
-            "mcap.",
+            help="Required. Output: a .csv file for csv, px4 and waypoints, a .json file for json, "
+            "a .zip file for skybrush, .skyc, .mcap, .plan for qgroundcontrol, .waypoints for "
+            "mavlink; or a folder for crazyswarm, skybrush, mcap, missions and waypoint tables.",
         ),
     ] = None,
     rate: Annotated[

@@ -54,7 +54,8 @@ ScenarioArgument = Annotated[
         autocompletion=_completed,
         help=f"A library scenario ({', '.join(library())}), a YAML file, a file saved by 'plan', "
         "'fly' or 'simulate', whose scenario is taken, or a mission of the LSC planner (.json), "
-        "which needs --duration and --step.",
+        "which needs --duration and --step; or a mission of QGroundControl (.plan) or MAVLink "
+        "(.waypoints), flown at up to the file's speed, else 5 m/s, and 2.5 m/s².",
     ),
 ]
 ResultArgument = Annotated[

@@ -66,7 +66,8 @@ def plan(
     drawing = requested_drawing(figures, file_format, width)
     check_outputs(output, drawing)
     further = list(step or ())
-    own_step = further.pop(0) if further and is_lsc_mission(scenario) else None
+    has_step = duration is not None or is_lsc_mission(scenario)
+    own_step = further.pop(0) if further and has_step else None
     if further and method is Method.SCP:
         raise ValueError(f"--step: got {further[0]:g} with --method scp, expected method convex")
     options = Options(max_memory=max_memory, time_limit=time_limit)

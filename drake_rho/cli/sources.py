@@ -8,6 +8,7 @@ from contextlib import suppress
 from difflib import get_close_matches
 from pathlib import Path
 
+from drake_rho.formats.missions import is_mission, load_mission
 from drake_rho.motion.documents import is_exported
 from drake_rho.motion.files import PlanFileError, load
 from drake_rho.motion.flown import Flown
@@ -54,7 +55,8 @@ def read(
 ) -> Scenario:
     """Read a scenario by name, from a file, or from the file of a plan, flight or simulation.
 
-    Options give a mission its grid and world.
+    Options give a mission of the LSC planner its grid and world; one of a ground station has a grid
+    unless they give one.
 
     Raises:
         PlanFileError: the file of a result cannot be read.
@@ -62,6 +64,8 @@ def read(
             divide the duration.
         ValueError: an option of missions is missing for a mission, or given otherwise.
     """
+    if is_mission(source):
+        return _load_mission(source, duration, step, world)
     if not is_lsc_mission(source):
         given = load(source) if is_result(source) else _load_scenario(source)
         refuse_options(source, duration, step, world)
@@ -71,6 +75,25 @@ def read(
         expected = "--duration and --step: a mission has no grid of its own"
         raise ValueError(f"{source}: got no {missing}, expected {expected}")
     return load_lsc_mission(source, grid=Grid.lasting(duration, step=step), world=world)
+
+
+def _load_mission(
+    source: str, duration: float | None, step: float | None, world: str | None
+) -> Scenario:
+    """Load a mission of a ground station.
+
+    Raises:
+        ScenarioError: the mission cannot be read.
+        ValueError: there is a world, or one option of a grid without the other.
+    """
+    if world is not None:
+        refuse_options(source, None, None, world)
+    if duration is None and step is None:
+        return load_mission(source)
+    if duration is None or step is None:
+        missing = "--step" if duration is not None else "--duration"
+        raise ValueError(f"{source}: got no {missing}, expected --duration and --step, or neither")
+    return load_mission(source, grid=Grid.lasting(duration, step=step))
 
 
 def read_or_load(

@@ -6,18 +6,25 @@ from pathlib import Path
 
 from drake_rho.formats.crazyswarm import Crazyswarm
 from drake_rho.formats.format import Format
+from drake_rho.formats.mavlink import Mavlink
 from drake_rho.formats.mcap import Mcap
 from drake_rho.formats.px4 import Px4
+from drake_rho.formats.qgroundcontrol import QGroundControl
 from drake_rho.formats.record import Exported
 from drake_rho.formats.skybrush import Skybrush
 from drake_rho.formats.skyc import Skyc
 from drake_rho.formats.states import Csv, Json
+from drake_rho.formats.waypoint_tables import WaypointTables
 from drake_rho.motion.flown import Flown
 from drake_rho.motion.headings import Heading
 from drake_rho.scenario.arguments import checked
 
 FORMATS: dict[str, Format] = {
-    each.name: each for each in (Csv(), Json(), Crazyswarm(), Skybrush(), Px4(), Skyc(), Mcap())
+    each.name: each
+    for each in (
+        *(Csv(), Json(), Crazyswarm(), Skybrush(), Px4(), Skyc(), Mcap()),
+        *(QGroundControl(), Mavlink(), WaypointTables()),
+    )
 }
 """Formats by name."""
 
@@ -37,14 +44,16 @@ def export(
 
     Args:
         flown: a plan; a flight, whose motion as flown is written; or a simulation, whose true
-            motion is written (not with crazyswarm, px4 and skyc, which hold motions to be flown).
-        path: path of a file with the format's ending (.csv for csv and px4, .json, .zip for
-            skybrush, .skyc, .mcap), or of a folder, for crazyswarm, skybrush and mcap. An existing
-            folder is replaced if it holds only files that are to be written.
-        format: csv, json, crazyswarm, skybrush, px4, skyc or mcap; by default the only one with the
-            path's ending.
+            motion is written (only with csv, json, skybrush and mcap: the others hold motions to be
+            flown).
+        path: path of a file with the format's ending (.csv for csv, px4 and waypoints, .json, .zip
+            for skybrush, .skyc, .mcap, .plan for qgroundcontrol, .waypoints for mavlink), or of a
+            folder, for crazyswarm, skybrush, mcap, and missions and tables of waypoints. An
+            existing folder is replaced if it holds only files that are to be written.
+        format: csv, json, crazyswarm, skybrush, px4, skyc, mcap, qgroundcontrol, mavlink or
+            waypoints; by default the only one with the path's ending.
         rate: samples per second [1/s], up to 1000. If not given, 20, and for json the knots alone.
-            Not allowed for crazyswarm and skyc, which hold polynomials.
+            Not allowed for formats without samples: crazyswarm, skyc, missions.
         heading: "velocity", an angle from the x axis, anticlockwise [rad], the x, y, z of a point
             to look at [m], or a mapping from names of vehicles to these; along the x axis where
             none is given. px4, skyc and mcap hold any of them, crazyswarm angles.

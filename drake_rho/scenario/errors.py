@@ -31,6 +31,10 @@ class MapScaleWarning(DrakeRhoWarning):
     """Warning that a map is far larger or smaller than the flight: perhaps in another unit."""
 
 
+class MissionWarning(DrakeRhoWarning):
+    """Warning of what a scenario lacks of a mission's file: items, or altitudes far from home."""
+
+
 class Description(str):
     """Description of a value, shown in an error without quotation marks."""
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 
 from drake_rho.scenario.disturbance import Disturbance
+from drake_rho.scenario.frame import Frame
 from drake_rho.scenario.goals import Goal
 from drake_rho.scenario.limits import Limits
 from drake_rho.scenario.norms import NORMS
@@ -127,6 +128,7 @@ def option_lines(
     between_knots: bool,
     hold_at_goal: bool,
     objective: Objective,
+    frame: Frame | None,
 ) -> Iterator[Line]:
     """Yield the lines of other parts of a scenario that are not as by default."""
     if separation:
@@ -144,6 +146,8 @@ def option_lines(
         yield "cost", f"weights: {', '.join(words)}"
     if hold_at_goal:
         yield "after the end", "vehicles can hold at their goals"
+    if frame:
+        yield "origin", str(frame)
 
 
 def _wind(disturbance: Disturbance) -> str:

@@ -26,6 +26,7 @@ from drake_rho.scenario.disturbance import CALM, Disturbance
 from drake_rho.scenario.errors import one_of
 from drake_rho.scenario.fields import Boolean, Name, record, unchecked
 from drake_rho.scenario.fleet import Fleet
+from drake_rho.scenario.frame import Frame
 from drake_rho.scenario.gates import check_gates, on_known_legs, required_of
 from drake_rho.scenario.goals import Goal
 from drake_rho.scenario.known_obstacles import active_during, known_at_start
@@ -74,6 +75,7 @@ __all__ = [
     "Cylinder",
     "Disturbance",
     "Ellipsoid",
+    "Frame",
     "Goal",
     "Grid",
     "HalfSpace",
@@ -100,6 +102,10 @@ Ball = Sphere  # the name of the solid, for sets to keep in
 
 def _is_effort(objective: Objective) -> bool:
     return objective.is_effort and objective.reference is None
+
+
+def _is_nothing(value: object) -> bool:
+    return value is None
 
 
 @record
@@ -149,6 +155,8 @@ class Scenario(ShownInNotebooks):
         default_factory=Objective
     )
     """cost that plans minimise; the sum of squared accelerations (13) if not given"""
+    frame: Annotated[Frame | None, Field(exclude_if=_is_nothing)] = None
+    """place of the origin on the Earth, for missions; plans do not depend on it"""
 
     if TYPE_CHECKING:
 
@@ -166,6 +174,7 @@ class Scenario(ShownInNotebooks):
             smoothing: Smoothing | None = None,
             hold_at_goal: bool | None = None,
             objective: Objective = ...,
+            frame: Frame | None = None,
         ) -> None: ...
 
     def __str__(self) -> str:
@@ -177,6 +186,7 @@ class Scenario(ShownInNotebooks):
             between_knots=self.between_knots,
             hold_at_goal=bool(self.hold_at_goal),
             objective=self.objective,
+            frame=self.frame,
         )
         lines = (
             time_line(self.grid),

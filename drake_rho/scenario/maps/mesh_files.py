@@ -11,9 +11,9 @@ import numpy as np
 
 from drake_rho.scenario.errors import Description, ScenarioError
 from drake_rho.scenario.fields import FloatArray, IntArray
+from drake_rho.scenario.libraries import library, quiet
 from drake_rho.scenario.maps.claims import check_gltf, check_ply
 from drake_rho.scenario.maps.collada import read_collada
-from drake_rho.scenario.maps.libraries import library, quiet
 from drake_rho.scenario.maps.source import absolute, checked_file, named, unreadable
 from drake_rho.scenario.maps.stored import MOST
 from drake_rho.system.files import read_bytes

@@ -10,7 +10,7 @@ import numpy as np
 
 from drake_rho.scenario.errors import Description, ScenarioError
 from drake_rho.scenario.fields import LARGEST, BoolArray, FloatArray, IntArray
-from drake_rho.scenario.maps.libraries import library
+from drake_rho.scenario.libraries import library
 from drake_rho.scenario.maps.source import checked_file, named, unreadable
 from drake_rho.scenario.maps.stored import MOST
 from drake_rho.system.files import read_bytes

@@ -10,9 +10,9 @@ import numpy as np
 
 from drake_rho.scenario.errors import Description, ScenarioError
 from drake_rho.scenario.fields import FloatArray, IntArray
+from drake_rho.scenario.libraries import library, quiet
 from drake_rho.scenario.maps.cells import unique
 from drake_rho.scenario.maps.claims import check_pcd, check_ply
-from drake_rho.scenario.maps.libraries import library, quiet
 from drake_rho.scenario.maps.source import checked_file, named, unreadable
 from drake_rho.system.arrays import read_header
 from drake_rho.system.files import check_readable, opened, read_bytes

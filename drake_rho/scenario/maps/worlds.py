@@ -16,7 +16,7 @@ import numpy as np
 
 from drake_rho.scenario.errors import Description, ScenarioError, shorten
 from drake_rho.scenario.fields import FloatArray
-from drake_rho.scenario.maps.libraries import quiet
+from drake_rho.scenario.libraries import quiet
 from drake_rho.scenario.maps.mesh import Mesh
 from drake_rho.scenario.maps.mesh_files import read_mesh
 from drake_rho.scenario.maps.source import named, unreadable

@@ -1,4 +1,4 @@
-"""Libraries of the extra `maps`, which read files and are loaded only when needed."""
+"""Libraries of the extras `maps` and `missions`, which are loaded only when needed."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from typing import Any
 from drake_rho.scenario.errors import Description, ScenarioError
 
 
-def library(module: str) -> Any:
-    """Return a module of the extra `maps`.
+def library(module: str, extra: str = "maps") -> Any:
+    """Return a module of an extra.
 
     Raises:
         ScenarioError: it is not installed.
@@ -22,7 +22,8 @@ def library(module: str) -> Any:
         return import_module(module)
     except ImportError:
         given = Description(f"no module {module}")
-        raise ScenarioError("", given, "the extra maps: pip install 'drake-rho[maps]'") from None
+        expected = f"the extra {extra}: pip install 'drake-rho[{extra}]'"
+        raise ScenarioError("", given, expected) from None
 
 
 @contextmanager

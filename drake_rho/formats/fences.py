@@ -1,0 +1,192 @@
+"""Fences of missions: inclusion as requirements, exclusion as obstacles, both without an end.
+
+A concave inclusion polygon is its convex hull without the pockets between hull and polygon, which
+are no-fly zones. No-fly zones are cut into triangles that overlap by `OVERLAP`, as a vehicle
+without a radius could fly between two that only touch.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator
+
+import numpy as np
+from scipy.spatial import ConvexHull, QhullError
+
+from drake_rho.formats.mission_items import Fence
+from drake_rho.scenario.errors import ScenarioError
+from drake_rho.scenario.fields import FloatArray, IntArray
+from drake_rho.scenario.frame import Frame
+from drake_rho.scenario.obstacles import Obstacle
+from drake_rho.scenario.records import KeepIn
+from drake_rho.scenario.shapes.cylinders import Cylinder
+from drake_rho.scenario.shapes.polyhedra import Polytope
+
+OVERLAP = 0.01
+"""Distance by which triangles of a zone overlap [m]; corners of the zone grow by it at most."""
+_MOST_CORNERS = 200
+"""Largest number of corners of a polygon, as every triangle is an obstacle."""
+_FLAT = 1e-9
+"""Area of a triangle, relative to the polygon's box, up to which it counts as none."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Zones:
+    """Fences as parts of a scenario."""
+
+    requirements: tuple[KeepIn, ...]
+    """inclusion"""
+    obstacles: tuple[Obstacle, ...]
+    """exclusion"""
+
+
+def zones_of(fences: tuple[Fence, ...], origin: Frame, positions: FloatArray) -> Zones:
+    """Return fences as requirements and obstacles.
+
+    Args:
+        fences: circles and polygons.
+        origin: origin of the local positions.
+        positions: places of the mission [m], shape (M, 3). Zones extend so far above and below
+            them that the way over one is longer than the way around it.
+
+    Raises:
+        ScenarioError: a polygon has no area, crosses itself or has too many corners.
+    """
+    requirements, obstacles = list[KeepIn](), list[Obstacle]()
+    for fence in fences:
+        corners = _local(fence, origin)
+        if fence.radius is not None:
+            axis = Cylinder([*corners[0], 0.0], fence.radius)
+            if fence.inclusion:
+                requirements.append(KeepIn(axis, name=fence.name))
+            else:
+                obstacles.append(Obstacle(axis, name=fence.name))
+            continue
+        polygon, tall = _anticlockwise(fence.name, corners), _height(corners, positions)
+        zones = [polygon]
+        if fence.inclusion:
+            hull = ConvexHull(polygon).vertices
+            whole = Polytope(_extruded(polygon[hull], tall))
+            requirements.append(KeepIn(whole, name=fence.name))
+            zones = list(_pockets(polygon, hull))
+        for zone in zones:
+            parts = _convex_parts(fence.name, zone)
+            obstacles += [Obstacle(Polytope(_extruded(p, tall)), name=fence.name) for p in parts]
+    return Zones(tuple(requirements), tuple(obstacles))
+
+
+def _local(fence: Fence, origin: Frame) -> FloatArray:
+    """Return the corners of a fence in local metres, shape (M, 2)."""
+    if not np.all(np.abs(fence.corners) <= [90.0, 180.0]):  # also true for NaN
+        expected = "latitudes within 90 degrees and longitudes within 180"
+        raise ScenarioError(fence.name, fence.corners.tolist(), expected)
+    latitudes, longitudes = fence.corners.T
+    altitudes = np.full(len(fence.corners), origin.altitude)
+    local = origin.local(latitudes, longitudes, altitudes)[:, :2]
+    if np.abs(local).max() > 1e6:
+        raise ScenarioError(fence.name, fence.corners.tolist(), "a fence within 1000 km of home")
+    return local
+
+
+def _height(corners: FloatArray, positions: FloatArray) -> tuple[float, float]:
+    """Return the least and greatest height of an extruded polygon [m]."""
+    more = float(np.ptp(corners, axis=0).sum() + np.ptp(positions, axis=0).max())
+    return float(positions[:, 2].min() - more), float(positions[:, 2].max() + more)
+
+
+def _extruded(corners: FloatArray, tall: tuple[float, float]) -> FloatArray:
+    """Return the corners of a polygon at both heights, shape (2 M, 3)."""
+    return np.concatenate([np.column_stack([corners, np.full(len(corners), z)]) for z in tall])
+
+
+def _anticlockwise(name: str, corners: FloatArray) -> FloatArray:
+    """Return the corners of a simple polygon, anticlockwise, without repeated ones.
+
+    Raises:
+        ScenarioError: it has no area, crosses itself or has too many corners.
+    """
+    apart = np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1) > OVERLAP
+    corners = corners[apart]
+    if not 3 <= len(corners) <= _MOST_CORNERS:
+        expected = f"a polygon of 3 to {_MOST_CORNERS} different corners"
+        raise ScenarioError(name, f"{len(corners)} corners", expected)
+    try:
+        ConvexHull(corners)
+    except QhullError:
+        raise ScenarioError(name, corners.tolist(), "a polygon with an area") from None
+    if _crosses_itself(corners):
+        raise ScenarioError(name, corners.tolist(), "a polygon whose sides do not cross")
+    area = np.sum(_cross(corners, np.roll(corners, -1, axis=0)))
+    return corners if area > 0.0 else corners[::-1]
+
+
+def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
+    return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])
+
+
+def _crosses_itself(corners: FloatArray) -> bool:
+    """Return whether two sides cross."""
+    a, b = corners, np.roll(corners, -1, axis=0)
+    side = b - a
+
+    def beyond(points: FloatArray) -> FloatArray:
+        """Return on which side of every line points are, shape (lines, points)."""
+        return np.sign(_cross(side[:, None], points[None] - a[:, None]))
+
+    between = beyond(a) * beyond(b) < 0.0
+    return bool(np.any(between & between.T))
+
+
+def _pockets(polygon: FloatArray, hull: IntArray) -> Iterator[FloatArray]:
+    """Yield the polygons between a polygon and its convex hull, anticlockwise."""
+    on_hull = np.sort(hull)
+    for first, last in zip(on_hull, np.roll(on_hull, -1), strict=True):
+        between = np.arange(first, last + 1 if last > first else last + 1 + len(polygon))
+        if len(between) > 2:
+            yield polygon[between % len(polygon)][::-1]
+
+
+def _convex_parts(name: str, polygon: FloatArray) -> list[FloatArray]:
+    """Return a polygon as convex parts: itself, or overlapping triangles."""
+    nearby = np.roll(polygon, 1, axis=0), np.roll(polygon, -1, axis=0)
+    turns = _cross(polygon - nearby[0], nearby[1] - polygon)
+    if np.all(turns >= 0.0):
+        return [polygon]
+    count = len(polygon)
+    parts = []
+    for triangle in _ears(name, polygon):
+        corners = [polygon[triangle]]
+        for k in range(3):
+            one, other = triangle[k], triangle[(k + 1) % 3]
+            if (one + 1) % count != other:  # a cut, not a side of the polygon
+                along = polygon[other] - polygon[one]
+                outward = np.array([along[1], -along[0]]) / np.linalg.norm(along)
+                corners.append(polygon[[one, other]] + OVERLAP * outward)
+        parts.append(np.concatenate(corners))
+    return parts
+
+
+def _ears(name: str, polygon: FloatArray) -> Iterator[list[int]]:
+    """Yield triangles of a simple polygon as indices, anticlockwise, by cutting off ears."""
+    left, least = list(range(len(polygon))), _FLAT * float(np.ptp(polygon, axis=0).prod())
+    while len(left) > 3:
+        for k in range(len(left)):
+            ear = [left[k - 1], left[k], left[(k + 1) % len(left)]]
+            a, b, c = polygon[ear]
+            others = polygon[[each for each in left if each not in ear]]
+            if _cross(b - a, c - a) > 0.0 and not _any_inside(a, b, c, others):
+                break
+        else:
+            raise ScenarioError(name, polygon.tolist(), "a polygon whose sides do not cross")
+        if _cross(b - a, c - a) > least:
+            yield ear
+        left.pop(k)
+    a, b, c = polygon[left]
+    if _cross(b - a, c - a) > least:
+        yield left
+
+
+def _any_inside(a: FloatArray, b: FloatArray, c: FloatArray, points: FloatArray) -> bool:
+    """Return whether a point is in a triangle."""
+    inside = [_cross(q - p, points - p) >= 0.0 for p, q in ((a, b), (b, c), (c, a))]
+    return bool(np.all(inside, axis=0).any())

@@ -1,0 +1,314 @@
+"""`load_mission`: missions of ground stations as scenarios."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+import warnings
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from drake_rho.formats.fences import Zones, zones_of
+from drake_rho.formats.mavlink import HEADER, parse_waypoints
+from drake_rho.formats.mission_items import MissionFile
+from drake_rho.formats.qgroundcontrol import parse_plan
+from drake_rho.formats.routes import Route, Stop, route_of
+from drake_rho.formats.schedules import Pace, arrivals, step_for
+from drake_rho.scenario.arguments import checked
+from drake_rho.scenario.errors import Description, MissionWarning, ScenarioError
+from drake_rho.scenario.fields import FloatArray
+from drake_rho.scenario.frame import EARTH_RADIUS, Frame
+from drake_rho.scenario.obstacles import Obstacle
+from drake_rho.scenario.parts import GOAL, START
+from drake_rho.scenario.records import (
+    Grid,
+    HalfSpace,
+    KeepIn,
+    Limits,
+    Scenario,
+    Sphere,
+    State,
+    Vehicle,
+    Waypoint,
+)
+from drake_rho.system.files import read_text, reason_of
+
+SPEED, ACCELERATION = 5.0, 2.5
+"""Largest speed [m/s] if the file has none, and acceleration [m/s²], if no limits are given."""
+_LARGEST = 16 << 20
+"""Largest size of a mission's file [bytes]."""
+_SAGS = 0.1
+"""Difference of a level from one of constant altitude at which a warning is given [m]."""
+_BELOW = 1.0
+"""Distance of the floor below the lowest place [m]: room for the tube of a flight in wind."""
+_ON_LEG = np.linspace(0.0, 1.0, 101)[:, None]
+"""Fractions of a leg at which it is compared with zones."""
+_PLAN = re.compile(r'"fileType"\s*:\s*"Plan"')
+
+
+@checked
+def load_mission(
+    path: str | Path | Sequence[str | Path],
+    *,
+    limits: Limits | None = None,
+    home: Frame | None = None,
+    grid: Grid | None = None,
+) -> Scenario:
+    """Read a mission of QGroundControl (`.plan`) or MAVLink (`.waypoints`), found by its content.
+
+    The vehicle starts at rest at home, named after the file. Waypoints, take-offs and loiters are
+    passed, for as long as they hold; before a landing or return it stops above the ground. The
+    last place is the goal. Changes of speed limit the legs that follow, and so does the speed of a
+    plan. Fences are requirements (inclusion) and obstacles (exclusion), and nothing is flown more
+    than a metre below the lowest place. Positions are metres east,
+    north and up of home, which is `Scenario.frame`.
+
+    Without a grid, every waypoint has a time: each leg gets as long as from rest to rest along a
+    straight line within the limits, which can always be flown if nothing is in the way.
+    `plan_minimum_time` finds the least time of a mission whose waypoints have none.
+
+    Args:
+        path: path of the file, or of several, one for each vehicle; the first has the origin.
+        limits: limits of all vehicles; if not given, the largest speed in the file, else 5 m/s, and
+            2.5 m/s².
+        home: place of the launch and level of relative altitudes; the file's if not given.
+        grid: knots and step, with which waypoints have no times: planning finds them, which may
+            take minutes for eight.
+
+    Warns:
+        MissionWarning: items are left out, by number and command; the file has no home; or the
+            mission is so far from home that a level differs from constant altitude by 0.1 m.
+
+    Raises:
+        ScenarioError: a file cannot be read or is malformed, an altitude is above the terrain, a
+            scenario cannot represent an item, or the extra `missions` is not installed. The
+            error's field names file and item.
+    """
+    paths = [Path(path)] if isinstance(path, str | Path) else [Path(each) for each in path]
+    if not paths:
+        raise ScenarioError("path", [], "at least one file")
+    missions = [_read(each) for each in paths]
+    homes = [_home(*pair, home) for pair in zip(paths, missions, strict=True)]
+    flights = list[_Flight]()
+    names = _names(paths)
+    for file, mission, own, name in zip(paths, missions, homes, names, strict=True):
+        try:
+            route = route_of(mission, own, homes[0])
+            flight = _Flight(file, name, route, Zones((), ()))
+            zones = zones_of(mission.fences, homes[0], flight.positions)
+        except ScenarioError as error:
+            raise _in_file(file, error) from None
+        flights.append(dataclasses.replace(flight, zones=zones))
+        _warn(file, route, flight.positions)
+    return _scenario(flights, limits, grid, homes[0])
+
+
+def is_mission(path: str | Path) -> bool:
+    """Return whether a file holds a mission of a ground station; it may be malformed."""
+    try:
+        text = read_text(path, _LARGEST)
+    except (OSError, ValueError):
+        return False
+    return text.startswith(HEADER) or (
+        text.lstrip().startswith("{") and _PLAN.search(text) is not None
+    )
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Flight:
+    """Mission of a vehicle."""
+
+    file: Path
+    name: str
+    route: Route
+    zones: Zones
+
+    def lengths(self, obstacles: Sequence[Obstacle]) -> list[float]:
+        """Return the lengths of the legs, with the ways around obstacles on them [m]."""
+        found, before = list[float](), self.route.start
+        for stop in self.route.stops:
+            along = before + _ON_LEG * (stop.position - before)
+            met = [each for each in obstacles if (each.shape.signed_distance(along) < 0.0).any()]
+            around = sum(2.0 * float(np.hypot(*each.shape.extent[:2])) for each in met)
+            found.append(float(np.linalg.norm(stop.position - before)) + around)
+            before = stop.position
+        return found
+
+    @property
+    def positions(self) -> FloatArray:
+        """Start and places [m], shape (M + 1, 3)."""
+        return np.array([self.route.start, *(each.position for each in self.route.stops)])
+
+    @property
+    def speeds(self) -> list[float | None]:
+        """Largest speeds on the legs [m/s]."""
+        return [stop.speed for stop in self.route.stops]
+
+
+def _read(path: Path) -> MissionFile:
+    """Return the content of a file, by what it begins with."""
+    try:
+        text = read_text(path, _LARGEST)
+    except (OSError, ValueError) as error:
+        expected = f"a readable mission (.plan or .waypoints); {reason_of(error)}"
+        raise ScenarioError(str(path), Description("no text"), expected) from None
+    try:
+        if text.startswith(HEADER):
+            return parse_waypoints(text)
+        if text.lstrip().startswith("{"):
+            return parse_plan(text)
+        expected = "a plan of QGroundControl (JSON) or a mission of MAVLink (QGC WPL 110)"
+        raise ScenarioError("", Description("another file"), expected)
+    except ScenarioError as error:
+        raise _in_file(path, error) from None
+
+
+def _home(path: Path, mission: MissionFile, given: Frame | None) -> Frame:
+    """Return the place of the launch; that of the first item with one if there is no other."""
+    if (found := given or mission.home) is not None:
+        return found
+    for item in mission.items:
+        latitude, longitude = item.params[4:6]
+        if abs(latitude) <= 90.0 and abs(longitude) <= 180.0 and (latitude or longitude):
+            _tell(f"{path}: no home, so that of {item} at altitude 0 is taken")
+            return Frame(latitude, longitude)
+    raise ScenarioError(str(path), Description("no home"), "home=Frame(latitude, longitude, ...)")
+
+
+def _names(paths: Sequence[Path]) -> list[str]:
+    """Return names of vehicles: those of their files, numbered where several are equal."""
+    names = list[str]()
+    for path in paths:
+        name = "".join(each for each in path.stem if each.isprintable())[:100].strip() or "vehicle"
+        number = 1
+        while (own := name if number == 1 else f"{name}-{number}") in names:
+            number += 1
+        names.append(own)
+    return names
+
+
+def _warn(path: Path, route: Route, positions: FloatArray) -> None:
+    """Warn of items that are left out, and of altitudes far from the origin."""
+    if route.skipped:
+        shown = ", ".join(route.skipped[:20])
+        more = f" and {len(route.skipped) - 20} more" if len(route.skipped) > 20 else ""
+        _tell(f"{path}: not in the scenario: {shown}{more}")
+    away = float(np.hypot(*positions[:, :2].T).max())
+    if (sag := away**2 / (2.0 * EARTH_RADIUS)) > _SAGS:
+        _tell(f"{path}: {away:.0f} m from the origin, constant z is {sag:.2g} m above its altitude")
+
+
+def _tell(text: str) -> None:
+    warnings.warn(MissionWarning(text), stacklevel=4)
+
+
+def _in_file(path: Path, error: ScenarioError) -> ScenarioError:
+    """Return the error with the file before its field."""
+    where = f"{path}: {error.field}" if error.field else str(path)
+    return ScenarioError(where, error.value, error.expected)
+
+
+def _scenario(
+    flights: Sequence[_Flight], limits: Limits | None, grid: Grid | None, origin: Frame
+) -> Scenario:
+    obstacles = list[Obstacle]()
+    for each in flights:
+        obstacles += [zone for zone in each.zones.obstacles if zone not in obstacles]
+    if limits is None:
+        speeds = [most for each in flights for most in each.speeds if most is not None]
+        limits = Limits(max_speed=max(speeds, default=SPEED), max_acceleration=ACCELERATION)
+    pace, lengths = Pace.of(limits), [each.lengths(obstacles) for each in flights]
+    times = None
+    if grid is None:
+        grid, times = _scheduled(flights, lengths, pace)
+    vehicles = [
+        _vehicle(each, None if times is None else times[k]) for k, each in enumerate(flights)
+    ]
+    requirements = [own for each in flights for own in _requirements(each, pace, len(flights))]
+    lowest = min(float(each.positions[:, 2].min()) for each in flights)
+    requirements.append(KeepIn(HalfSpace([0.0, 0.0, -1.0], _BELOW - lowest), name="floor"))
+    try:
+        name = " and ".join(each.name for each in flights[:3])
+        return Scenario(
+            name, grid, vehicles, limits, obstacles, requirements=requirements, frame=origin
+        )
+    except ScenarioError as error:
+        raise _at_item(flights, error) from None
+
+
+def _scheduled(
+    flights: Sequence[_Flight], lengths: Sequence[Sequence[float]], pace: Pace
+) -> tuple[Grid, list[list[float]]]:
+    """Return a grid, and the times of all places of each vehicle [s]."""
+    seconds = [
+        sum(pace.times(own, each.speeds)) + sum(stop.dwell for stop in each.route.stops)
+        for each, own in zip(flights, lengths, strict=True)
+    ]
+    step, found = step_for(max(seconds)), list[list[float]]()
+    for each, own in zip(flights, lengths, strict=True):
+        rests = [int(np.ceil(stop.dwell / step - 1e-9)) for stop in each.route.stops]
+        knots = arrivals(pace.steps(step, own, each.speeds), rests)
+        found.append((step * knots).tolist())
+    return Grid(step, round(max(times[-1] for times in found) / step) + 1), found
+
+
+def _vehicle(flight: _Flight, times: Sequence[float] | None) -> Vehicle:
+    """Return a vehicle, whose waypoints have no times if none are given."""
+    stops = flight.route.stops
+    waypoints = [
+        Waypoint(
+            None if times is None else times[k],
+            stop.position,
+            velocity=np.zeros(3) if stop.rest and not stop.dwell else None,
+            dwell=stop.dwell,
+            name=stop.name,
+        )
+        for k, stop in enumerate(_distinct(stops[:-1]))
+    ]
+    start, goal = State(flight.route.start), State(stops[-1].position)
+    return Vehicle(flight.name, start, goal, waypoints=waypoints)
+
+
+def _distinct(stops: Sequence[Stop]) -> list[Stop]:
+    """Return stops with different names: an item number may be there twice."""
+    names, found = set[str](), list[Stop]()
+    for stop in stops:
+        name, number = stop.name, 1
+        while name in names:
+            number += 1
+            name = f"{stop.name}, {number}"
+        names.add(name)
+        found.append(dataclasses.replace(stop, name=name))
+    return found
+
+
+def _requirements(flight: _Flight, pace: Pace, count: int) -> Iterator[KeepIn]:
+    """Yield inclusion fences, then the largest speeds on legs that are below the others."""
+    who = None if count == 1 else (flight.name,)
+    for fence in flight.zones.requirements:
+        yield dataclasses.replace(fence, vehicles=who)
+    names = [START, *(each.name for each in _distinct(flight.route.stops[:-1])), GOAL]
+    speeds, first = flight.speeds, 0
+    for k, speed in enumerate(speeds):
+        if k + 1 < len(speeds) and speeds[k + 1] == speed:
+            continue
+        if speed is not None and speed < pace.speed:
+            ball, legs = Sphere(np.zeros(3), speed), (names[first], names[k + 1])
+            own, name = (flight.name,), f"{speed:g} m/s"
+            yield KeepIn(ball, of="velocity", vehicles=own, between=legs, name=name)
+        first = k + 1
+
+
+_PART = re.compile(r"^(?:scenario\.)?vehicles\[(\d+)\]\.(start|goal|waypoints\[(\d+)\])")
+
+
+def _at_item(flights: Sequence[_Flight], error: ScenarioError) -> ScenarioError:
+    """Return the error with file and item in place of the scenario's field."""
+    if (found := _PART.match(error.field)) is None:
+        return error
+    flight = flights[int(found[1])]
+    index = -1 if found[2] == "goal" else int(found[3] or 0)
+    item = "home" if found[2] == "start" else flight.route.stops[index].name
+    return ScenarioError(f"{flight.file}: {item}", error.value, error.expected)

@@ -1,0 +1,207 @@
+"""QGroundControl's plan files (.plan): JSON with a mission, fences and rally points.
+
+Of complex items, those that hold their waypoints are read (survey, corridor scan), and landing
+patterns as approach and landing; see docs.qgroundcontrol.com, "Plan File Format".
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic.alias_generators import to_camel
+
+from drake_rho.formats.mission_items import LAND, MOST_ITEMS, WAYPOINT, Fence, Item, MissionFile
+from drake_rho.formats.written_missions import MissionFormat, WrittenMission
+from drake_rho.scenario.errors import Description, ScenarioError
+from drake_rho.scenario.fields import LARGEST, Positive
+from drake_rho.scenario.frame import Frame
+from drake_rho.scenario.refusals import scenario_error
+
+_Number = Annotated[float, Field(ge=-LARGEST, le=LARGEST, allow_inf_nan=False)]
+_Latitude = Annotated[float, Field(ge=-90.0, le=90.0, allow_inf_nan=False)]
+_Longitude = Annotated[float, Field(ge=-180.0, le=180.0, allow_inf_nan=False)]
+_OnMap = tuple[_Latitude, _Longitude]
+_Place = tuple[_Latitude, _Longitude, _Number]
+_Corners = Annotated[tuple[_OnMap, ...], Field(min_length=3, max_length=1000)]
+_FIXED_WING = 1  # MAV_TYPE
+
+
+class _Part(BaseModel):
+    """Part of a file, whose other fields are not read."""
+
+    model_config = ConfigDict(extra="ignore", strict=True, alias_generator=to_camel)
+
+
+class _Circle(_Part):
+    center: _OnMap
+    radius: Annotated[float, Field(ge=1.0 / LARGEST, le=1e6, allow_inf_nan=False)]
+
+
+class _CircleFence(_Part):
+    circle: _Circle
+    inclusion: bool = True
+
+
+class _PolygonFence(_Part):
+    polygon: _Corners
+    inclusion: bool = True
+
+
+class _Fences(_Part):
+    circles: Annotated[tuple[_CircleFence, ...], Field(max_length=1000)] = ()
+    polygons: Annotated[tuple[_PolygonFence, ...], Field(max_length=1000)] = ()
+    polygon: tuple[_OnMap, ...] = ()  # of version 1
+
+
+class _Item(_Part):
+    type: str = "SimpleItem"
+    command: Annotated[int, Field(ge=0, le=65535)] = 0
+    frame: Annotated[int, Field(ge=0, le=255)] = 0
+    params: Annotated[tuple[_Number | None, ...], Field(max_length=7)] = ()
+    coordinate: tuple[_Number | None, _Number | None, _Number | None] | None = None  # older files
+    complex_item_type: str | None = None
+    transect_style_complex_item: _Transects | None = Field(None, alias="TransectStyleComplexItem")
+    landing_approach_coordinate: _Place | None = None
+    loiter_coordinate: _Place | None = None
+    land_coordinate: _Place | None = None
+    altitudes_are_relative: bool = True
+
+
+class _Transects(_Part):
+    items: Annotated[tuple[_Item, ...], Field(alias="Items", max_length=MOST_ITEMS)] = ()
+
+
+class _Mission(_Part):
+    planned_home_position: tuple[_Latitude, _Longitude, _Number | None] | None = None
+    items: Annotated[tuple[_Item, ...], Field(max_length=MOST_ITEMS)]
+    cruise_speed: Positive | None = None
+    hover_speed: Positive | None = None
+    vehicle_type: int = 0
+
+
+class _Rally(_Part):
+    points: tuple[object, ...] = ()
+
+
+class _Plan(_Part):
+    file_type: Literal["Plan"]
+    mission: _Mission
+    geo_fence: _Fences = Field(default_factory=_Fences)
+    rally_points: _Rally = Field(default_factory=_Rally)
+
+
+def parse_plan(text: str) -> MissionFile:
+    """Return the content of a plan file.
+
+    Raises:
+        ScenarioError: the text is not JSON, or not a plan; the error names the field.
+    """
+    try:
+        json.loads(text)
+        plan = _Plan.model_validate_json(text)
+    except ValidationError as error:
+        raise scenario_error(error, _Plan) from None
+    except (ValueError, RecursionError) as error:
+        raise ScenarioError("", Description("malformed JSON"), f"JSON; {error}") from None
+    mission, skipped = plan.mission, list[str]()
+    items = tuple(
+        item
+        for number, each in enumerate(mission.items, start=1)
+        for item in _items(f"item {number}", each, skipped)
+    )
+    home = mission.planned_home_position
+    fixed = mission.vehicle_type == _FIXED_WING
+    return MissionFile(
+        items,
+        None if home is None else Frame(*home[:2], home[2] or 0.0),
+        tuple(_fences(plan.geo_fence)),
+        mission.cruise_speed if fixed else mission.hover_speed,
+        (*skipped, *(["rally points"] if plan.rally_points.points else [])),
+    )
+
+
+def _items(name: str, item: _Item, skipped: list[str]) -> Iterator[Item]:
+    """Yield the simple items of an item, which is added to `skipped` if it has none."""
+    if item.type == "SimpleItem":
+        place = item.coordinate or item.params[4:]
+        given = [*_filled(item.params[:4], 4), *_filled(place, 3)]
+        yield Item(name, item.command, item.frame, tuple(given))
+    elif (transects := item.transect_style_complex_item) is not None and transects.items:
+        for number, each in enumerate(transects.items, start=1):
+            yield from _items(f"{name}.{number}", each, skipped)
+    elif item.land_coordinate is not None:
+        frame = 3 if item.altitudes_are_relative else 0
+        approach = item.landing_approach_coordinate or item.loiter_coordinate
+        if approach is not None:
+            yield Item(f"{name}.1", WAYPOINT, frame, (0.0, 0.0, 0.0, 0.0, *approach))
+        yield Item(f"{name}.2", LAND, frame, (0.0, 0.0, 0.0, 0.0, *item.land_coordinate))
+    else:
+        skipped.append(f"{name} ({item.complex_item_type or item.type})")
+
+
+def _filled(values: tuple[float | None, ...], count: int) -> list[float]:
+    """Return values with NaN for those that are null or missing."""
+    given = [np.nan if each is None else each for each in values[:count]]
+    return given + [np.nan] * (count - len(given))
+
+
+def _fences(fences: _Fences) -> Iterator[Fence]:
+    """Yield circles, then polygons, numbered from 1."""
+    words = {True: "inclusion", False: "exclusion"}
+    for number, each in enumerate(fences.circles, start=1):
+        name = f"{words[each.inclusion]} circle {number}"
+        yield Fence(name, each.inclusion, np.array([each.circle.center]), each.circle.radius)
+    for number, one in enumerate(fences.polygons, start=1):
+        name = f"{words[one.inclusion]} polygon {number}"
+        yield Fence(name, one.inclusion, np.array(one.polygon))
+    if fences.polygon:
+        yield Fence("inclusion polygon", True, np.array(fences.polygon))
+
+
+class QGroundControl(MissionFormat):
+    """Plan of a vehicle, with altitudes relative to where it starts."""
+
+    name = "qgroundcontrol"
+    endings = (".plan",)
+
+    def text(self, mission: WrittenMission) -> str:
+        """Return the content of a vehicle's file."""
+        items = [_written(number, each) for number, each in enumerate(mission.items, start=1)]
+        content: dict[str, Any] = {
+            "fileType": "Plan",
+            "geoFence": {"circles": [], "polygons": [], "version": 2},
+            "groundStation": "QGroundControl",
+            "mission": {
+                "cruiseSpeed": mission.speed,
+                "firmwareType": 12,  # PX4
+                "globalPlanAltitudeMode": 1,
+                "hoverSpeed": mission.speed,
+                "items": items,
+                "plannedHomePosition": mission.home,
+                "vehicleType": 2,  # a quadrotor
+                "version": 2,
+            },
+            "rallyPoints": {"points": [], "version": 2},
+            "version": 1,
+        }
+        return json.dumps(content, indent=4) + "\n"
+
+
+def _written(number: int, item: Item) -> dict[str, Any]:
+    """Return an item as in the file."""
+    params = [None if np.isnan(each) else each for each in item.params]
+    return {
+        "AMSLAltAboveTerrain": None,
+        "Altitude": params[6],
+        "AltitudeMode": 1,  # relative to home
+        "autoContinue": True,
+        "command": item.command,
+        "doJumpId": number,
+        "frame": item.frame,
+        "params": params,
+        "type": "SimpleItem",
+    }

@@ -1,0 +1,158 @@
+"""Routes: what the items of a mission mean for the motion of a vehicle."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from drake_rho.formats.mission_items import (
+    CHANGE_SPEED,
+    DELAY,
+    LAND,
+    LOITER_TIME,
+    LOITER_TO_ALTITUDE,
+    LOITER_TURNS,
+    LOITER_UNLIMITED,
+    RETURN,
+    SPLINE,
+    TAKEOFF,
+    VTOL_LAND,
+    VTOL_TAKEOFF,
+    WAYPOINT,
+    Item,
+    MissionFile,
+)
+from drake_rho.scenario.errors import Description, ScenarioError
+from drake_rho.scenario.fields import FloatArray
+from drake_rho.scenario.frame import Frame
+
+SAME_PLACE = 1e-3
+"""Distance up to which two places in a row are one [m]."""
+_FARTHEST = 1e5
+"""Largest distance of a place from home [m], beyond which local metres mean little."""
+_LONGEST = 1e5
+"""Longest time at rest [s]."""
+_PASSED = WAYPOINT, SPLINE, LOITER_TIME, LOITER_TURNS, LOITER_TO_ALTITUDE, TAKEOFF, VTOL_TAKEOFF
+_HOLDING = WAYPOINT, SPLINE, LOITER_TIME
+"""Commands whose first parameter is a time at rest [s]."""
+_OVER_GROUND = 0.0, 1.0
+"""Kinds of speeds that an item changes: in the air and over ground, not of climbs."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Stop:
+    """Place of a route."""
+
+    name: str
+    """name of its item"""
+    position: FloatArray
+    """east, north and up of the scenario's origin [m], shape (3,)"""
+    speed: float | None = None
+    """largest speed on the leg to it, if the file gives one [m/s]"""
+    dwell: float = 0.0
+    """least time at rest [s]"""
+    rest: bool = False
+    """whether it is passed at rest: above a landing"""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Route:
+    """Places of a vehicle in their order."""
+
+    start: FloatArray
+    """place of the launch [m], shape (3,)"""
+    stops: tuple[Stop, ...]
+    """places after it; the last one is the goal"""
+    skipped: tuple[str, ...]
+    """items that the route leaves out, or in part"""
+
+
+def route_of(mission: MissionFile, home: Frame, origin: Frame) -> Route:
+    """Return the route of a mission.
+
+    Args:
+        mission: content of its file.
+        home: place of the launch, and level of relative altitudes.
+        origin: origin of the local positions.
+
+    Raises:
+        ScenarioError: an item is no place in this scenario, or there is no place.
+    """
+    walk = _Walk(home, origin, mission.speed)
+    for number, item in enumerate(mission.items):
+        if walk.ended is not None:
+            walk.skipped += [f"{each} after {walk.ended}" for each in mission.items[number:]]
+            break
+        walk.take(item)
+    if not walk.stops:
+        expected = "a waypoint, a take-off or a landing away from home"
+        others = "".join(f", {each}" for each in [*mission.skipped, *walk.skipped][:10])
+        raise ScenarioError("items", Description(f"no place{others}"), expected)
+    return Route(walk.start, tuple(walk.stops), (*mission.skipped, *walk.skipped))
+
+
+class _Walk:
+    """Places so far, and what holds from the last one on."""
+
+    def __init__(self, home: Frame, origin: Frame, speed: float | None) -> None:
+        self.home, self.origin, self.speed = home, origin, speed
+        self.place = self.launch = np.array([home.latitude, home.longitude, home.altitude])
+        self.start = origin.local(*self.launch)
+        self.stops: list[Stop] = []
+        self.skipped: list[str] = []
+        self.ended: str | None = None
+
+    def take(self, item: Item) -> None:
+        """Go on by an item."""
+        match item.command:
+            case command if command in _PASSED:
+                self._pass(item)
+            case command if command in (LAND, VTOL_LAND):
+                self._descend(item, item.geodetic(self.home, self.place))
+            case command if command == RETURN:
+                self._descend(item, self.launch)
+            case command if command == LOITER_UNLIMITED:
+                self._go(item.name, item.geodetic(self.home, self.place))
+                self.ended = str(item)
+            case command if command == DELAY and item.params[0] > 0.0 and self.stops:
+                self._wait(item.params[0])
+            case command if command == CHANGE_SPEED and item.params[0] in _OVER_GROUND:
+                if item.params[1] > 0.0:  # -1 is no change, of the throttle alone
+                    self.speed = item.params[1]
+            case _:
+                self.skipped.append(str(item))
+
+    def _pass(self, item: Item) -> None:
+        hold = item.params[0]
+        self._go(item.name, item.geodetic(self.home, self.place))
+        if item.command in _HOLDING and hold > 0.0:
+            self._wait(hold)
+        if item.command == LOITER_TURNS:
+            self.skipped.append(f"the turns of {item}")
+
+    def _descend(self, item: Item, ground: FloatArray) -> None:
+        """Go above a place at the present altitude, stop there, and descend to it."""
+        above = np.array([*ground[:2], max(self.place[2], ground[2])])
+        self._go(item.name, above)
+        if self.stops:
+            self.stops[-1] = dataclasses.replace(self.stops[-1], rest=True)
+        self._go(f"{item.name}, ground", ground)
+
+    def _wait(self, seconds: float) -> None:
+        """Rest at the last place, but not at the start."""
+        if self.stops:
+            last = self.stops[-1]
+            if not last.dwell + seconds <= _LONGEST:
+                raise ScenarioError(last.name, seconds, f"at most {_LONGEST:g} s at rest")
+            self.stops[-1] = dataclasses.replace(last, dwell=last.dwell + seconds)
+
+    def _go(self, name: str, place: FloatArray) -> None:
+        """Add a place, unless the vehicle is there."""
+        self.place, position = place, self.origin.local(*place)
+        if not np.linalg.norm(position - self.start) <= _FARTHEST:
+            expected = f"a place within {_FARTHEST / 1000.0:g} km of home"
+            raise ScenarioError(name, place.tolist(), expected)
+        before = self.stops[-1].position if self.stops else self.start
+        if np.linalg.norm(position - before) > SAME_PLACE:
+            self.stops.append(Stop(name, position, self.speed))

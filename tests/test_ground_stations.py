@@ -1,0 +1,455 @@
+"""Missions of QGroundControl and MAVLink: read, planned, written, and read by others."""
+
+from __future__ import annotations
+
+import json
+import sys
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pymap3d
+import pytest
+from pymavlink import mavwp
+
+import drake_rho as rho
+from tests.test_cli import run
+
+HOME = rho.Frame(47.3977, 8.5456, 488.0)
+MILLIMETRE = 1e-3
+
+
+def geodetic(*position: float) -> list[float]:
+    """Return latitude, longitude and altitude of a place in metres from home."""
+    place = pymap3d.enu2geodetic(*position, HOME.latitude, HOME.longitude, HOME.altitude)
+    return [float(each) for each in place]
+
+
+def item(command: int, *position: float, hold: float = 0.0, frame: int = 3) -> dict[str, Any]:
+    """Return an item of a plan file at a place in metres from home."""
+    latitude, longitude, altitude = geodetic(*position)
+    altitude -= HOME.altitude if frame == 3 else 0.0
+    params = [hold, 0, 0, None, latitude, longitude, altitude]
+    return {"type": "SimpleItem", "command": command, "frame": frame, "params": params}
+
+
+def other(command: int, *params: float) -> dict[str, Any]:
+    """Return an item without a place."""
+    return {"type": "SimpleItem", "command": command, "frame": 2, "params": [*params, 0, 0, 0]}
+
+
+PLACES = np.array([[0, 0, 15], [40, 0, 15], [40, 30, 20], [0, 0, 20], [0, 0, 0]], dtype=float)
+ITEMS = [
+    item(22, *PLACES[0]),
+    item(16, *PLACES[1], hold=2.0),
+    other(178, 1, 3.0, -1, 0),
+    item(16, *PLACES[2], frame=0),
+    other(20, 0, 0, 0, 0),
+]
+
+
+def plan_file(folder: Path, items: list[dict[str, Any]], **fence: Any) -> Path:
+    """Write a plan file with a fence."""
+    content = {
+        "fileType": "Plan",
+        "geoFence": {"circles": [], "polygons": [], "version": 2, **fence},
+        "groundStation": "QGroundControl",
+        "mission": {
+            "cruiseSpeed": 15,
+            "hoverSpeed": 5,
+            "items": items,
+            "plannedHomePosition": [HOME.latitude, HOME.longitude, HOME.altitude],
+            "vehicleType": 2,
+            "version": 2,
+        },
+        "rallyPoints": {"points": [], "version": 2},
+        "version": 1,
+    }
+    path = folder / "survey.plan"
+    path.write_text(json.dumps(content))
+    return path
+
+
+def on_map(*corners: tuple[float, float]) -> list[list[float]]:
+    """Return latitudes and longitudes of corners in metres from home."""
+    return [geodetic(x, y, 0.0)[:2] for x, y in corners]
+
+
+def polygon(inclusion: bool, *corners: tuple[float, float]) -> dict[str, Any]:
+    """Return a polygon of a fence."""
+    return {"inclusion": inclusion, "polygon": on_map(*corners), "version": 1}
+
+
+def places_of(scenario: rho.Scenario) -> np.ndarray:
+    """Return waypoints and goal of the only vehicle [m]."""
+    (vehicle,) = scenario.vehicles
+    return np.array([*(each.position for each in vehicle.waypoints), vehicle.goal.position])
+
+
+@pytest.fixture(scope="module")
+def scenario(tmp_path_factory: pytest.TempPathFactory) -> rho.Scenario:
+    """Return the mission with a stop, a change of speed and a return."""
+    return rho.load_mission(plan_file(tmp_path_factory.mktemp("mission"), ITEMS))
+
+
+@pytest.fixture(scope="module")
+def plan(scenario: rho.Scenario) -> rho.Plan:
+    """Return its plan."""
+    return rho.plan(scenario)
+
+
+def test_places_dwells_speeds_and_ends_are_those_of_the_file(scenario: rho.Scenario) -> None:
+    (vehicle,) = scenario.vehicles
+    np.testing.assert_allclose(places_of(scenario), PLACES, rtol=0, atol=MILLIMETRE)
+    np.testing.assert_allclose(vehicle.start.position, 0.0, atol=1e-9)
+    assert [each.dwell for each in vehicle.waypoints] == [0.0, 2.0, 0.0, 0.0]
+    assert [each.name for each in vehicle.waypoints] == ["item 1", "item 2", "item 4", "item 5"]
+    assert scenario.frame == HOME
+    assert scenario.limits == rho.Limits(max_speed=5.0, max_acceleration=2.5)
+    (cap,) = (each for each in scenario.requirements if each.of == "velocity")
+    assert cap.between == ("item 2", "goal")
+    assert cap.name == "3 m/s"
+
+
+def test_the_speed_is_limited_from_its_change_on(plan: rho.Plan) -> None:
+    speeds = np.linalg.norm(plan.velocities[0], axis=-1)
+    changed = plan.scenario.vehicles[0].waypoints[1].time
+    assert changed is not None
+    assert rho.verify(plan).ok
+    assert speeds[plan.times >= changed].max() <= 3.0 + 1e-6
+    assert speeds[plan.times < changed].max() > 3.0
+
+
+def own_places(path: Path) -> np.ndarray:
+    """Return latitude, longitude and altitude of the items of a plan file."""
+    mission = json.loads(path.read_text())["mission"]
+    level = mission["plannedHomePosition"][2]
+    return np.array(
+        [[*each["params"][4:6], level + each["params"][6]] for each in mission["items"]]
+    )
+
+
+def places_by_pymavlink(path: Path) -> np.ndarray:
+    """Return the same of a mission file, read by pymavlink."""
+    loader = mavwp.MAVWPLoader()
+    loader.load(str(path))
+    home, *items = [loader.wp(k) for k in range(loader.count())]
+    return np.array([[each.x, each.y, home.z + each.z] for each in items])
+
+
+@pytest.mark.parametrize(
+    ("name", "parse"), [("m.plan", own_places), ("m.waypoints", places_by_pymavlink)]
+)
+def test_a_plan_is_written_for_others_and_read_again(
+    name: str, parse: Callable[[Path], np.ndarray], plan: rho.Plan, tmp_path: Path
+) -> None:
+    written = rho.export(plan, tmp_path / name)
+    local = pymap3d.geodetic2enu(
+        *parse(tmp_path / name).T, HOME.latitude, HOME.longitude, HOME.altitude
+    )
+    for found in (np.stack(local, axis=-1), places_of(rho.load_mission(tmp_path / name))):
+        apart = np.linalg.norm(found[:, None] - PLACES, axis=-1).min(axis=0)
+        assert apart.max() < MILLIMETRE
+    again = rho.load_mission(tmp_path / name)
+    assert max(each.dwell for each in again.vehicles[0].waypoints) == 2.0
+    assert 0.0 < written.deviation <= 0.1 + 1e-3
+    x = plan.at(np.linspace(plan.times[0], plan.times[-1], 5000)).positions[0]
+    ends = np.concatenate([[plan.positions[0, 0]], np.stack(local, axis=-1)])
+    assert distances(x, ends).max() <= written.deviation
+    assert "no times" in str(written)
+
+
+def distances(x: np.ndarray, ends: np.ndarray) -> np.ndarray:
+    """Return the distances of points from a polyline [m]."""
+    a, leg = ends[:-1], np.diff(ends, axis=0)
+    squares = np.maximum(np.sum(leg**2, axis=1), 1e-12)
+    part = np.clip(np.sum((x[:, None] - a) * leg, axis=-1) / squares, 0.0, 1.0)
+    return np.asarray(np.linalg.norm(x[:, None] - a - part[..., None] * leg, axis=-1).min(axis=1))
+
+
+def test_several_vehicles_are_a_folder_and_lose_their_separation(tmp_path: Path) -> None:
+    vehicles = [
+        rho.Vehicle(f"v{y}", rho.State([0, y, 1]), rho.State([20, y, 1])) for y in (0.0, 5.0)
+    ]
+    pair = rho.Scenario(
+        "pair",
+        rho.Grid.lasting(10.0, step=0.5),
+        vehicles,
+        separation=rho.Separation(1.0),
+        frame=HOME,
+    )
+    plan = rho.plan(pair)
+    with pytest.raises(ValueError, match=r"m\.plan' for 2 vehicles, expected a folder"):
+        rho.export(plan, tmp_path / "m.plan")
+    written = rho.export(plan, tmp_path / "all", format="mavlink")
+    assert [each.name for each in written.files] == ["v0.0.waypoints", "v5.0.waypoints"]
+    assert "separation is lost" in str(written)
+    assert written.spare is not None
+    assert not written.spare.keeps_clear
+    loaded = rho.load_mission(written.files, limits=rho.Limits(max_acceleration=2.0))
+    assert loaded.names == ("v0.0", "v5.0")
+    np.testing.assert_allclose(loaded.vehicles[1].start.position, [0, 5, 0], atol=MILLIMETRE)
+
+
+def test_a_mission_needs_a_place_on_the_earth(tmp_path: Path) -> None:
+    plan = rho.plan(rho.load_scenario("courier"))
+    with pytest.raises(ValueError, match=r"frame: got none, expected Scenario\(frame="):
+        rho.export(plan, tmp_path / "m.plan")
+
+
+def test_fences_keep_in_and_out(tmp_path: Path) -> None:
+    concave = [(-20.0, -20.0), (60.0, -20.0), (60.0, 60.0), (20.0, 8.0), (-20.0, 60.0)]
+    circle = {"circle": {"center": on_map((20.0, 0.0))[0], "radius": 4.0}, "inclusion": False}
+    path = plan_file(tmp_path, ITEMS, polygons=[polygon(True, *concave)], circles=[circle])
+    scenario = rho.load_mission(path)
+    plan = rho.plan(scenario)
+    assert rho.verify(plan).ok
+    x = plan.at(np.linspace(plan.times[0], plan.times[-1], 3000)).positions[0]
+    assert np.hypot(x[:, 0] - 20.0, x[:, 1]).min() > 4.0 - 1e-3
+    edge = np.interp(x[:, 0], [-20.0, 20.0, 60.0], [60.0, 8.0, 60.0])
+    assert (x[:, 1] < edge + 0.02).all()
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_concave_no_fly_zone_has_no_gap(seed: int, tmp_path: Path) -> None:
+    rng = np.random.default_rng(seed)
+    angles = 2.0 * np.pi * (np.arange(9) + rng.uniform(0.0, 0.8, 9)) / 9.0
+    corners = np.stack([np.cos(angles), np.sin(angles)], axis=1) * rng.uniform(20.0, 200.0, (9, 1))
+    zone = polygon(False, *((float(x) + 500.0, float(y)) for x, y in corners))
+    path = plan_file(tmp_path, [item(22, 0, 0, 10), item(16, 0, 50, 10)], polygons=[zone])
+    k, part = rng.integers(0, 9, 2000), rng.uniform(0.0, 1.0, (2, 2000, 1))
+    on_sides = corners[k] + part[0] * (np.roll(corners, -1, axis=0) - corners)[k]
+    inside = part[1] * on_sides + [500.0, 0.0]  # of a polygon like a star
+    x = np.column_stack([inside, np.full(2000, 10.0)])
+    bodies = rho.load_mission(path).bodies
+    depths = np.min([each.shape.signed_distance(x) for each in bodies], axis=0)
+    assert depths.max() < 1e-3  # the Earth's bend
+    assert len(bodies) > 1
+
+
+@pytest.mark.parametrize(
+    ("items", "words"),
+    [
+        ([item(16, 5, 5, 5), {**item(16, 1, 1, 1), "frame": 10}], "item 2 .NAV_WAYPOINT., frame"),
+        ([item(16, 2e5, 0, 5)], "within 100 km of home"),
+        ([other(201, 0, 0, 0, 0)], r"no place, item 1 \(DO_SET_ROI\)"),
+        ([{**item(16, 1, 1, 1), "params": ["x"]}], r"mission\.items\[0\]\.params\[0\]"),
+        (
+            [{"type": "ComplexItem", "complexItemType": "StructureScan"}],
+            r"item 1 \(StructureScan\)",
+        ),
+        ([], "no place"),
+    ],
+)
+def test_what_cannot_be_flown_is_refused_by_its_item(
+    items: list[dict[str, Any]], words: str, tmp_path: Path
+) -> None:
+    with pytest.raises(rho.ScenarioError, match=rf"survey\.plan: .*{words}"):
+        rho.load_mission(plan_file(tmp_path, items))
+
+
+def test_skipped_items_are_named(tmp_path: Path) -> None:
+    items = [*ITEMS[:2], other(201, 0, 0, 0, 0), other(177, 1, 5, 0, 0), ITEMS[-1]]
+    words = r"not in the scenario: item 3 \(DO_SET_ROI\), item 4 \(DO_JUMP\)"
+    with pytest.warns(rho.MissionWarning, match=words):
+        rho.load_mission(plan_file(tmp_path, items))
+
+
+def test_far_from_home_a_level_is_no_altitude(tmp_path: Path) -> None:
+    far = 3000.0
+    with pytest.warns(rho.MissionWarning, match=r"3000 m from the origin.*0\.71 m above"):
+        rho.load_mission(plan_file(tmp_path, [item(16, far, 0, 50)]))
+
+
+LINES = """QGC WPL 110
+0\t1\t0\t16\t0\t0\t0\t0\t47.3977\t8.5456\t488\t1
+1\t0\t3\t22\t0\t0\t0\t0\t0\t0\t20\t1
+2\t0\t3\t16\t3\t0\t0\t0\t47.3980\t8.5456\t20\t1
+3\t0\t3\t21\t0\t0\t0\t0\t0\t0\t0\t1
+"""
+
+
+def test_missing_places_are_the_present_one(tmp_path: Path) -> None:
+    (tmp_path / "m.txt").write_text(LINES)
+    scenario = rho.load_mission(tmp_path / "m.txt")
+    north = HOME.local(47.3980, 8.5456, 488.0)[1]
+    expected = [[0, 0, 20], [0, north, 20], [0, north, 0]]
+    np.testing.assert_allclose(places_of(scenario), expected, atol=2e-3)  # of the Earth's bend
+    elsewhere = rho.load_mission(tmp_path / "m.txt", home=rho.Frame(47.3977, 8.5456, 100.0))
+    assert elsewhere.frame is not None
+    assert elsewhere.frame.altitude == 100.0
+
+
+def test_fences_are_items_of_mission_files(tmp_path: Path) -> None:
+    corners = on_map((-50, -50), (80, -50), (80, 80), (-50, 80))
+    rows = [f"{k}\t0\t3\t5001\t4\t0\t0\t0\t{x}\t{y}\t0\t1\n" for k, (x, y) in enumerate(corners, 4)]
+    latitude, longitude = on_map((20, 20))[0]
+    circle = f"8\t0\t3\t5004\t3\t0\t0\t0\t{latitude}\t{longitude}\t0\t1\n"
+    (tmp_path / "m.waypoints").write_text(LINES + "".join(rows) + circle)
+    scenario = rho.load_mission(tmp_path / "m.waypoints")
+    (zone,) = scenario.bodies
+    assert isinstance(zone.shape, rho.Cylinder)
+    assert zone.shape.radius == 3.0
+    np.testing.assert_allclose(zone.shape.center[:2], 20.0, atol=MILLIMETRE)
+    assert [each.name for each in scenario.requirements] == ["inclusion polygon 1", "floor"]
+
+
+def test_a_landing_pattern_is_an_approach_and_a_landing(tmp_path: Path) -> None:
+    pattern = {
+        "type": "ComplexItem",
+        "complexItemType": "fwLandingPattern",
+        "altitudesAreRelative": True,
+        "landingApproachCoordinate": [*geodetic(60, 0, 0)[:2], 30],
+        "landCoordinate": [*geodetic(100, 0, 0)[:2], 0],
+    }
+    scenario = rho.load_mission(plan_file(tmp_path, [item(22, *PLACES[0]), pattern]))
+    expected = [[0, 0, 15], [60, 0, 30], [100, 0, 30], [100, 0, 0]]
+    np.testing.assert_allclose(places_of(scenario), expected, atol=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("\t3\t22", "\t10\t22", r"item 1 .NAV_TAKEOFF., frame: got 10"),
+        ("47.3980", "north", r"line 4, column 9 \(latitude\): got 'north'"),
+        ("\t1\n2", "\n2", "line 3: got 11 columns"),
+        ("110", "100", "line 1: got version 100"),
+    ],
+)
+def test_a_malformed_line_is_named(old: str, new: str, words: str, tmp_path: Path) -> None:
+    (tmp_path / "m.waypoints").write_text(LINES.replace(old, new, 1))
+    with pytest.raises(rho.ScenarioError, match=rf"m\.waypoints: {words}"):
+        rho.load_mission(tmp_path / "m.waypoints")
+
+
+def mutated(text: str, rng: np.random.Generator) -> bytes:
+    """Return text with some bytes changed, left out or doubled, or cut off."""
+    content = bytearray(text.encode())
+    for _ in range(rng.integers(1, 6)):
+        at, kind = int(rng.integers(0, len(content))), rng.integers(0, 4)
+        if kind == 0:
+            content[at] = rng.integers(32, 127)
+        elif kind == 1:
+            del content[at : at + int(rng.integers(1, 20))]
+        elif kind == 2:
+            content[at:at] = content[at : at + int(rng.integers(1, 60))]
+        else:
+            content[at:at] = rng.choice([b"-", b"9", b"e99", b"null", b"NaN", b"[", b'"'])
+        if not content:
+            break
+    return bytes(content)
+
+
+@pytest.mark.parametrize("kind", ["plan", "waypoints", "csv"])
+def test_mutated_files_are_read_or_refused_by_name(kind: str, tmp_path: Path) -> None:
+    assert mutations(kind, 100, tmp_path) == 100
+
+
+def mutations(kind: str, count: int, folder: Path) -> int:
+    """Return how many mutated files of a kind are read, or refused with their name."""
+    rng, path = np.random.default_rng(count), folder / f"m.{kind}"
+    zone = polygon(False, (100, 100), (120, 100), (105, 105), (100, 120))
+    texts = {
+        "plan": plan_file(folder, ITEMS, polygons=[zone]).read_text(),
+        "waypoints": LINES,
+        "csv": "time [s],x [m],y [m],z [m]\n1,0,0,1\n2.5,4,0,1\n",
+    }
+    right, read = 0, rho.load_waypoints if kind == "csv" else rho.load_mission
+    for _ in range(count):
+        path.write_bytes(mutated(texts[kind], rng))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", rho.MissionWarning)
+            try:
+                read(path)
+                right += 1
+            except rho.ScenarioError as error:
+                right += str(error).startswith(str(path)) and len(str(error)) < 1500
+    return right
+
+
+def test_nested_json_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "m.plan").write_text('{"fileType": "Plan", "mission": ' + "[" * 100_000)
+    with pytest.raises(rho.ScenarioError, match=r"m\.plan: got malformed JSON"):
+        rho.load_mission(tmp_path / "m.plan")
+
+
+def test_a_frame_is_saved_and_printed(scenario: rho.Scenario, tmp_path: Path) -> None:
+    rho.save_scenario(scenario, tmp_path / "s.yaml")
+    assert rho.load_scenario(tmp_path / "s.yaml") == scenario
+    assert "latitude 47.3977°, longitude 8.5456°, altitude 488 m" in str(scenario)
+    assert "frame" not in str(rho.load_scenario("courier"))
+
+
+def test_a_plan_keeps_its_frame(plan: rho.Plan, tmp_path: Path) -> None:
+    rho.save(plan, tmp_path / "p.npz")
+    loaded = rho.load(tmp_path / "p.npz")
+    assert isinstance(loaded, rho.Plan)
+    assert loaded.scenario.frame == HOME
+
+
+def test_a_missing_library_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "pymap3d", None)
+    with pytest.raises(rho.ScenarioError, match=r"the extra missions: pip install"):
+        HOME.local(47.0, 8.0, 0.0)
+
+
+def test_a_mission_is_planned_on_the_command_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, kept = plan_file(tmp_path, ITEMS), str(tmp_path / "kept.npz")
+    status, out, _ = run(capsys, monkeypatch, "plan", str(path), "-o", kept)
+    assert status == 0, out
+    status, out, _ = run(capsys, monkeypatch, "export", kept, "-o", str(tmp_path / "m.waypoints"))
+    assert status == 0, out
+    assert "no times" in out
+    status, _, err = run(capsys, monkeypatch, "plan", str(path), "--duration", "60")
+    assert (status, err.count("\n")) == (2, 1)
+    assert "expected --duration and --step, or neither" in err
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "0,0,1\n4,0,1\n4,3,2\n",
+        "x,y,z\n0,0,1\n4,0,1\n4,3,2\n",
+        "# survey\nz [m]; x [m]; y [m]\n1;0;0\n\n1;4;0\n2;4;3\n",
+    ],
+)
+def test_tables_without_times_are_places(text: str, tmp_path: Path) -> None:
+    (tmp_path / "w.csv").write_text(text)
+    waypoints = rho.load_waypoints(tmp_path / "w.csv")
+    assert waypoints == tuple(rho.Waypoint(None, p) for p in ([0, 0, 1], [4, 0, 1], [4, 3, 2]))
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("0,0,1\n4,zero,1\n", "line 2, column 2: got 'zero'"),
+        ("t,x,y,z\n1,0,0,1\n2,0,0\n", "line 3: got 3 columns, expected 4"),
+        ("x,y,up\n0,0,1\n", "line 1, column 3: got 'up'"),
+        ("x [km],y,z\n0,0,1\n", r"line 1, column 1: got 'x \[km\]', expected x \[m\]"),
+        ("1,2\n", "line 1: got 2 columns"),
+        ("0,0,1e13\n", "line 1, column 3: got '1e13'"),
+        ("", "got no row"),
+    ],
+)
+def test_a_table_is_refused_by_row_and_column(text: str, words: str, tmp_path: Path) -> None:
+    (tmp_path / "w.csv").write_text(text)
+    with pytest.raises(rho.ScenarioError, match=rf"w\.csv: {words}"):
+        rho.load_waypoints(tmp_path / "w.csv")
+
+
+def test_a_written_table_is_near_the_plan_at_all_times(tmp_path: Path) -> None:
+    plan = rho.plan(rho.load_scenario("courier"))
+    written = rho.export(plan, tmp_path / "w.csv", format="waypoints")
+    rows = rho.load_waypoints(tmp_path / "w.csv")
+    times, places = (
+        np.array([row.time for row in rows], float),
+        np.array([row.position for row in rows]),
+    )
+    t = np.linspace(plan.times[0], plan.times[-1], 2000)
+    on_lines = np.stack([np.interp(t, times, axis) for axis in places.T], axis=-1)
+    apart = np.linalg.norm(plan.at(t).positions[0] - on_lines, axis=-1)
+    assert apart.max() <= written.deviation <= 0.1
