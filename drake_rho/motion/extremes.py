@@ -88,21 +88,26 @@ def _rising_root(
     )
     if not np.any(rises):
         return low
-    roots = np.array(low)
-    c0, c1, c2, c3, low, high = (each[rises] for each in (c0, c1, c2, c3, low, high))
-    s = (low + high) / 2
+    roots, here = np.array(low), np.nonzero(rises)
+    work = np.stack([each[here] for each in (*coefficients, low, high)])
+    s = (work[4] + work[5]) / 2
     for _ in range(_STEPS):
+        c0, c1, c2, c3, low, high = work
         value = c0 + s * (c1 + s * (c2 + s * c3))
-        low, high = np.where(value < 0, s, low), np.where(value < 0, high, s)
+        np.copyto(low, s, where=value < 0)
+        np.copyto(high, s, where=value >= 0)
         with np.errstate(divide="ignore", invalid="ignore"):
             newton = s - value / (c1 + s * (2 * c2 + s * 3 * c3))
-        inside = (newton > low) & (newton < high)  # false for NaN
+        inside = (newton >= low) & (newton <= high)  # false for NaN; at an end once converged
         following = np.where(inside, newton, (low + high) / 2)
         moved = np.abs(following - s) > _LAST_DIGIT * high
-        s = following
-        if not np.any(moved):
+        roots[here] = s = following
+        going = np.count_nonzero(moved)
+        if going == 0:
             break
-    roots[rises] = s
+        if 2 * going < len(s):  # a few roots that are nearly double take all rounds
+            here = tuple(each[moved] for each in here)
+            work, s = work[:, moved], s[moved]
     return roots
 
 

@@ -57,7 +57,9 @@ class Described(ABCMeta):
         if own is None or "__match_args__" not in vars(cls):  # the class is still being created
             return own
         fields = {field.name: field for field in dataclasses.fields(cls)}  # type: ignore[arg-type]
-        descriptions = _field_descriptions(cls)
+        descriptions = {
+            name: " ".join(text.split()) for name, text in field_descriptions(cls).items()
+        }
         lines = [
             f"    {name} ({_plain_annotation(str(field.type))}): {descriptions[name]}"
             for name, field in fields.items()
@@ -114,8 +116,8 @@ def signature_of(cls: Any) -> inspect.Signature:
     return inspect.Signature(parameters)
 
 
-def _field_descriptions(cls: type) -> dict[str, str]:
-    """Return the docstrings under the fields of a class and its bases, each as one line."""
+def field_descriptions(cls: type) -> dict[str, str]:
+    """Return the docstrings under the fields of a class and its bases."""
     descriptions: dict[str, str] = {}
     for each in reversed(cls.__mro__):
         if not isinstance(each, Described):
@@ -131,7 +133,7 @@ def _field_descriptions(cls: type) -> dict[str, str]:
                     ast.AnnAssign(target=ast.Name(id=name)),
                     ast.Expr(value=ast.Constant(value=str(text))),
                 ):
-                    descriptions[name] = " ".join(text.split())
+                    descriptions[name] = inspect.cleandoc(text)
     return descriptions
 
 

@@ -23,7 +23,7 @@ from pydantic import (
 from pydantic.dataclasses import dataclass as pydantic_dataclass
 from pydantic.fields import FieldInfo
 
-from drake_rho.scenario.described import described, signature_of
+from drake_rho.scenario.described import described, field_descriptions, signature_of
 from drake_rho.scenario.errors import Description, ScenarioError
 from drake_rho.scenario.refusals import scenario_error
 
@@ -182,13 +182,7 @@ def record(cls: type[_Record]) -> type[_Record]:
     are equal if all their fields are equal. The docstring under a field is its description in the
     JSON schema and in `help`, which shows nothing of pydantic.
     """
-    description = inspect.cleandoc(cls.__doc__ or "").partition("\n\nExamples:")[0]
-    config = ConfigDict(
-        extra="forbid",
-        arbitrary_types_allowed=True,
-        use_attribute_docstrings=True,
-        json_schema_extra={"description": description},
-    )
+    config = ConfigDict(extra="forbid", arbitrary_types_allowed=True, json_schema_extra=_describe)
     made: Any = pydantic_dataclass(described(cls), frozen=True, eq=False, config=config)
     for field in dataclasses.fields(made):
         if isinstance(field.default, FieldInfo):  # required, after a field that is not
@@ -214,6 +208,20 @@ def record(cls: type[_Record]) -> type[_Record]:
     made.__reduce__ = _reduce
     made.__hash__ = None  # records hold arrays and are equal by value, so they cannot be keys
     return made  # type: ignore[no-any-return]  # `made` is declared as Any above
+
+
+def _describe(schema: dict[str, Any], cls: type) -> None:
+    """Add the docstrings of a record and its fields to its JSON schema.
+
+    They are read from the source, which takes longer than all else when a record is made, so only
+    where a schema is asked for.
+    """
+    schema["description"] = inspect.cleandoc(vars(cls)["__doc__"] or "").partition("\n\nExamples:")[
+        0
+    ]
+    for name, text in field_descriptions(cls).items():
+        if name in schema.get("properties", {}):
+            schema["properties"][name]["description"] = text
 
 
 def record_kind(value: object, kinds: Mapping[str, Sequence[str]], otherwise: str) -> str:

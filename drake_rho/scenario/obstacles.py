@@ -322,18 +322,26 @@ class Obstacle:
         away = self.gaps(places, places, begin)
         return self.velocity_error == 0.0 and bool((away >= size + distances).all())
 
-    def distances(self, positions: FloatArray, times: FloatArray) -> FloatArray:
+    def distances(
+        self, positions: FloatArray, times: FloatArray, most: float = np.inf
+    ) -> FloatArray:
         """Return signed distances from the space that it may occupy [m], shape (..., M).
 
         They are negative inside, and infinite at times at which the obstacle is not active.
+        Distances above `most` may be any above it, which is faster near maps.
 
         Args:
             positions: [m], shape (..., M, 3).
             times: on the scenario's clock [s], shape (M,), or one for all positions.
+            most: largest distance of interest [m].
         """
-        distances = self.shape.local_distance(positions - self.centers(times))
+        x = positions - self.centers(times)
         if self.is_uncertain:
-            distances = distances - self.uncertainty(times)
+            errors = self.uncertainty(times)
+            farthest = most + 2.0 * float(errors.max(initial=0.0))  # rounding cannot matter
+            distances = self.shape.distance_up_to(x, farthest) - errors
+        else:
+            distances = self.shape.distance_up_to(x, most)
         if self.active is None:
             return distances
         return np.where(self.is_active(times), distances, np.inf)

@@ -7,8 +7,6 @@ from collections.abc import Iterator, Sequence
 from functools import cached_property
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from drake_rho.motion.smooth import response_of
 from drake_rho.scenario.fields import FloatArray, IntArray
@@ -127,6 +125,9 @@ def groups_of(vehicles: int, coupled: Sequence[Rows]) -> IntArray:
     """
     if not coupled:
         return np.arange(vehicles)
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components  # slow to load, so only where needed
+
     one = np.concatenate([part.vehicles for part in coupled])
     other = np.concatenate([part.partners for part in coupled])
     links = coo_array((np.ones(len(one)), (one, other)), shape=(vehicles, vehicles))

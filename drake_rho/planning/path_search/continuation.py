@@ -97,5 +97,6 @@ def _is_clear(
         tolerances = scenario.fleet.obstacle_tolerances(body.shape)[:, None]
         required = scenario.fleet.radii[:, None] + body.deviation + margin - tolerances
         deepest = required - depth * body.shape.thickness
-        clear &= body.distances(positions, times) >= deepest
+        most = float(deepest.max(initial=-np.inf))
+        clear &= body.distances(positions, times, most) >= deepest
     return clear

@@ -17,7 +17,6 @@ from contextlib import suppress
 
 import numpy as np
 from scipy.linalg.lapack import dposv, dpotrf, dtrtrs
-from scipy.optimize import nnls
 
 from drake_rho.planning.errors import SolverError
 from drake_rho.planning.programs import daqp
@@ -141,6 +140,8 @@ def _bounded(
 
 def _unbounded(gram: FloatArray, needed: FloatArray) -> FloatArray | None:
     """Return y by non-negative least squares, without upper bounds; None if this fails."""
+    from scipy.optimize import nnls  # slow to load, so only where needed
+
     factor, failed = dpotrf(gram, lower=True, clean=True)
     if not failed:
         with suppress(RuntimeError):  # too many iterations
@@ -222,6 +223,8 @@ def contradiction(matrix: FloatArray, needed: FloatArray) -> FloatArray | None:
     """
     if len(needed) == 0:  # scipy's nnls crashes without columns
         return None
+    from scipy.optimize import nnls  # slow to load, so only where needed
+
     lengths = np.linalg.norm(matrix, axis=1)
     impossible = (lengths < _ZERO) & (needed > _ZERO)
     if impossible.any():  # 0 x >= b > 0

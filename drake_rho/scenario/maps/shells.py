@@ -6,8 +6,6 @@ import dataclasses
 from typing import Self
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 
@@ -85,6 +83,9 @@ def _edges(triangles: IntArray, vertices: int) -> IntArray:
 
 def _shells(edges: IntArray, has_area: BoolArray) -> IntArray:
     """Return the number of each triangle's edge-connected shell, shape (F,)."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components  # slow to load, so only where needed
+
     count, most = len(edges), int(edges.max()) + 1
     joining = edges[has_area]
     rows = np.repeat(np.flatnonzero(has_area), 3)

@@ -83,6 +83,10 @@ class Solid(abc.ABC):
     def local_distance(self, x: FloatArray) -> FloatArray:
         """Return the distance of x from the surface [m], negative inside, shape (...)."""
 
+    def distance_up_to(self, x: FloatArray, most: float) -> FloatArray:
+        """Return `local_distance` of x, or any distance from `most` on where that is larger."""
+        return self.local_distance(x)
+
     @abc.abstractmethod
     def local_outward(self, x: FloatArray) -> FloatArray:
         """Return unit vectors from the nearest point of the shape to x, shape (..., 3).
