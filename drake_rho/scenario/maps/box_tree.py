@@ -43,15 +43,16 @@ class BoxTree:
     """
 
     def __init__(self, lower: FloatArray, upper: FloatArray) -> None:
+        self._boxes = lower, upper
         self._order = _along_curve((lower + upper) / 2.0)
-        self._levels = [(lower[self._order], upper[self._order])]
-        while len(self._levels[-1][0]) > 1:
-            low, high = self._levels[-1]
+        low, high = lower[self._order], upper[self._order]
+        self._levels = [(_siblings(low), _siblings(high))]
+        while len(low) > _FAN:
             firsts = np.arange(0, len(low), _FAN)
-            least, greatest = np.minimum.reduceat(low, firsts), np.maximum.reduceat(high, firsts)
-            self._levels.append((least, greatest))
-        self.lower: FloatArray = self._levels[-1][0][0]
-        self.upper: FloatArray = self._levels[-1][1][0]
+            low, high = np.minimum.reduceat(low, firsts), np.maximum.reduceat(high, firsts)
+            self._levels.append((_siblings(low), _siblings(high)))
+        self.lower: FloatArray = low.min(axis=0)
+        self.upper: FloatArray = high.max(axis=0)
 
     def pairs(
         self, lower: FloatArray, upper: FloatArray, within: FloatArray
@@ -80,25 +81,21 @@ class BoxTree:
         self, lower: FloatArray, upper: FloatArray, within: FloatArray, first: int
     ) -> tuple[IntArray, IntArray]:
         squares, top = within**2, self._first_level(len(lower))
-        count = len(self._levels[top][0])
-        queries = np.repeat(np.arange(len(lower)), count)
-        nodes = np.tile(np.arange(count), len(lower))
-        for level in range(top, -1, -1):
-            low, high = self._levels[level]
-            if level < top:
-                nodes = (nodes[:, None] * _FAN + np.arange(_FAN)).reshape(-1)
-                queries = np.repeat(queries, _FAN)
-                known = nodes < len(low)
-                queries, nodes = queries[known], nodes[known]
-            gaps = np.maximum(low[nodes] - upper[queries], lower[queries] - high[nodes])
-            np.maximum(gaps, 0.0, out=gaps)
-            near = np.einsum("pi,pi->p", gaps, gaps) <= squares[queries]
-            queries, nodes = queries[near], nodes[near]
+        parents = np.arange(len(self._levels[top][0]))
+        queries = np.repeat(np.arange(len(lower)), len(parents))
+        nodes = np.tile(parents, len(lower))
+        for low, high in self._levels[top::-1]:
+            gaps = low.take(nodes, axis=0) - upper.take(queries, axis=0)[..., None]
+            beyond = lower.take(queries, axis=0)[..., None] - high.take(nodes, axis=0)
+            np.maximum(np.maximum(gaps, beyond, out=gaps), 0.0, out=gaps)
+            near = np.einsum("pik,pik->pk", gaps, gaps) <= squares[queries][:, None]
+            parents, children = np.nonzero(near)
+            queries, nodes = queries[parents], nodes[parents] * _FAN + children
         return first + queries, self._order[nodes]
 
     def _first_level(self, queries: int) -> int:
         """Return the level at which some queries begin: the finest with few pairs, or the root."""
-        few = (k for k, (low, _) in enumerate(self._levels) if len(low) * queries <= _PAIRS)
+        few = (k for k, (low, _) in enumerate(self._levels) if len(low) * queries <= _PAIRS // _FAN)
         return next(few, len(self._levels) - 1)
 
     def likely_nearest(self, x: FloatArray) -> IntArray:
@@ -111,10 +108,19 @@ class BoxTree:
         """Tree of the centres of the boxes."""
         from scipy.spatial import KDTree  # slow to load, so only where needed
 
-        lower, upper = self._levels[0]
-        centers = np.empty_like(lower)
-        centers[self._order] = (lower + upper) / 2.0
-        return KDTree(centers)
+        lower, upper = self._boxes
+        return KDTree((lower + upper) / 2.0)
+
+
+def _siblings(corners: FloatArray) -> FloatArray:
+    """Return corners (M, 3) by parents, shape (ceil(M / 8), 3, 8), of which the last are filled up.
+
+    They are filled with NaN, which is near nothing. Eight siblings lie together in memory, which
+    makes a descent several times as fast as an index for each of them.
+    """
+    filled = np.full((-(-len(corners) // _FAN) * _FAN, 3), np.nan)
+    filled[: len(corners)] = corners
+    return np.ascontiguousarray(filled.reshape(-1, _FAN, 3).swapaxes(1, 2))
 
 
 def _along_curve(x: FloatArray) -> IntArray:
