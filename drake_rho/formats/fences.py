@@ -18,6 +18,7 @@ from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.frame import Frame
 from drake_rho.scenario.obstacles import Obstacle
+from drake_rho.scenario.polygons import crosses_itself, triangulated, turn
 from drake_rho.scenario.records import KeepIn
 from drake_rho.scenario.shapes.cylinders import Cylinder
 from drake_rho.scenario.shapes.polyhedra import Polytope
@@ -28,6 +29,7 @@ _MOST_CORNERS = 200
 """Largest number of corners of a polygon, as every triangle is an obstacle."""
 _FLAT = 1e-9
 """Area of a triangle, relative to the polygon's box, up to which it counts as none."""
+_SIMPLE = "a polygon whose sides do not cross"
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -114,27 +116,10 @@ def _anticlockwise(name: str, corners: FloatArray) -> FloatArray:
         ConvexHull(corners)
     except QhullError:
         raise ScenarioError(name, corners.tolist(), "a polygon with an area") from None
-    if _crosses_itself(corners):
-        raise ScenarioError(name, corners.tolist(), "a polygon whose sides do not cross")
-    area = np.sum(_cross(corners, np.roll(corners, -1, axis=0)))
+    if crosses_itself(corners):
+        raise ScenarioError(name, corners.tolist(), _SIMPLE)
+    area = turn(corners[0], corners, np.roll(corners, -1, axis=0)).sum()
     return corners if area > 0.0 else corners[::-1]
-
-
-def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
-    return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])
-
-
-def _crosses_itself(corners: FloatArray) -> bool:
-    """Return whether two sides cross."""
-    a, b = corners, np.roll(corners, -1, axis=0)
-    side = b - a
-
-    def beyond(points: FloatArray) -> FloatArray:
-        """Return on which side of every line points are, shape (lines, points)."""
-        return np.sign(_cross(side[:, None], points[None] - a[:, None]))
-
-    between = beyond(a) * beyond(b) < 0.0
-    return bool(np.any(between & between.T))
 
 
 def _pockets(polygon: FloatArray, hull: IntArray) -> Iterator[FloatArray]:
@@ -148,13 +133,16 @@ def _pockets(polygon: FloatArray, hull: IntArray) -> Iterator[FloatArray]:
 
 def _convex_parts(name: str, polygon: FloatArray) -> list[FloatArray]:
     """Return a polygon as convex parts: itself, or overlapping triangles."""
-    nearby = np.roll(polygon, 1, axis=0), np.roll(polygon, -1, axis=0)
-    turns = _cross(polygon - nearby[0], nearby[1] - polygon)
+    turns = turn(np.roll(polygon, 1, axis=0), polygon, np.roll(polygon, -1, axis=0))
     if np.all(turns >= 0.0):
         return [polygon]
-    count = len(polygon)
-    parts = []
-    for triangle in _ears(name, polygon):
+    try:
+        triangles = triangulated(polygon)
+    except ValueError:
+        raise ScenarioError(name, polygon.tolist(), _SIMPLE) from None
+    flat = turn(*polygon[triangles].swapaxes(0, 1)) <= _FLAT * np.ptp(polygon, axis=0).prod()
+    count, parts = len(polygon), list[FloatArray]()
+    for triangle in triangles[~flat]:
         corners = [polygon[triangle]]
         for k in range(3):
             one, other = triangle[k], triangle[(k + 1) % 3]
@@ -164,29 +152,3 @@ def _convex_parts(name: str, polygon: FloatArray) -> list[FloatArray]:
                 corners.append(polygon[[one, other]] + OVERLAP * outward)
         parts.append(np.concatenate(corners))
     return parts
-
-
-def _ears(name: str, polygon: FloatArray) -> Iterator[list[int]]:
-    """Yield triangles of a simple polygon as indices, anticlockwise, by cutting off ears."""
-    left, least = list(range(len(polygon))), _FLAT * float(np.ptp(polygon, axis=0).prod())
-    while len(left) > 3:
-        for k in range(len(left)):
-            ear = [left[k - 1], left[k], left[(k + 1) % len(left)]]
-            a, b, c = polygon[ear]
-            others = polygon[[each for each in left if each not in ear]]
-            if _cross(b - a, c - a) > 0.0 and not _any_inside(a, b, c, others):
-                break
-        else:
-            raise ScenarioError(name, polygon.tolist(), "a polygon whose sides do not cross")
-        if _cross(b - a, c - a) > least:
-            yield ear
-        left.pop(k)
-    a, b, c = polygon[left]
-    if _cross(b - a, c - a) > least:
-        yield left
-
-
-def _any_inside(a: FloatArray, b: FloatArray, c: FloatArray, points: FloatArray) -> bool:
-    """Return whether a point is in a triangle."""
-    inside = [_cross(q - p, points - p) >= 0.0 for p, q in ((a, b), (b, c), (c, a))]
-    return bool(np.all(inside, axis=0).any())
