@@ -72,8 +72,13 @@ class _Given:
 
     def limits(self, others: Limits) -> Limits:
         """Return limits with those that are given in place of others."""
-        given = {"max_speed": self.max_speed, "max_acceleration": self.max_acceleration}
-        return dataclasses.replace(others, **{k: v for k, v in given.items() if v is not None})
+        return dataclasses.replace(
+            others,
+            max_speed=others.max_speed if self.max_speed is None else self.max_speed,
+            max_acceleration=(
+                others.max_acceleration if self.max_acceleration is None else self.max_acceleration
+            ),
+        )
 
 
 def _of_missions(files: Sequence[Path], given: _Given) -> Scenario:

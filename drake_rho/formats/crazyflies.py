@@ -66,9 +66,8 @@ def load_crazyflies(path: str | Path) -> tuple[Vehicle, ...]:
             raise scenario_error(error, _Robots) from None
         found = {name: each.initial_position for name, each in robots.items() if each.enabled}
         if not found:
-            raise ScenarioError(
-                "robots", Description("none enabled"), "at least one, enabled: true"
-            )
+            expected = "at least one with enabled: true"
+            raise ScenarioError("robots", Description("none"), expected)
         return tuple(Vehicle(name, State(at), State(at)) for name, at in found.items())
 
 
