@@ -258,7 +258,7 @@ def _check_options(file: Path, kind: _Kind, given: _Given) -> None:
     Raises:
         ValueError: it does not take one of them.
     """
-    for name in {"world", *_LIMITS} - kind.options:
+    for name in sorted({"world", *_LIMITS} - kind.options):
         if (value := getattr(given, name)) is not None:
             option = "--" + name.replace("_", "-")
             raise ValueError(f"{option}: got {value}, expected none with {file}, {kind.words}")
