@@ -182,7 +182,7 @@ def test_robots_become_a_scenario_that_says_what_it_lacks(
     assert scenario.vehicles == rho.load_crazyflies("crazyflies.yaml")
     assert scenario.limits == rho.Limits(max_speed=1.5)
     up = dataclasses.replace(scenario.vehicles[0], goal=rho.State([0, 0.5, 1]))
-    assert rho.verify(rho.plan(dataclasses.replace(scenario, vehicles=[up]))).ok
+    assert rho.verify(rho.plan(dataclasses.replace(scenario, vehicles=(up,)))).ok
 
 
 @pytest.mark.parametrize(

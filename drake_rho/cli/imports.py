@@ -126,8 +126,11 @@ class _Kind:
     """Kind of file that is imported."""
 
     words: str
+    """description in messages"""
     is_one: Callable[[Path], bool]
+    """whether a file is of this kind, which may be malformed"""
     load: Callable[[Sequence[Path], _Given], Scenario]
+    """function that makes the scenario"""
     options: set[str]
     """options that it takes, as fields of those given"""
     several: bool = False
