@@ -125,12 +125,8 @@ def _status(command: str, arguments: list[str], path: Path) -> int:
     from drake_rho.cli.streams import pipe_safe
 
     sys.stdout, sys.stderr = pipe_safe(sys.__stdout__), pipe_safe(sys.__stderr__)  # type: ignore[arg-type]
-    mission = path.with_name("mission.json")
     calls = {
-        "read": lambda: sources.read(
-            path.name, *((5.0, 0.5) if path.suffix == ".json" else (None,) * 2)
-        ),
-        "world": lambda: sources.read(str(mission), 5.0, 0.5, path.name),
+        "read": lambda: sources.read(path.name),
         "study": lambda: rho.load_study(path.name).check_draws(),
         "table": lambda: rho.load(path.name, scenario(path.parent)),
     }

@@ -73,6 +73,17 @@ _MISSION = {
 }
 
 
+_ROBOTS = b"""\
+robots:
+  cf1: {enabled: true, uri: 'radio://0/80/2M/E7E7E7E701', initial_position: [0, 0, 0], type: cf21}
+  cf2: {enabled: false, uri: 'radio://0/80/2M/E7E7E7E702', initial_position: [0, 0.5, 0]}
+robot_types:
+  cf21: {motion_capture: {enabled: true, marker: default_single_marker}, big_quad: false}
+"""
+
+_ON_GRID = ("--duration", "5", "--step", "0.5", "-o", "imported.yaml")
+
+
 @dataclasses.dataclass(frozen=True)
 class Kind:
     """Kind of a file."""
@@ -111,13 +122,15 @@ def _scenarios() -> list[Kind]:
     with_map = f"{SCENARIO}- {{occupied: {cells}, resolution: 0.2, origin: [2, 2, 0]}}\n"
     with_file = f"{SCENARIO}- {{mesh: mesh.obj}}\n"
     mission = json.dumps(_MISSION, indent=1)
+    with_world = ("import", "mission.json", "--world", "{}", *_ON_GRID)
     return [
         Kind("scenario (YAML)", ".yaml", SCENARIO.encode(), ("read", "{}"), OF_TEXT),
         Kind("scenario with aliases", ".yaml", _ALIASES.encode(), ("read", "{}"), OF_TEXT),
         Kind("scenario with a map", ".yaml", with_map.encode(), ("read", "{}"), OF_TEXT),
         Kind("scenario with a map's file", ".yaml", with_file.encode(), ("read", "{}"), OF_TEXT),
-        Kind("mission (LSC)", ".json", mission.encode(), ("read", "{}"), OF_TEXT),
-        Kind("world (LSC-DR)", ".csv", b"0,0,1,1,1,2\n2,2,1,1,1,2\n", ("world", "{}"), OF_TEXT),
+        Kind("mission (LSC)", ".json", mission.encode(), ("import", "{}", *_ON_GRID), OF_TEXT),
+        Kind("world (LSC-DR)", ".csv", b"0,0,1,1,1,2\n2,2,1,1,1,2\n", with_world, OF_TEXT),
+        Kind("robots (Crazyswarm2)", ".yaml", _ROBOTS, ("import", "{}", *_ON_GRID), OF_TEXT),
         Kind("study", ".yaml", _STUDY.encode(), ("study", "{}"), OF_TEXT),
     ]
 

@@ -26,8 +26,10 @@ from .display.plots.figures import velocities_figure as velocities_figure
 from .display.plots.path_figure import paths_figure as paths_figure
 from .display.plots.publish import save_figure as save_figure
 from .display.viewer.page import viewer_page as viewer_page
+from .formats.crazyflies import load_crazyflies as load_crazyflies
 from .formats.export import export as export
 from .formats.load import load_trajectories as load_trajectories
+from .formats.lsc_missions import load_lsc_mission as load_lsc_mission
 from .formats.missions import load_mission as load_mission
 from .formats.record import Exported as Exported
 from .formats.waypoint_tables import load_waypoints as load_waypoints
@@ -79,7 +81,6 @@ from .scenario.files import scenario_schema as scenario_schema
 from .scenario.problems.generators import circle_swap as circle_swap
 from .scenario.problems.generators import flight_cube as flight_cube
 from .scenario.problems.generators import random_transitions as random_transitions
-from .scenario.problems.missions import load_lsc_mission as load_lsc_mission
 from .scenario.problems.worlds import random_field as random_field
 from .scenario.problems.worlds import trefoil_swap as trefoil_swap
 from .scenario.records import Ball as Ball

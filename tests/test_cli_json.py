@@ -31,6 +31,7 @@ ASKED: dict[str, list[str]] = {
     "certify": ["certify", "plan.npz"],
     "diagnose": ["diagnose", "weak.yaml"],
     "show": ["show", "plan.npz", "--html", "page.html"],
+    "import": ["import", "swarm.yaml", "--duration", "9", "--step", "1", "-o", "kept.yaml"],
     "map": ["map", "pyramid.obj"],
     "export": ["export", "plan.npz", "--format", "csv", "-o", "plan.csv"],
     "campaign": ["campaign", "study.yaml", "--store", "new.sqlite"],
@@ -42,6 +43,7 @@ ASKED: dict[str, list[str]] = {
 """Arguments of each command."""
 FAILED = "any command that fails"
 PYRAMID = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
+SWARM = "robots: {cf1: {enabled: true, initial_position: [0, 0, 0]}}\n"
 WEAK = rho.Limits(acceleration=box(0.3))
 
 
@@ -61,6 +63,7 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "study.yaml").write_text(text_of(small(1)))
     rho.campaign(small(1), folder / "runs.sqlite")
     (folder / "pyramid.obj").write_text(PYRAMID)
+    (folder / "swarm.yaml").write_text(SWARM)
     return folder
 
 

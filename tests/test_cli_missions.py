@@ -1,14 +1,18 @@
-"""Missions of another planner on the command line, with the grid that they lack."""
+"""Missions and robots of other programs, imported as scenario files."""
 
 from __future__ import annotations
 
+import dataclasses
+import json
 from pathlib import Path
 
 import pytest
 
 import drake_rho as rho
-from tests.scenarios import single
 from tests.test_cli import run
+
+Captured = pytest.CaptureFixture[str]
+Patch = pytest.MonkeyPatch
 
 MISSION = """
 {"quadrotors": {"small": {"max_vel": [1, 1, 1], "max_acc": [2, 2, 1], "radius": 0.15,
@@ -19,117 +23,208 @@ MISSION = """
  "obstacles": []}
 """
 
+# as crazyflie/config/crazyflies.yaml of Crazyswarm2, in the words of its documentation
+ROBOTS = """\
+robots:
+  cf1:
+    enabled: true
+    uri: radio://0/80/2M/E7E7E7E701
+    initial_position: [0.0, 0.5, 0.0]
+    type: cf21  # see robot_types
+  cf2:
+    enabled: false
+    uri: radio://0/80/2M/E7E7E7E702
+    initial_position: [0.0, -0.5, 0.0]
+    type: cf21
+  cf3:
+    enabled: true
+    uri: radio://0/80/2M/E7E7E7E703
+    initial_position: [1, 0, 0]
+    type: cf21
+robot_types:
+  cf21:
+    motion_capture: {enabled: true, marker: default_single_marker}
+    big_quad: false
+all:
+  firmware_params: {stabilizer: {estimator: 2, controller: 2}}
+"""
 
-@pytest.fixture
-def mission_file(tmp_path: Path) -> Path:
-    """Write a mission of the LSC planner."""
-    path = tmp_path / "mission.json"
-    path.write_text(MISSION)
-    return path
+GRID = ["--duration", "10", "--step", "0.2"]
 
 
-@pytest.mark.parametrize("command", ["plan", "fly"])
-def test_a_mission_is_planned_on_the_requested_grid(
-    command: str,
-    mission_file: Path,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: Patch) -> Path:
+    """Work in a folder with a mission of the LSC planner and robots of Crazyswarm2."""
+    (tmp_path / "mission.json").write_text(MISSION)
+    (tmp_path / "crazyflies.yaml").write_text(ROBOTS)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_a_mission_is_imported_on_the_requested_grid_and_planned(
+    capsys: Captured, monkeypatch: Patch
 ) -> None:
-    kept = tmp_path / "kept.npz"
-    words = [command, str(mission_file), "--duration", "10", "--step", "0.2", "-o", str(kept)]
-    status, out, _ = run(capsys, monkeypatch, *words)
+    Path("world.csv").write_text("0,0,1,0.5,0.5,2\n")
+    words = ["import", "mission.json", *GRID, "--world", "world.csv", "-o", "scenario.yaml"]
+    status, out, err = run(capsys, monkeypatch, *words)
+    assert (status, err) == (0, "")
+    assert "2 vehicles, 1 obstacle" in out
+    assert "saved to scenario.yaml" in out
+    loaded = rho.load_lsc_mission("mission.json", grid=rho.Grid(0.2, 51), world="world.csv")
+    assert rho.load_scenario("scenario.yaml") == loaded
+    status, out, _ = run(capsys, monkeypatch, "plan", "scenario.yaml")
     assert status == 0, out
-    assert "small-2" in out
-    loaded = rho.load(kept)
-    plan = loaded.plan if isinstance(loaded, rho.Flight) else loaded
-    assert plan.scenario == rho.load_lsc_mission(mission_file, grid=rho.Grid(0.2, 51))
 
 
-def test_a_mission_without_a_plan_at_one_step_is_tried_with_the_next(
-    mission_file: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    words = ["plan", str(mission_file), "--duration", "4", "--step", "4", "--step", "0.1"]
-    status, out, _ = run(capsys, monkeypatch, *words)
+def test_the_convex_method_tries_further_steps(capsys: Captured, monkeypatch: Patch) -> None:
+    words = ["import", "mission.json", "--duration", "4", "--step", "4", "-o", "scenario.yaml"]
+    assert run(capsys, monkeypatch, *words)[0] == 0
+    status, out, _ = run(capsys, monkeypatch, "plan", "scenario.yaml", "--step", "0.1")
     assert status == 0
     assert "step 0.1 s" in out
 
 
-@pytest.mark.parametrize("command", ["plan", "fly", "show"])
+@pytest.mark.parametrize("command", ["plan", "fly", "show", "simulate", "diagnose", "assign"])
 @pytest.mark.parametrize(
-    ("options", "complaint"),
+    ("file", "arguments"),
     [
-        ([], "no --duration, expected --duration and --step"),
-        (["--step", "0.2"], "no --duration, expected --duration and --step"),
-        (["--duration", "10"], "no --step, expected --duration and --step"),
-        (["--duration", "10", "--step", "0.3"], "a step that divides the duration, 10 s"),
-        (["--duration", "-1", "--step", "0.3"], "duration: got -1"),
+        (
+            "mission.json",
+            "mission.json --duration S --step S [--world FILE] -o scenario.yaml",
+        ),
+        ("crazyflies.yaml", "crazyflies.yaml --duration S --step S -o scenario.yaml"),
     ],
 )
-def test_a_mission_needs_its_grid_on_the_command_line(
-    command: str,
-    options: list[str],
-    complaint: str,
-    mission_file: Path,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
+def test_files_without_a_grid_are_refused_with_the_command_that_imports_them(
+    command: str, file: str, arguments: str, capsys: Captured, monkeypatch: Patch
 ) -> None:
-    status, out, err = run(capsys, monkeypatch, command, str(mission_file), *options)
+    status, out, err = run(capsys, monkeypatch, command, file)
     assert (status, out, err.count("\n")) == (2, "", 1)
-    assert complaint in err
+    assert err.endswith(f"expected a scenario: drake-rho import {arguments}\n")
 
 
-@pytest.mark.parametrize("command", ["plan", "fly", "show"])
 @pytest.mark.parametrize(
-    ("text", "complaint"),
+    ("words", "complaint"),
     [
-        (None, "got no text, expected a readable CSV file; No such file or directory"),
-        ("", "got no row, expected at least one box"),
-        ("0,0,1,1,1\n", "world.csv: line 1: got '0,0,1,1,1', expected six numbers"),
-        ("0,0,1,0.5,0.5,2\nx\n", "world.csv: line 2: got 'x', expected six numbers"),
-        ("-1,1,1,0.5,0.5,2\n", "mission.json: agents[1].start: got"),
+        (["mission.json"], "mission.json: got no --duration, expected --duration and --step"),
+        (["mission.json", "--step", "0.2"], "got no --duration, expected --duration and --step"),
+        (["mission.json", "--duration", "10"], "got no --step, expected --duration and --step"),
+        (["mission.json", "--duration", "10", "--step", "0.3"], "a step that divides the duration"),
+        (["mission.json", "--duration", "-1", "--step", "0.3"], "duration: got -1"),
+        (["mission.json", *GRID, "--max-speed", "1"], "--max-speed: got 1.0, expected none with"),
+        (
+            ["mission.json", *GRID, "--world", "w.csv"],
+            "w.csv: got no text, expected a",
+        ),
+        (["mission.json", *GRID, "--world", "none.csv"], "none.csv: got no row"),
+        (["mission.json", *GRID, "--world", "short.csv"], "short.csv: line 1: got '0,0,1,1,1'"),
+        (["mission.json", *GRID, "--world", "words.csv"], "words.csv: line 2: got 'x'"),
+        (["mission.json", *GRID, "--world", "on.csv"], "mission.json: agents[1].start: got"),
+        (["backwash.json", *GRID], "backwash.json: quadrotors.small.backwash: got 2, expected no"),
+        (
+            ["mission.json", "mission.json", *GRID],
+            "got 2 files, expected one with a",
+        ),
+        (["mission.json", "crazyflies.yaml", *GRID], "crazyflies.yaml: got crazyflies.yaml of"),
+        (["crazyflies.yaml"], "crazyflies.yaml: got no --duration"),
+        (
+            ["crazyflies.yaml", *GRID, "--world", "on.csv"],
+            "--world: got on.csv, expected none",
+        ),
+        (["crazyflies.yaml", *GRID, "--max-speed", "-1"], "max_speed: got -1"),
+        (
+            ["table.csv", *GRID],
+            "--duration: got 10, expected none: the times of table.csv",
+        ),
+        (["on.csv", *GRID], "on.csv: line 1: got 6 columns"),
+        (
+            ["one.csv", *GRID],
+            "one.csv: got one row, expected a start, waypoints if",
+        ),
     ],
 )
-def test_a_malformed_world_is_refused_in_one_line(
-    command: str,
-    text: str | None,
-    complaint: str,
-    mission_file: Path,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
+def test_imports_are_refused_in_one_line(
+    words: list[str], complaint: str, capsys: Captured, monkeypatch: Patch
 ) -> None:
-    world = mission_file.parent / "world.csv"
-    if text is not None:
-        world.write_text(text)
-    words = [command, str(mission_file), "--duration", "10", "--step", "0.2", "--world", str(world)]
-    status, out, err = run(capsys, monkeypatch, *words)
+    Path("none.csv").write_text("")
+    Path("short.csv").write_text("0,0,1,1,1\n")
+    Path("words.csv").write_text("0,0,1,0.5,0.5,2\nx\n")
+    Path("on.csv").write_text("-1,1,1,0.5,0.5,2\n")
+    Path("one.csv").write_text("0,0,1\n")
+    Path("table.csv").write_text("1,0,0,1\n6,4,0,1\n")
+    Path("backwash.json").write_text(MISSION.replace('"downwash"', '"backwash"'))
+    Path("scenario.yaml").write_text("before")
+    status, out, err = run(capsys, monkeypatch, "import", *words, "-o", "scenario.yaml")
     assert (status, out, err.count("\n")) == (2, "", 1)
     assert complaint in err
+    assert Path("scenario.yaml").read_text() == "before"
 
 
-@pytest.mark.parametrize("command", ["plan", "fly", "show"])
-def test_a_world_is_refused_for_files_that_are_no_mission(
-    command: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+def test_enabled_robots_start_and_stay_at_their_initial_positions() -> None:
+    vehicles = rho.load_crazyflies("crazyflies.yaml")
+    assert vehicles == tuple(
+        rho.Vehicle(name, rho.State(place), rho.State(place))
+        for name, place in (("cf1", [0, 0.5, 0]), ("cf3", [1, 0, 0]))
+    )
+
+
+def test_robots_become_a_scenario_that_says_what_it_lacks(
+    capsys: Captured, monkeypatch: Patch
 ) -> None:
-    status, out, err = run(capsys, monkeypatch, command, "paper", "--world", "w.csv")
-    assert (status, out, err.count("\n")) == (2, "", 1)
-    assert "--world: got 'w.csv', expected a mission (.json) with it: paper has obstacles" in err
+    words = ["import", "crazyflies.yaml", *GRID, "--max-speed", "1.5", "-o", "swarm.yaml"]
+    status, out, _ = run(capsys, monkeypatch, *words, "--json")
+    told, scenario = json.loads(out), rho.load_scenario("swarm.yaml")
+    assert (status, told["vehicles"], told["file"]) == (0, 2, "swarm.yaml")
+    assert [each.partition(":")[0] for each in told["notes"]] == [
+        "the goals are the starts, so that vehicles stay",
+        "vehicles do not avoid each other",
+    ]
+    assert scenario.vehicles == rho.load_crazyflies("crazyflies.yaml")
+    assert scenario.limits == rho.Limits(max_speed=1.5)
+    up = dataclasses.replace(scenario.vehicles[0], goal=rho.State([0, 0.5, 1]))
+    assert rho.verify(rho.plan(dataclasses.replace(scenario, vehicles=(up,)))).ok
 
 
-def test_a_malformed_mission_is_refused_by_the_names_in_it(
-    mission_file: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("robots: 5", "robots: got 5, expected a mapping"),
+        ("- robots", r"got \['robots'\], expected a mapping"),
+        ("robots: {cf1: [0, 0, 0]}", r"robots\.cf1: got \[0, 0, 0\], expected a mapping"),
+        ("robots: {cf1: {enabled: true}}", r"robots\.cf1\.initial_position: got nothing"),
+        (ROBOTS.replace("true", "1"), r"robots\.cf1\.enabled: got 1, expected true or false"),
+        (ROBOTS.replace("[1, 0, 0]", "[1, 0]"), r"robots\.cf3\.initial_position\[2\]: got nothing"),
+        (ROBOTS.replace("[1, 0, 0]", "[1, 0, .nan]"), r"initial_position\[2\]: got nan"),
+        (ROBOTS.replace("cf3:", "cf1:"), "malformed YAML, expected YAML; the key 'cf1' once"),
+        (ROBOTS.replace("true", "false"), "robots: got none, expected at least one with enabled"),
+        ("robots: !!python/object/apply:os.system [exit]", "malformed YAML"),
+        ("robots: &a {cf1: *a}", "inside of itself"),
+        ("", "got None, expected a mapping"),
+    ],
+)
+def test_malformed_robots_are_refused_by_name(text: str, words: str) -> None:
+    Path("crazyflies.yaml").write_text(text)
+    with pytest.raises(rho.ScenarioError, match=rf"crazyflies\.yaml: .*{words}"):
+        rho.load_crazyflies("crazyflies.yaml")
+
+
+@pytest.mark.parametrize(
+    ("text", "options", "begin"),
+    [
+        ("0,0,1\n4,0,1\n4,3,2\n", ["--duration", "5"], 0.0),
+        ("1,0,0,1\n3.3,4,0,1\n6,4,3,2\n", [], 1.0),
+    ],
+)
+def test_a_table_becomes_a_vehicle_from_its_first_row_to_its_last(
+    text: str, options: list[str], begin: float, capsys: Captured, monkeypatch: Patch
 ) -> None:
-    mission_file.write_text(MISSION.replace('"downwash"', '"backwash"'))
-    words = ["plan", str(mission_file), "--duration", "10", "--step", "0.2"]
-    status, _, err = run(capsys, monkeypatch, *words)
-    assert status == 2
-    assert "mission.json: quadrotors.small.backwash: got 2, expected no field of this name" in err
-
-
-def test_a_grid_is_refused_for_a_saved_plan(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    rho.save(rho.plan_convex(single()), tmp_path / "plan.npz")
-    status, _, err = run(capsys, monkeypatch, "show", str(tmp_path / "plan.npz"), "--step", "0.2")
-    assert status == 2
-    assert "--step: got 0.2" in err
+    Path("table.csv").write_text(text)
+    words = ["import", "table.csv", *options, "--step", "0.5", "-o", "scenario.yaml"]
+    status, out, _ = run(capsys, monkeypatch, *words, "--max-acceleration", "9")
+    scenario = rho.load_scenario("scenario.yaml")
+    assert status == 0, out
+    assert scenario.grid == rho.Grid(0.5, 11, begin)
+    (vehicle,) = scenario.vehicles
+    assert vehicle.waypoints == rho.load_waypoints("table.csv")[1:-1]
+    assert vehicle.start == rho.State([0, 0, 1])
+    assert vehicle.goal == rho.State([4, 3, 2])

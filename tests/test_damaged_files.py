@@ -189,6 +189,7 @@ READERS: list[Callable[[Path], object]] = [
     lambda path: rho.load_lsc_mission(path, grid=rho.Grid(1.0, 5)),
     rho.load_mission,
     rho.load_waypoints,
+    rho.load_crazyflies,
 ]
 
 

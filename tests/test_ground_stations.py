@@ -15,8 +15,12 @@ import pytest
 from pymavlink import mavwp
 
 import drake_rho as rho
+from tests.scenarios import slow
 from tests.test_cli import run
+from tests.test_cli_missions import MISSION as LSC
+from tests.test_cli_missions import ROBOTS
 
+Patch = pytest.MonkeyPatch
 HOME = rho.Frame(47.3977, 8.5456, 488.0)
 MILLIMETRE = 1e-3
 
@@ -342,9 +346,10 @@ def mutated(text: str, rng: np.random.Generator) -> bytes:
     return bytes(content)
 
 
-@pytest.mark.parametrize("kind", ["plan", "waypoints", "csv"])
-def test_mutated_files_are_read_or_refused_by_name(kind: str, tmp_path: Path) -> None:
-    assert mutations(kind, 100, tmp_path) == 100
+@pytest.mark.parametrize("kind", ["plan", "waypoints", "csv", "json", "yaml"])
+@pytest.mark.parametrize("count", [100, *slow(2000)])
+def test_mutated_files_are_read_or_refused_by_name(kind: str, count: int, tmp_path: Path) -> None:
+    assert mutations(kind, count, tmp_path) == count
 
 
 def mutations(kind: str, count: int, folder: Path) -> int:
@@ -355,8 +360,15 @@ def mutations(kind: str, count: int, folder: Path) -> int:
         "plan": plan_file(folder, ITEMS, polygons=[zone]).read_text(),
         "waypoints": LINES,
         "csv": "time [s],x [m],y [m],z [m]\n1,0,0,1\n2.5,4,0,1\n",
+        "json": LSC,
+        "yaml": ROBOTS,
     }
-    right, read = 0, rho.load_waypoints if kind == "csv" else rho.load_mission
+    readers: dict[str, Callable[[Path], object]] = {
+        "csv": rho.load_waypoints,
+        "json": lambda path: rho.load_lsc_mission(path, grid=rho.Grid(0.2, 51)),
+        "yaml": rho.load_crazyflies,
+    }
+    right, read = 0, readers.get(kind, rho.load_mission)
     for _ in range(count):
         path.write_bytes(mutated(texts[kind], rng))
         with warnings.catch_warnings():
@@ -404,9 +416,33 @@ def test_a_mission_is_planned_on_the_command_line(
     status, out, _ = run(capsys, monkeypatch, "export", kept, "-o", str(tmp_path / "m.waypoints"))
     assert status == 0, out
     assert "no times" in out
-    status, _, err = run(capsys, monkeypatch, "plan", str(path), "--duration", "60")
+
+
+@pytest.mark.parametrize("options", [[], ["--duration", "80", "--step", "0.5"]])
+def test_an_imported_mission_is_the_one_that_is_loaded(
+    options: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: Patch
+) -> None:
+    zone = polygon(False, (100, 100), (120, 100), (105, 105), (100, 120))
+    ring = {"circle": {"center": geodetic(0, 0, 0)[:2], "radius": 300}, "inclusion": True}
+    files = [plan_file(tmp_path, [*ITEMS, other(203, 1)], polygons=[zone], circles=[ring])]
+    files.append(tmp_path / "m.waypoints")
+    files[1].write_text(LINES)
+    kept = str(tmp_path / "scenario.yaml")
+    words = ["import", *map(str, files), *options, "--max-speed", "2", "-o", kept]
+    status, out, err = run(capsys, monkeypatch, *words)
+    assert (status, err) == (0, "")
+    assert "DO_DIGICAM_CONTROL" in out
+    assert "vehicles do not avoid each other" in out
+    limits = rho.Limits(max_speed=2.0, max_acceleration=2.5)
+    grid = rho.Grid(0.5, 161) if options else None
+    with pytest.warns(rho.MissionWarning):
+        loaded = rho.load_mission(files, limits=limits, grid=grid)
+    assert loaded.frame is not None
+    assert len(loaded.obstacles) == 2
+    assert rho.load_scenario(kept) == loaded
+    status, _, err = run(capsys, monkeypatch, "import", str(files[0]), "--step", "1", "-o", kept)
     assert (status, err.count("\n")) == (2, 1)
-    assert "expected --duration and --step, or neither" in err
+    assert "got no --duration, expected --duration and --step" in err
 
 
 @pytest.mark.parametrize(

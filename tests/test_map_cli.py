@@ -120,7 +120,7 @@ def test_a_map_is_drawn(words: list[str], capsys: Captured, monkeypatch: Patch) 
 def test_a_mission_in_an_octomap_is_read(capsys: Captured, monkeypatch: Patch) -> None:
     Path("mission.json").write_text(MISSION)
     grid = ["--duration", "10", "--step", "0.2"]
-    words = ["assign", "mission.json", *grid, "--world", "tree.bt", "-o", "kept.yaml"]
+    words = ["import", "mission.json", *grid, "--world", "tree.bt", "-o", "kept.yaml"]
     assert run(capsys, monkeypatch, *words)[0] == 0
     (tree, *_) = rho.load_scenario("kept.yaml").obstacles
     assert tree == rho.Voxels.from_octomap("tree.bt", "free")

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import drake_rho as rho
-from drake_rho.scenario.problems.missions import is_lsc_mission
+from drake_rho.formats.lsc_missions import is_lsc_mission
 
 GRID = rho.Grid(0.2, 51)
 
@@ -275,9 +275,9 @@ def test_a_mission_is_recognised_by_its_content(tmp_path: Path, paper: rho.Scena
     assert is_lsc_mission(path)
     # recognised as a mission, and later refused by name
     assert is_lsc_mission(written(tmp_path, json.dumps(MISSION)[:-1]))
-    other = tmp_path / "mission.yaml"
+    other = tmp_path / "mission.txt"
     other.write_text(path.read_text())
-    assert not is_lsc_mission(other)
+    assert is_lsc_mission(other)
     rho.save_scenario(paper, tmp_path / "paper.json")
     assert not is_lsc_mission(tmp_path / "paper.json")
     assert not is_lsc_mission(tmp_path / "nowhere.json")

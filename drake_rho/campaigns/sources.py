@@ -15,11 +15,11 @@ from pydantic import Discriminator, Field, Tag, TypeAdapter, ValidationError
 
 from drake_rho.campaigns.distributions import AnyDistribution, is_distribution
 from drake_rho.campaigns.paths import add, put, suggestion
+from drake_rho.formats.lsc_missions import is_lsc_mission, load_lsc_mission
 from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.fields import Count, Name, Positive, record
 from drake_rho.scenario.files import load_scenario, scenario_from_content, scenario_to_content
 from drake_rho.scenario.problems.generators import circle_swap, random_transitions
-from drake_rho.scenario.problems.missions import is_lsc_mission, load_lsc_mission
 from drake_rho.scenario.problems.worlds import random_field, trefoil_swap
 from drake_rho.scenario.records import Grid, Scenario
 from drake_rho.scenario.refusals import scenario_error

@@ -69,7 +69,7 @@ def app_of(groups: Groups) -> typer.Typer:
 
     for group, commands in groups.items():
         for command in commands:
-            app.command(command.__name__, rich_help_panel=group)(_with_shared_options(command))
+            app.command(_name(command), rich_help_panel=group)(_with_shared_options(command))
     return app
 
 
@@ -90,7 +90,7 @@ def _with_shared_options(command: Command) -> Command:
 
 
 def _listed(groups: Groups) -> dict[str, object]:
-    names = {each.__name__: _first_line(each) for group in groups.values() for each in group}
+    names = {_name(each): _first_line(each) for group in groups.values() for each in group}
     return {"version": drake_rho.__version__, "commands": names}
 
 
@@ -98,9 +98,9 @@ def _overview(groups: Groups) -> list[str | Table]:
     """Return the first steps and the list of commands, group by group."""
     printed: list[str | Table] = [f"drake-rho {drake_rho.__version__}", _DESCRIPTION]
     printed += ["", "First steps:", _two_columns(_FIRST_STEPS)]
-    longest = max(len(each.__name__) for commands in groups.values() for each in commands)
+    longest = max(len(_name(each)) for commands in groups.values() for each in commands)
     for group, commands in groups.items():
-        described = {each.__name__: _first_line(each) for each in commands}
+        described = {_name(each): _first_line(each) for each in commands}
         printed += ["", f"{group}:", _two_columns(described, longest)]
     return [*printed, "", "drake-rho COMMAND --help describes a command and its options."]
 
@@ -113,6 +113,11 @@ def _two_columns(rows: dict[str, str], width: int | None = None) -> Table:
     for key, value in rows.items():
         table.add_row(key, value)
     return table
+
+
+def _name(command: Command) -> str:
+    """Return the name of a command: that of its function, without a bar after a word of Python."""
+    return command.__name__.rstrip("_")
 
 
 def _first_line(command: Command) -> str:

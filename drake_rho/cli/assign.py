@@ -11,7 +11,7 @@ from rich.table import Table
 
 from drake_rho.cli.checks import check_writable
 from drake_rho.cli.console import answer, plain_table, tell, working
-from drake_rho.cli.options import DurationOption, ScenarioArgument, StepOption, WorldOption
+from drake_rho.cli.options import ScenarioArgument
 from drake_rho.cli.sources import read
 from drake_rho.motion.costs import cost_of
 from drake_rho.planning.minimum_effort import MinimumEffort
@@ -57,13 +57,10 @@ def assign(
             "--output", "-o", metavar="FILE", help="Save the scenario to this file (.yaml)."
         ),
     ] = None,
-    duration: DurationOption = None,
-    step: StepOption = None,
-    world: WorldOption = None,
 ) -> int:
     """Exchange goals between vehicles to minimise their total effort."""
     check_writable(output, (".yaml", ".yml"), "--output")
-    problem = read(scenario, duration, step, world)
+    problem = read(scenario)
     with working("assigning goals"):
         indices, better = assignment(problem), assign_goals(problem)
     others = [problem.vehicles[index] for index in indices]

@@ -39,13 +39,11 @@ from drake_rho.cli.console import (
 from drake_rho.cli.documents import content_of
 from drake_rho.cli.export import export, formats
 from drake_rho.cli.failures import status_of
+from drake_rho.cli.imports import import_
 from drake_rho.cli.maps import map as map_
 from drake_rho.cli.options import (
-    DurationOption,
     FormatOption,
-    StepOption,
     WidthOption,
-    WorldOption,
 )
 from drake_rho.cli.planning import fastest, fly, plan
 from drake_rho.cli.simulation import simulate
@@ -168,9 +166,6 @@ def show(
             "straight lines, with conflicts in red.",
         ),
     ] = False,
-    duration: DurationOption = None,
-    step: StepOption = None,
-    world: WorldOption = None,
 ) -> int:
     """Show a scenario or result in the browser, or write a page or film.
 
@@ -185,7 +180,7 @@ def show(
     conflicts = None
     flown: Flown | Scenario
     with working("planning") as work:
-        given = read_or_load(source, duration, step, world)
+        given = read_or_load(source)
         if before:
             flown = given if isinstance(given, Scenario) else given.scenario
             conflicts = _conflicts_of(flown, work)
@@ -259,7 +254,7 @@ def _planned(scenario: Scenario, work: Work) -> Flown:
 GROUPS = {
     "Plan and fly": (plan, fastest, fly, simulate, assign),
     "Verify and explain": (verify, certify, diagnose),
-    "Show and export": (show, map_, export),
+    "Import, show and export": (import_, show, map_, export),
     "Run campaigns": (campaign, results),
     "Reference": (formats, schema, reproduce),
 }

@@ -12,6 +12,7 @@ from drake_rho.cli.sources import load_result
 from drake_rho.formats.export import FORMATS, check_export
 from drake_rho.formats.export import export as exported
 from drake_rho.formats.format import Format
+from drake_rho.formats.only_read import ONLY_READ
 from drake_rho.motion.headings import Direction, Heading
 
 
@@ -73,12 +74,15 @@ def export(
 
 
 def formats() -> int:
-    """List the export formats."""
+    """List the formats that are written or read."""
     table = plain_table("format", "paths", "holds", "headings", "read by", texts=5)
     for name, each in FORMATS.items():
         table.add_row(
             name, ", ".join(_paths(each)), each.content, each.heading, each.read_by or "-"
         )
+    read = plain_table("only read", "paths", "holds", "read by", texts=4)
+    for one in ONLY_READ:
+        read.add_row(one.name, ", ".join(one.endings), one.content, one.read_by)
     rows = [
         {
             "name": name,
@@ -91,7 +95,7 @@ def formats() -> int:
         }
         for name, each in FORMATS.items()
     ]
-    return answer({"formats": rows}, table)
+    return answer({"formats": rows, "only_read": ONLY_READ}, table, "", read)
 
 
 def _paths(format: Format) -> list[str]:

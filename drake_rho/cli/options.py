@@ -53,9 +53,9 @@ ScenarioArgument = Annotated[
         metavar="SCENARIO|FILE",
         autocompletion=_completed,
         help=f"A library scenario ({', '.join(library())}), a YAML file, a file saved by 'plan', "
-        "'fly' or 'simulate', whose scenario is taken, or a mission of the LSC planner (.json), "
-        "which needs --duration and --step; or a mission of QGroundControl (.plan) or MAVLink "
-        "(.waypoints), flown at up to the file's speed, else 5 m/s, and 2.5 m/s².",
+        "'fly' or 'simulate', whose scenario is taken, or a mission of QGroundControl (.plan) or "
+        "MAVLink (.waypoints), flown at up to the file's speed, else 5 m/s, and 2.5 m/s². 'import' "
+        "writes other missions as YAML files.",
     ),
 ]
 ResultArgument = Annotated[
@@ -63,19 +63,6 @@ ResultArgument = Annotated[
     typer.Argument(
         metavar="FILE",
         help="A file (.npz) saved by 'plan', 'fly' or 'simulate', or a plan exported as JSON.",
-    ),
-]
-DurationOption = Annotated[
-    float | None, typer.Option(help="Duration of a mission's flight, in seconds.")
-]
-StepOption = Annotated[float | None, typer.Option(help="Step of a mission's grid, in seconds.")]
-WorldOption = Annotated[
-    str | None,
-    typer.Option(
-        metavar="FILE",
-        help="Obstacles that a mission has to avoid: an OctoMap (.bt or .ot), whose unknown cells "
-        "are free; or a CSV file without header, one box per row, its centre x, y, z and its side "
-        "lengths x, y, z in metres.",
     ),
 ]
 OutputOption = Annotated[

@@ -11,7 +11,6 @@ from drake_rho.cli.checks import check_outputs, requested_drawing
 from drake_rho.cli.console import Work, stopping_early, working
 from drake_rho.cli.options import (
     Arrival,
-    DurationOption,
     FiguresOption,
     FormatOption,
     MaxMemoryOption,
@@ -21,10 +20,8 @@ from drake_rho.cli.options import (
     ScenarioArgument,
     Solver,
     SolverOption,
-    StepOption,
     TimeLimitOption,
     WidthOption,
-    WorldOption,
 )
 from drake_rho.cli.reports import finish
 from drake_rho.cli.sources import read
@@ -37,7 +34,6 @@ from drake_rho.planning.planners.convex import plan_convex
 from drake_rho.planning.planners.plan import plan as best_plan
 from drake_rho.planning.programs.backend import SOLVERS
 from drake_rho.planning.programs.backend import Solver as AnySolver
-from drake_rho.scenario.problems.missions import is_lsc_mission
 from drake_rho.scenario.records import Scenario
 
 
@@ -48,16 +44,13 @@ def plan(
     solver: SolverOption = Solver.CLARABEL,
     max_memory: MaxMemoryOption = DEFAULTS.max_memory,
     time_limit: TimeLimitOption = None,
-    duration: DurationOption = None,
     step: Annotated[
         list[float] | None,
         typer.Option(
-            help="Step in seconds, repeatable. For a mission, the first is the step of its grid. "
-            "The others (for a scenario, all) are further steps, which the convex method tries in "
-            "turn if it has no solution with the step of the grid."
+            help="Further step in seconds, repeatable: the convex method tries these in turn if "
+            "it has no solution with the step of the scenario's grid."
         ),
     ] = None,
-    world: WorldOption = None,
     figures: FiguresOption = None,
     file_format: FormatOption = None,
     width: WidthOption = None,
@@ -66,12 +59,10 @@ def plan(
     drawing = requested_drawing(figures, file_format, width)
     check_outputs(output, drawing)
     further = list(step or ())
-    has_step = duration is not None or is_lsc_mission(scenario)
-    own_step = further.pop(0) if further and has_step else None
     if further and method is Method.SCP:
         raise ValueError(f"--step: got {further[0]:g} with --method scp, expected method convex")
     options = Options(max_memory=max_memory, time_limit=time_limit)
-    problem = read(scenario, duration, own_step, world)
+    problem = read(scenario)
     with working("planning") as work, stopping_early():
         planned = _plan(problem, method, further, SOLVERS[solver](), options, work)
     return finish(planned, output, drawing)
@@ -91,9 +82,6 @@ def fastest(
     solver: SolverOption = Solver.CLARABEL,
     max_memory: MaxMemoryOption = DEFAULTS.max_memory,
     time_limit: TimeLimitOption = None,
-    duration: DurationOption = None,
-    step: StepOption = None,
-    world: WorldOption = None,
     figures: FiguresOption = None,
     file_format: FormatOption = None,
     width: WidthOption = None,
@@ -102,7 +90,7 @@ def fastest(
     drawing = requested_drawing(figures, file_format, width)
     check_outputs(output, drawing)
     options = Options(max_memory=max_memory, time_limit=time_limit)
-    problem = read(scenario, duration, step, world)
+    problem = read(scenario)
     with working("looking for the least time") as work, stopping_early():
         planned = plan_minimum_time(
             problem,
@@ -121,9 +109,6 @@ def fly(
     output: OutputOption = None,
     *,
     time_limit: TimeLimitOption = None,
-    duration: DurationOption = None,
-    step: StepOption = None,
-    world: WorldOption = None,
     figures: FiguresOption = None,
     file_format: FormatOption = None,
     width: WidthOption = None,
@@ -132,7 +117,7 @@ def fly(
     """Plan a scenario with a receding horizon and verify the flight."""
     drawing = requested_drawing(figures, file_format, width)
     check_outputs(output, drawing)
-    problem = read(scenario, duration, step, world)
+    problem = read(scenario)
     with working("planning the first window") as work, stopping_early():
         flight = plan_rho(problem, **windows_of(work, time_limit=time_limit, **windows))
     return finish(flight, output, drawing)

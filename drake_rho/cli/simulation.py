@@ -12,16 +12,13 @@ import typer
 from drake_rho.cli.checks import check_outputs, requested_drawing
 from drake_rho.cli.console import working
 from drake_rho.cli.options import (
-    DurationOption,
     FiguresOption,
     FormatOption,
     OutputOption,
-    StepOption,
     WidthOption,
-    WorldOption,
 )
 from drake_rho.cli.reports import finish
-from drake_rho.cli.sources import is_result, load_result, read, refuse_options
+from drake_rho.cli.sources import is_result, load_result, read
 from drake_rho.cli.windows import refuse_windows, takes_windows, windows_of
 from drake_rho.motion.plan import Plan
 from drake_rho.planning.horizon.receding_horizon import RecedingHorizon
@@ -89,9 +86,6 @@ def simulate(
         Plant, typer.Option(help="Vehicle model: point masses or Drake's quadrotors.")
     ] = Plant.POINT,
     *,
-    duration: DurationOption = None,
-    step: StepOption = None,
-    world: WorldOption = None,
     figures: FiguresOption = None,
     file_format: FormatOption = None,
     width: WidthOption = None,
@@ -106,7 +100,6 @@ def simulate(
     wind_rng, error_rng = np.random.default_rng(seed).spawn(2)
     vehicles: Literal["quadrotor"] | None = "quadrotor" if plant is Plant.QUADROTOR else None
     if is_result(source):
-        refuse_options(source, duration, step, world)
         refuse_windows(source, windows)
         plan = _plan_in(source)
         check_wind(plan.scenario, wind, direction)
@@ -114,7 +107,7 @@ def simulate(
             found = _wind(plan.scenario, wind, direction, wind_rng, plan.scenario.grid.end, plan)
             flown = simulated(plan, wind=found.wind, plant=vehicles, rng=error_rng)
         return finish(flown, output, drawing, f"{found.description}; seed {seed}")
-    problem = read(source, duration, step, world)
+    problem = read(source)
     check_wind(problem, wind, direction)
     with working("computing the wind") as work:
         settings, grid = windows_of(work, **windows), problem.grid

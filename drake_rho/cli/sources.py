@@ -8,6 +8,8 @@ from contextlib import suppress
 from difflib import get_close_matches
 from pathlib import Path
 
+from drake_rho.formats.crazyflies import is_crazyflies
+from drake_rho.formats.lsc_missions import is_lsc_mission
 from drake_rho.formats.missions import is_mission, load_mission
 from drake_rho.motion.documents import is_exported
 from drake_rho.motion.files import PlanFileError, load
@@ -15,8 +17,7 @@ from drake_rho.motion.flown import Flown
 from drake_rho.motion.tables import is_table
 from drake_rho.scenario.errors import Description, ScenarioError
 from drake_rho.scenario.files import library, load_scenario
-from drake_rho.scenario.problems.missions import is_lsc_mission, load_lsc_mission
-from drake_rho.scenario.records import Grid, Scenario
+from drake_rho.scenario.records import Scenario
 from drake_rho.system.files import opened, read_text
 
 _YAML = (".yaml", ".yml")
@@ -50,67 +51,47 @@ def load_result(path: Path) -> Flown:
         raise
 
 
-def read(
-    source: str, duration: float | None, step: float | None, world: str | None = None
-) -> Scenario:
-    """Read a scenario by name, from a file, or from the file of a plan, flight or simulation.
-
-    Options give a mission of the LSC planner its grid and world; one of a ground station has a grid
-    unless they give one.
-
-    Raises:
-        PlanFileError: the file of a result cannot be read.
-        ScenarioError: there is no such scenario, the scenario is invalid, or the step does not
-            divide the duration.
-        ValueError: an option of missions is missing for a mission, or given otherwise.
-    """
-    if is_mission(source):
-        return _load_mission(source, duration, step, world)
-    if not is_lsc_mission(source):
-        given = load(source) if is_result(source) else _load_scenario(source)
-        refuse_options(source, duration, step, world)
-        return given if isinstance(given, Scenario) else given.scenario
-    if duration is None or step is None:
-        missing = "--step" if duration is not None else "--duration"
-        expected = "--duration and --step: a mission has no grid of its own"
-        raise ValueError(f"{source}: got no {missing}, expected {expected}")
-    return load_lsc_mission(source, grid=Grid.lasting(duration, step=step), world=world)
-
-
-def _load_mission(
-    source: str, duration: float | None, step: float | None, world: str | None
-) -> Scenario:
-    """Load a mission of a ground station.
-
-    Raises:
-        ScenarioError: the mission cannot be read.
-        ValueError: there is a world, or one option of a grid without the other.
-    """
-    if world is not None:
-        refuse_options(source, None, None, world)
-    if duration is None and step is None:
-        return load_mission(source)
-    if duration is None or step is None:
-        missing = "--step" if duration is not None else "--duration"
-        raise ValueError(f"{source}: got no {missing}, expected --duration and --step, or neither")
-    return load_mission(source, grid=Grid.lasting(duration, step=step))
-
-
-def read_or_load(
-    source: str, duration: float | None, step: float | None, world: str | None
-) -> Scenario | Flown:
-    """Read a scenario, or load a plan, a flight or a simulation, which takes no mission options.
+def read(source: str) -> Scenario:
+    """Read a scenario by name, from a file, from that of a result, or from that of a mission.
 
     Raises:
         PlanFileError: the file of a result cannot be read.
         ScenarioError: there is no such scenario, or it is invalid.
-        ValueError: an option of missions is missing for a mission, or given otherwise.
+        ValueError: the file has to be imported first, since it lacks part of a scenario.
     """
-    if not is_result(source):
-        return read(source, duration, step, world)
-    flown = load(source)
-    refuse_options(source, duration, step, world)
-    return flown
+    given = read_or_load(source)
+    return given if isinstance(given, Scenario) else given.scenario
+
+
+def read_or_load(source: str) -> Scenario | Flown:
+    """Read a scenario or a mission, or load a plan, a flight or a simulation.
+
+    Raises:
+        PlanFileError: the file of a result cannot be read.
+        ScenarioError: there is no such scenario, or it is invalid.
+        ValueError: the file has to be imported first, since it lacks part of a scenario.
+    """
+    if is_result(source):
+        return load(source)
+    if is_mission(source):
+        return load_mission(source)
+    _refuse_imported(source)
+    return _load_scenario(source)
+
+
+def _refuse_imported(source: str) -> None:
+    """Refuse files that have no time grid.
+
+    Raises:
+        ValueError: the file is one of them; the message has the command that imports it.
+    """
+    for words, is_one, world in (
+        ("a mission of the LSC planner", is_lsc_mission, " [--world FILE]"),
+        ("robots of Crazyswarm2", is_crazyflies, ""),
+    ):
+        if is_one(source):
+            command = f"drake-rho import {source} --duration S --step S{world} -o scenario.yaml"
+            raise ValueError(f"{source}: got {words}, expected a scenario: {command}")
 
 
 def _load_scenario(source: str) -> Scenario:
@@ -153,22 +134,3 @@ def _nearest_name(source: str) -> str | None:
         files = [str(each) for each in Path(source).parent.iterdir() if each.suffix in _YAML]
         return next(iter(get_close_matches(source, [*library(), *files], n=1)), None)
     return next(iter(get_close_matches(source, library(), n=1)), None)
-
-
-def refuse_options(
-    source: str, duration: float | None, step: float | None, world: str | None
-) -> None:
-    """Check that no mission option is given for a source with its own grid and obstacles.
-
-    Raises:
-        ValueError: an option of missions is given.
-    """
-    for option, value, own in (
-        ("--duration", duration, "a grid"),
-        ("--step", step, "a grid"),
-        ("--world", world, "obstacles"),
-    ):
-        if value is not None:
-            given = f"{value:g}" if isinstance(value, float) else repr(value)
-            expected = f"a mission (.json) with it: {source} has {own} of its own"
-            raise ValueError(f"{option}: got {given}, expected {expected}")

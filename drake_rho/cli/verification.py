@@ -12,16 +12,13 @@ from drake_rho.analysis.certify_time import certify_time
 from drake_rho.analysis.diagnose import diagnose as diagnosis_of
 from drake_rho.cli.console import answer, stopping_early, working
 from drake_rho.cli.options import (
-    DurationOption,
     ResultArgument,
     Solver,
     SolverOption,
-    StepOption,
     TimeLimitOption,
-    WorldOption,
 )
 from drake_rho.cli.reports import finish, finish_trajectories
-from drake_rho.cli.sources import is_result, load_result, read, refuse_options
+from drake_rho.cli.sources import is_result, load_result, read
 from drake_rho.formats.load import load_trajectories
 from drake_rho.planning.programs.backend import SOLVERS
 from drake_rho.verification.verify import verify as verify_any
@@ -59,7 +56,7 @@ def verify(
         if max_acceleration is not None:
             raise ValueError("--max-acceleration: got no --scenario, expected that of samples")
         return finish(load_result(file), every_row=every_row)
-    problem = read(scenario, None, None)
+    problem = read(scenario)
     found = load_trajectories(file, problem, max_acceleration=max_acceleration)
     with working("verifying"):
         report = verify_any(found, problem)
@@ -122,9 +119,6 @@ def diagnose(
             "kept. Without it, all times of waypoints count as found.",
         ),
     ] = None,
-    duration: DurationOption = None,
-    step: StepOption = None,
-    world: WorldOption = None,
 ) -> int:
     """Explain why there is no plan, or which limits make a plan so long.
 
@@ -132,11 +126,10 @@ def diagnose(
     is a plan or not. For a plan of 'fastest', it is the time that wider limits would save.
     """
     if is_result(source):
-        refuse_options(source, duration, step, world)
         return _diagnose_plan(source, planned, time_limit)
     if planned is not None:
         raise ValueError(f"--planned: got {planned!r} for a scenario, expected a file of a plan")
-    problem = read(source, duration, step, world)
+    problem = read(source)
     with working("looking for a plan") as work, stopping_early():
         diagnosis = diagnosis_of(
             problem, solver=SOLVERS[solver](), progress=work, time_limit=time_limit
@@ -149,7 +142,7 @@ def _diagnose_plan(source: str, planned: str | None, time_limit: float | None) -
     flown = load_result(Path(source))
     if flown.kind != "plan":
         raise ValueError(f"{source}: got a {flown.kind}, expected a plan")
-    scenario = None if planned is None else read(planned, None, None)
+    scenario = None if planned is None else read(planned)
     with working("looking for less time near the plan") as work, stopping_early():
         found = diagnosis_of(flown.plan, planned=scenario, progress=work, time_limit=time_limit)
     return answer(found, str(found))

@@ -16,6 +16,7 @@ from drake_rho.formats.mission_items import MissionFile
 from drake_rho.formats.qgroundcontrol import parse_plan
 from drake_rho.formats.routes import Route, Stop, route_of
 from drake_rho.formats.schedules import Pace, arrivals, step_for
+from drake_rho.formats.texts import in_file, text_of, text_or_none
 from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.errors import Description, MissionWarning, ScenarioError
 from drake_rho.scenario.fields import FloatArray
@@ -33,12 +34,9 @@ from drake_rho.scenario.records import (
     Vehicle,
     Waypoint,
 )
-from drake_rho.system.files import read_text, reason_of
 
 SPEED, ACCELERATION = 5.0, 2.5
 """Largest speed [m/s] if the file has none, and acceleration [m/s²], if no limits are given."""
-_LARGEST = 16 << 20
-"""Largest size of a mission's file [bytes]."""
 _SAGS = 0.1
 """Difference of a level from one of constant altitude at which a warning is given [m]."""
 _BELOW = 1.0
@@ -94,12 +92,10 @@ def load_mission(
     flights = list[_Flight]()
     names = _names(paths)
     for file, mission, own, name in zip(paths, missions, homes, names, strict=True):
-        try:
+        with in_file(file):
             route = route_of(mission, own, homes[0])
             flight = _Flight(file, name, route, Zones((), ()))
             zones = zones_of(mission.fences, homes[0], flight.positions)
-        except ScenarioError as error:
-            raise _in_file(file, error) from None
         flights.append(dataclasses.replace(flight, zones=zones))
         _warn(file, route, flight.positions)
     return _scenario(flights, limits, grid, homes[0])
@@ -107,10 +103,7 @@ def load_mission(
 
 def is_mission(path: str | Path) -> bool:
     """Return whether a file holds a mission of a ground station; it may be malformed."""
-    try:
-        text = read_text(path, _LARGEST)
-    except (OSError, ValueError):
-        return False
+    text = text_or_none(path) or ""
     return text.startswith(HEADER) or (
         text.lstrip().startswith("{") and _PLAN.search(text) is not None
     )
@@ -149,20 +142,14 @@ class _Flight:
 
 def _read(path: Path) -> MissionFile:
     """Return the content of a file, by what it begins with."""
-    try:
-        text = read_text(path, _LARGEST)
-    except (OSError, ValueError) as error:
-        expected = f"a readable mission (.plan or .waypoints); {reason_of(error)}"
-        raise ScenarioError(str(path), Description("no text"), expected) from None
-    try:
+    with in_file(path):
+        text = text_of(path, "mission (.plan or .waypoints)")
         if text.startswith(HEADER):
             return parse_waypoints(text)
         if text.lstrip().startswith("{"):
             return parse_plan(text)
         expected = "a plan of QGroundControl (JSON) or a mission of MAVLink (QGC WPL 110)"
         raise ScenarioError("", Description("another file"), expected)
-    except ScenarioError as error:
-        raise _in_file(path, error) from None
 
 
 def _home(path: Path, mission: MissionFile, given: Frame | None) -> Frame:
@@ -202,12 +189,6 @@ def _warn(path: Path, route: Route, positions: FloatArray) -> None:
 
 def _tell(text: str) -> None:
     warnings.warn(MissionWarning(text), stacklevel=4)
-
-
-def _in_file(path: Path, error: ScenarioError) -> ScenarioError:
-    """Return the error with the file before its field."""
-    where = f"{path}: {error.field}" if error.field else str(path)
-    return ScenarioError(where, error.value, error.expected)
 
 
 def _scenario(

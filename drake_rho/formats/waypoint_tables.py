@@ -13,6 +13,7 @@ from drake_rho.formats.folders import file_names, write_folder
 from drake_rho.formats.format import Format, exported, planned
 from drake_rho.formats.record import Exported
 from drake_rho.formats.straight_legs import Legs, legs_of
+from drake_rho.formats.texts import in_file, text_of
 from drake_rho.motion.flown import Flown
 from drake_rho.motion.headings import Heading
 from drake_rho.motion.tables import write_rows
@@ -20,11 +21,9 @@ from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.errors import Description, ScenarioError
 from drake_rho.scenario.fields import LARGEST
 from drake_rho.scenario.records import Waypoint
-from drake_rho.system.files import atomic_write, read_text, reason_of
+from drake_rho.system.files import atomic_write
 
 COLUMNS = ("time [s]", "x [m]", "y [m]", "z [m]")
-_LARGEST = 16 << 20
-"""Largest size of a table [bytes]."""
 _MOST_ROWS = 10_000
 _TIMES, _PLACES = ("t", "time"), ("x", "y", "z")
 
@@ -45,20 +44,16 @@ def load_waypoints(path: str | Path) -> tuple[Waypoint, ...]:
         ScenarioError: the file cannot be read, or a row is no waypoint; the error's field names
             file, line and column.
     """
-    try:
-        return _parse(read_text(path, _LARGEST))
-    except ScenarioError as error:
-        where = f"{path}: {error.field}" if error.field else str(path)
-        raise ScenarioError(where, error.value, error.expected) from None
-    except (OSError, ValueError, csv.Error) as error:
-        reason = reason_of(error) if isinstance(error, OSError | ValueError) else str(error)
-        expected = f"a readable table (CSV); {reason}"
-        raise ScenarioError(str(path), Description("no text"), expected) from None
+    with in_file(Path(path)):
+        return _parse(text_of(Path(path), "table (CSV)"))
 
 
 def _parse(text: str) -> tuple[Waypoint, ...]:
     reader = csv.reader(io.StringIO(text, newline=""), delimiter=_separator(text), strict=True)
-    rows = [(reader.line_num, [cell.strip() for cell in row]) for row in reader]
+    try:
+        rows = [(reader.line_num, [cell.strip() for cell in row]) for row in reader]
+    except csv.Error as error:
+        raise ScenarioError("", Description("malformed CSV"), f"CSV; {error}") from None
     rows = [(line, row) for line, row in rows if any(row) and not row[0].startswith("#")]
     if not rows:
         raise ScenarioError("", Description("no row"), "at least one waypoint: x, y, z in metres")

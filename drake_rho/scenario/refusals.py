@@ -165,4 +165,5 @@ def _expectation(message: str) -> str:
     message = message.replace("a valid integer", "an integer").partition(", got ")[0]
     message = message.replace("a valid number", "a number").partition(", unable to parse ")[0]
     message = message.replace("a valid string", "a text, in YAML perhaps in quotes")
+    message = message.replace("a valid dictionary", "a mapping").partition(" or instance of ")[0]
     return message[:1].lower() + message[1:]

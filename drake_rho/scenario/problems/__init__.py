@@ -1,4 +1,4 @@
-"""Generated scenarios: random fleets, worlds, and missions of other planners.
+"""Generated scenarios: random fleets and worlds.
 
-Each function returns a `Scenario` from numbers, a random generator or a mission file.
+Each function returns a `Scenario` from numbers or a random generator.
 """

@@ -1,4 +1,4 @@
-"""Conversion of other planners' missions to scenarios."""
+"""`load_lsc_mission`: missions of the LSC planner as scenarios."""
 
 from __future__ import annotations
 
@@ -6,10 +6,11 @@ import dataclasses
 import re
 from pathlib import Path
 
+from drake_rho.formats.lsc import Mission, Quadrotor, parse_mission, parse_world
+from drake_rho.formats.texts import in_file, text_of, text_or_none
 from drake_rho.scenario.arguments import checked
-from drake_rho.scenario.errors import Description, ScenarioError
+from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.maps.octomaps import ENDINGS as OCTOMAPS
-from drake_rho.scenario.problems.lsc import Mission, Quadrotor, parse_mission, parse_world
 from drake_rho.scenario.records import (
     Box,
     Grid,
@@ -20,12 +21,11 @@ from drake_rho.scenario.records import (
     Vehicle,
     Voxels,
 )
-from drake_rho.system.files import read_text, reason_of
 
 
 @checked
 def load_lsc_mission(path: str | Path, *, grid: Grid, world: str | Path | None = None) -> Scenario:
-    """Read a mission of the LSC planner; `drake_rho.scenario.problems.lsc` describes the formats.
+    """Read a mission of the LSC planner; `drake_rho.formats.lsc` describes the formats.
 
     Vehicles are named by type and number, such as `crazyflie-1`, and have their own limits where
     their types differ. The separation is that of the LSC planner: two radii, and `downwash` times
@@ -49,51 +49,26 @@ def load_lsc_mission(path: str | Path, *, grid: Grid, world: str | Path | None =
     path = Path(path)
     obstacles = () if world is None else _obstacles(Path(world))
     name = path.stem if world is None else f"{path.stem} in {Path(world).stem}"
-    try:
-        return _scenario(name, grid, parse_mission(_read(path, "JSON")), obstacles)
-    except ScenarioError as error:
-        raise _in_file(path, error) from None
+    with in_file(path):
+        return _scenario(name, grid, parse_mission(text_of(path, "JSON file")), obstacles)
 
 
 def is_lsc_mission(path: str | Path) -> bool:
-    """Return whether a file ends in `.json` and has agents, which no scenario has.
-
-    The file may be malformed in other respects.
-    """
-    path = Path(path)
-    if path.suffix.lower() != ".json":
-        return False
-    try:
-        return re.search(r'"agents"\s*:', _read(path, "JSON")) is not None
-    except ScenarioError:
-        return False
+    """Return whether a file is JSON with agents, which no scenario has; it may be malformed."""
+    text = (text_or_none(path) or "").lstrip()
+    return text.startswith("{") and _AGENTS.search(text) is not None
 
 
-_OF_THE_FILE = re.compile(r"^scenario\.vehicles\[(\d+)\]\.(start|goal)\.position$")
+_AGENTS = re.compile(r'"agents"\s*:')
+_OF_A_SCENARIO = re.compile(r"^scenario\.vehicles\[(\d+)\]\.(start|goal)\.position$")
 
 
 def _obstacles(path: Path) -> tuple[Box | Voxels, ...]:
     """Return the boxes of a CSV file, or an OctoMap."""
     if path.suffix.lower() in OCTOMAPS:
         return (Voxels.from_octomap(path, unknown="free"),)
-    try:
-        return parse_world(_read(path, "CSV"))
-    except ScenarioError as error:
-        raise _in_file(path, error) from None
-
-
-def _in_file(path: Path, error: ScenarioError) -> ScenarioError:
-    """Return the error with the file's name and its field in place of the scenario's field."""
-    field = _OF_THE_FILE.sub(r"agents[\1].\2", error.field)
-    return ScenarioError(f"{path}: {field}" if field else str(path), error.value, error.expected)
-
-
-def _read(path: Path, kind: str) -> str:
-    try:
-        return read_text(path)
-    except (OSError, ValueError) as error:
-        expected = f"a readable {kind} file; {reason_of(error)}"
-        raise ScenarioError("", Description("no text"), expected) from None
+    with in_file(path):
+        return parse_world(text_of(path, "CSV file"))
 
 
 def _scenario(name: str, grid: Grid, mission: Mission, world: tuple[Box | Voxels, ...]) -> Scenario:
@@ -112,7 +87,11 @@ def _scenario(name: str, grid: Grid, mission: Mission, world: tuple[Box | Voxels
     low, high = mission.world[0].dimension[:3], mission.world[0].dimension[3:]
     limits = dataclasses.replace(kinds[0].limits if alike else Limits(), position=Box(low, high))
     obstacles = (*world, *(obstacle.box for obstacle in mission.obstacles))
-    return Scenario(name, grid, vehicles, limits, obstacles, _separation(mission, kinds))
+    try:
+        return Scenario(name, grid, vehicles, limits, obstacles, _separation(mission, kinds))
+    except ScenarioError as error:
+        field = _OF_A_SCENARIO.sub(r"agents[\1].\2", error.field)
+        raise ScenarioError(field, error.value, error.expected) from None
 
 
 def _separation(mission: Mission, kinds: list[Quadrotor]) -> Separation:
