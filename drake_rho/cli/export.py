@@ -12,6 +12,7 @@ from drake_rho.cli.sources import load_result
 from drake_rho.formats.export import FORMATS, check_export
 from drake_rho.formats.export import export as exported
 from drake_rho.formats.format import Format
+from drake_rho.formats.load import READERS
 from drake_rho.motion.headings import Direction, Heading
 
 
@@ -73,13 +74,16 @@ def export(
 
 
 def formats() -> int:
-    """List the export formats."""
+    """List the formats that are written and read."""
     table = plain_table("format", "paths", "holds", "headings", "read by", texts=5)
     for name, each in FORMATS.items():
         table.add_row(
             name, ", ".join(_paths(each)), each.content, each.heading, each.read_by or "-"
         )
-    rows = [
+    only_read = [each for each in READERS if each.name not in FORMATS]
+    for reader in only_read:
+        table.add_row(reader.name, "(read only)", reader.content, "-", reader.read_by)
+    rows: list[dict[str, object]] = [
         {
             "name": name,
             "endings": each.endings,
@@ -90,6 +94,11 @@ def formats() -> int:
             "read_by": each.read_by or None,
         }
         for name, each in FORMATS.items()
+    ]
+    rows += [
+        {"name": each.name, "endings": (), "folder": False, "rate": each.rated}
+        | {"content": each.content, "headings": "none", "read_by": each.read_by}
+        for each in only_read
     ]
     return answer({"formats": rows}, table)
 
