@@ -109,7 +109,7 @@ def write_mcap(file: Path, recorded: Iterable[tuple[str, int, Any]], kind: Compr
                 channels[topic] = writer.register_channel(topic, "cdr", schema)
             data = bytes(STORE.serialize_cdr(message, message.__msgtype__))
             writer.add_message(channels[topic], stamp, data, stamp)
-        writer.finish()
+        writer.finish()  # type: ignore[no-untyped-call]
     return file
 
 

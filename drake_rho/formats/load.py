@@ -14,6 +14,7 @@ from drake_rho.motion.files import PlanFileError
 from drake_rho.motion.polynomials import Polynomials
 from drake_rho.motion.trajectories import Trajectories
 from drake_rho.scenario.arguments import checked
+from drake_rho.scenario.errors import shorten
 from drake_rho.scenario.records import Scenario
 from drake_rho.system.files import LARGEST_TEXT, read_bytes, reason_of
 
@@ -80,7 +81,9 @@ def load_trajectories(
             begin = scenario.grid.start - scenario.lead
             found = {name: each.delayed(begin) for name, each in found.items()}
         if twice := found.keys() & motions.keys():
-            raise PlanFileError(f"{path}: got {min(twice)!r} again, expected each vehicle once")
+            raise PlanFileError(
+                f"{path}: got {shorten(min(twice))} again, expected each vehicle once"
+            )
         motions |= found
     motions = _named_as(motions, scenario)
     sampled = {form.rated for form in formats}

@@ -9,7 +9,11 @@ from typing import ClassVar
 
 from drake_rho.motion.files import PlanFileError
 from drake_rho.motion.polynomials import Polynomials
+from drake_rho.scenario.errors import shorten, shortened
 from drake_rho.system.files import reason_of
+
+_LONGEST = 500
+"""Largest number of characters of a reason, which may quote the file."""
 
 
 class Reader:
@@ -64,7 +68,9 @@ class Reader:
             with naming(file):
                 found = self.read(content, file.stem)
             if twice := found.keys() & motions.keys():
-                raise PlanFileError(f"{file}: got {min(twice)!r} again, expected each vehicle once")
+                raise PlanFileError(
+                    f"{file}: got {shorten(min(twice))} again, expected each vehicle once"
+                )
             motions |= found
         return motions
 
@@ -75,4 +81,4 @@ def naming(file: Path) -> Iterator[None]:
     try:
         yield
     except (OSError, ValueError) as error:
-        raise PlanFileError(f"{file}: {reason_of(error)}") from None
+        raise PlanFileError(f"{file}: {shortened(reason_of(error), _LONGEST)}") from None

@@ -14,7 +14,6 @@ from pathlib import Path
 
 import numpy as np
 
-from drake_rho.formats.px4 import NED
 from drake_rho.formats.reader import Reader
 from drake_rho.motion.polynomials import Polynomials
 from drake_rho.motion.trajectories import sampled
@@ -72,7 +71,9 @@ class ULog(Reader):
         if (back := stamps[1:] <= stamps[:-1]).any():
             number = int(np.argmax(back)) + 2
             raise ValueError(f"valid estimate {number} of {_TOPIC}: expected a later time stamp")
-        positions = np.stack([rows[axis] for axis in "xyz"], axis=1).astype(np.float64) @ NED
+        with np.errstate(invalid="ignore"):  # no numbers are refused below
+            north, east, down = (rows[axis].astype(np.float64) for axis in "xyz")
+        positions = np.stack([east, north, -down], axis=1)
         return {name: sampled(name, np.column_stack([(stamps - stamps[0]) / _SECOND, positions]))}
 
 
