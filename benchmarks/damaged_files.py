@@ -182,7 +182,7 @@ def damaged(count: int, folder: Path, seed: int = SEED) -> list[Read]:
         content = each.content
         for _ in range(1 + int(rng.random() < 0.25)):
             chosen = each.damages[rng.integers(len(each.damages))]
-            with suppress(zipfile.BadZipFile, zlib.error, sqlite3.Error, NotImplementedError):
+            with suppress(zipfile.BadZipFile, zlib.error, sqlite3.Error, ValueError, RuntimeError):
                 content = chosen(content or b"0", rng)
         read = read_damaged(each, content, folder)
         if read.wrong and (kept := os.environ.get("DAMAGED_FILES")):
