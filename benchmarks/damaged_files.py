@@ -19,7 +19,8 @@ from pathlib import Path
 import numpy as np
 
 import drake_rho as rho
-from benchmarks.file_kinds import Kind, kinds, scenario
+from benchmarks.file_kinds import kinds, scenario
+from benchmarks.format_kinds import BOUND, Kind
 from benchmarks.tables import Goal, Table
 
 SEED = 45
@@ -31,11 +32,15 @@ MEMORY, SECONDS = 2000.0, 10.0
 _LOADED = (
     "drake_rho.campaigns.results",
     "drake_rho.cli.commands",
+    "lz4.frame",
     "octomap",
     "pydrake.geometry",
     "pydrake.multibody.parsing",
     "pydrake.multibody.plant",
+    "pymap3d",
     "pypcd4",
+    "rosbags.rosbag2",
+    "rosbags.typesys",
     "trimesh.exchange.load",
     "trimesh.exchange.ply",
     "yaml",
@@ -129,6 +134,9 @@ def _status(command: str, arguments: list[str], path: Path) -> int:
         "read": lambda: sources.read(path.name),
         "study": lambda: rho.load_study(path.name).check_draws(),
         "table": lambda: rho.load(path.name, scenario(path.parent)),
+        "mission": lambda: rho.load_mission(path.name),
+        "waypoints": lambda: rho.load_waypoints(path.name),
+        "trajectories": lambda: rho.load_trajectories(path.name, max_acceleration=_bound(path)),
     }
 
     def run() -> int | None:
@@ -140,6 +148,12 @@ def _status(command: str, arguments: list[str], path: Path) -> int:
 
     with console.warnings_as_lines():
         return failures.status_of(run)
+
+
+def _bound(path: Path) -> float | None:
+    """Return the bound of samples; None for polynomials."""
+    exact = path.suffix == ".skyc" or path.read_bytes().startswith(b"duration")
+    return None if exact else BOUND
 
 
 def damaged(count: int, folder: Path, seed: int = SEED) -> list[Read]:
@@ -164,7 +178,7 @@ def damaged(count: int, folder: Path, seed: int = SEED) -> list[Read]:
         content = each.content
         for _ in range(1 + int(rng.random() < 0.25)):
             chosen = each.damages[rng.integers(len(each.damages))]
-            with suppress(zipfile.BadZipFile, zlib.error, sqlite3.Error, NotImplementedError):
+            with suppress(zipfile.BadZipFile, zlib.error, sqlite3.Error, ValueError, RuntimeError):
                 content = chosen(content or b"0", rng)
         read = read_damaged(each, content, folder)
         if read.wrong and (kept := os.environ.get("DAMAGED_FILES")):

@@ -12,7 +12,8 @@ import numpy as np
 
 import drake_rho as rho
 from benchmarks import damage
-from benchmarks.damage import OF_BYTES, OF_TEXT, Damage
+from benchmarks.damage import OF_BYTES, OF_TEXT
+from benchmarks.format_kinds import Kind, format_kinds
 
 SCENARIO = """\
 name: yard
@@ -84,30 +85,14 @@ robot_types:
 _ON_GRID = ("--duration", "5", "--step", "0.5", "-o", "imported.yaml")
 
 
-@dataclasses.dataclass(frozen=True)
-class Kind:
-    """Kind of a file."""
-
-    name: str
-    """name in tables"""
-    ending: str
-    """ending of its files"""
-    content: bytes
-    """content of a valid one"""
-    command: tuple[str, ...]
-    """command line that reads it, in which {} stands for its path; `read` only reads a scenario,
-    `table` reads a table of states with the scenario"""
-    damages: tuple[Damage, ...]
-    """damages of it"""
-
-
 def kinds(folder: Path) -> list[Kind]:
     """Return a valid file of each kind.
 
     Args:
         folder: for files on the way.
     """
-    return [*_scenarios(), *_records(folder), *_maps(folder), *_meshes(folder), *_worlds()]
+    found = [*_scenarios(), *_records(folder), *_maps(folder), *_meshes(folder), *_worlds()]
+    return [*found, *format_kinds(folder, rho.plan(scenario(folder)))]
 
 
 def scenario(folder: Path) -> rho.Scenario:

@@ -51,7 +51,7 @@ FACES = np.array(
 
 @pytest.mark.slow
 def test_a_sample_of_damaged_files_is_refused_in_a_line_each(tmp_path: Path) -> None:
-    assert [each for each in damaged(64, tmp_path, seed=7) if each.wrong] == []
+    assert [each for each in damaged(96, tmp_path, seed=7) if each.wrong] == []
 
 
 def apart(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:

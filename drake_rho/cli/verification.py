@@ -38,7 +38,8 @@ def verify(
         typer.Option(
             metavar="SCENARIO|FILE",
             help="Scenario for trajectories of another program: FILE is then a CSV table of "
-            "positions, or polynomials of Crazyswarm, in a file or in a folder.",
+            "positions, polynomials of Crazyswarm, a show of Skybrush (.skyc), or a log of ROS 2 "
+            "or PX4, in a file or in a folder.",
         ),
     ] = None,
     max_acceleration: Annotated[
@@ -47,20 +48,41 @@ def verify(
             metavar="M/S2", help="For samples: bound on the acceleration between them, in m/s²."
         ),
     ] = None,
+    topic: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="VEHICLE=TOPIC",
+            help="For logs of ROS 2, repeatable: topic or child frame of a vehicle.",
+        ),
+    ] = None,
 ) -> int:
     """Verify a plan, flight, simulation or other trajectories.
 
     The exit status is 1 if a constraint is violated, and 6 if samples leave one undecided.
     """
     if scenario is None:
-        if max_acceleration is not None:
-            raise ValueError("--max-acceleration: got no --scenario, expected that of samples")
+        if max_acceleration is not None or topic:
+            option = "--topic" if topic else "--max-acceleration"
+            raise ValueError(f"{option}: got no --scenario, expected that of samples")
         return finish(load_result(file), every_row=every_row)
     problem = read(scenario)
-    found = load_trajectories(file, problem, max_acceleration=max_acceleration)
+    topics = dict(_vehicle_and_topic(each) for each in topic) if topic else None
+    found = load_trajectories(file, problem, max_acceleration=max_acceleration, topics=topics)
     with working("verifying"):
         report = verify_any(found, problem)
     return finish_trajectories(report, every_row=every_row)
+
+
+def _vehicle_and_topic(text: str) -> tuple[str, str]:
+    """Return the parts of VEHICLE=TOPIC.
+
+    Raises:
+        ValueError: one of them is missing.
+    """
+    vehicle, _, topic = text.rpartition("=")
+    if not vehicle or not topic:
+        raise ValueError(f"--topic: got {text!r}, expected VEHICLE=TOPIC")
+    return vehicle, topic
 
 
 def certify(

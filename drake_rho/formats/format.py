@@ -12,12 +12,12 @@ import numpy as np
 
 from drake_rho.formats.clearance import spare_of
 from drake_rho.formats.folders import check_folder
+from drake_rho.formats.reader import Reader
 from drake_rho.formats.record import Exported
 from drake_rho.motion.flown import Flown
 from drake_rho.motion.headings import Heading, direction_of
 from drake_rho.motion.jumps import check_continuous
 from drake_rho.motion.plan import Plan
-from drake_rho.motion.polynomials import Polynomials
 from drake_rho.motion.samples import check_rate
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.system.files import check_replaceable
@@ -28,27 +28,17 @@ _OF_FILES = {".csv", ".json", ".npz", ".yaml", ".zip"}
 """File endings that a folder must not have, because they suggest that another format was meant."""
 
 
-class Format(ABC):
-    """File format of exports."""
+class Format(Reader, ABC):
+    """File format of exports, `export(..., format=name)`."""
 
-    name: ClassVar[str]
-    """name of the format, as in `export(..., format=name)`"""
     endings: ClassVar[tuple[str, ...]] = ()
     """endings of files in this format"""
     folder: ClassVar[bool] = False
     """whether the format can be written as a folder"""
-    rated: ClassVar[bool] = True
-    """whether the format holds samples at a rate"""
     content: ClassVar[str]
     """description of what a file holds"""
     heading: ClassVar[Literal["none", "angles", "any"]] = "none"
     """headings that the format holds: none, constant angles, or any"""
-    read_by: ClassVar[str] = ""
-    """how a file is read back; empty if it is not"""
-    reads: ClassVar[str] = ""
-    """files that `load_trajectories` reads, in words; empty for a format that is only written"""
-    from_zero: ClassVar[bool] = False
-    """whether times in files count from the beginning, and not on the scenario's clock"""
 
     def check(self, path: Path, rate: float | None, heading: Heading | None) -> None:
         """Check, before any work, that a path, a rate and a heading suit this format.
@@ -98,22 +88,6 @@ class Format(ABC):
         kinds = [f"a file to write, ending in {' or '.join(self.endings)}"] if self.endings else []
         kinds += ["a folder, new or of the same files"] if self.folder else []
         return ", or ".join(kinds)
-
-    def recognises(self, content: bytes) -> bool:
-        """Return whether `read` understands files with this content."""
-        return False
-
-    def read(self, content: bytes, name: str) -> Mapping[str, Polynomials]:
-        """Return the motions of vehicles, by name; of samples, straight lines between them.
-
-        Args:
-            content: content of a file that the format recognises.
-            name: name of the file without its ending, for a vehicle that is not named in it.
-
-        Raises:
-            ValueError: the file is damaged; the message says where.
-        """
-        raise NotImplementedError
 
     @abstractmethod
     def write(

@@ -2,22 +2,35 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 from drake_rho.formats.export import FORMATS
 from drake_rho.formats.folders import file_names
-from drake_rho.formats.format import Format
+from drake_rho.formats.mcap import ros_names
+from drake_rho.formats.reader import Reader, naming
+from drake_rho.formats.ulog import ULog
 from drake_rho.motion.files import PlanFileError
 from drake_rho.motion.polynomials import Polynomials
 from drake_rho.motion.trajectories import Trajectories
 from drake_rho.scenario.arguments import checked
+from drake_rho.scenario.errors import shorten
 from drake_rho.scenario.records import Scenario
 from drake_rho.system.files import LARGEST_TEXT, read_bytes, reason_of
+
+READERS: tuple[Reader, ...] = (*(each for each in FORMATS.values() if each.reads), ULog())
+"""Formats that are read."""
+_METADATA = "metadata.yaml"
+"""File of a rosbag2 that says nothing but what its other files hold."""
 
 
 @checked
 def load_trajectories(
-    path: str | Path, scenario: Scenario | None = None, *, max_acceleration: float | None = None
+    path: str | Path,
+    scenario: Scenario | None = None,
+    *,
+    max_acceleration: float | None = None,
+    topics: Mapping[str, str] | None = None,
 ) -> Trajectories:
     """Read the trajectories of any planner, which `rho.verify(trajectories, scenario)` verifies.
 
@@ -26,14 +39,21 @@ def load_trajectories(
     - polynomials of Crazyswarm (degree 7, with durations), one file for each vehicle;
     - compiled shows of Skybrush (.skyc), of all vehicles;
     - tables of positions with columns time, x, y and z (CSV), of all vehicles with a column vehicle
-      or of one, with or without names of columns: those of `rho.export` and of Skybrush as well.
+      or of one, with or without names of columns: those of `rho.export` and of Skybrush as well;
+    - logs of ROS 2 (MCAP, or SQLite of rosbag2; extra `ros`) with positions in the messages
+      Odometry, PoseStamped, TFMessage, MultiDOFJointTrajectory or Path, of vehicles named after
+      the topic's namespace, or after the child frame;
+    - a log of PX4 (ULog), of one vehicle named after the file, in axes east, north and up.
 
     Args:
-        path: path of a file, or of a folder with a file for each vehicle, named after it.
+        path: path of a file, or of a folder with a file for each vehicle, named after it, or of a
+            rosbag2.
         scenario: scenario of the vehicles. It tells which vehicle a file named after it is of, and
-            when polynomials begin that have durations only: without it, at 0.
+            when trajectories begin whose times count from their beginning, as those of polynomials
+            and logs: without it, at 0.
         max_acceleration: bound on the norm of the acceleration between samples [m/s²]; required for
-            tables, not allowed for polynomials.
+            tables and logs, not allowed for polynomials.
+        topics: topic or child frame of each vehicle, for logs of ROS 2; those without are left out.
 
     Raises:
         PlanFileError: a file cannot be read, is of no known format, or is damaged; or a vehicle is
@@ -49,16 +69,21 @@ def load_trajectories(
         >>> rho.verify(found, plan.scenario).ok
         True
     """
-    motions = dict[str, Polynomials]()
-    formats = set[Format]()
-    for file in _files(Path(path)):
-        form, found = _read(file)
-        formats.add(form)
+    motions, formats = dict[str, Polynomials](), _recognised(_files(Path(path)))
+    for form, contents in formats.items():
+        try:
+            found = dict(form.read_all(contents, topics))
+        except PlanFileError:
+            raise
+        except ValueError as error:
+            raise PlanFileError(f"{path}: {error}") from None
         if form.from_zero and scenario is not None:
             begin = scenario.grid.start - scenario.lead
             found = {name: each.delayed(begin) for name, each in found.items()}
         if twice := found.keys() & motions.keys():
-            raise PlanFileError(f"{file}: got {min(twice)!r} again, expected each vehicle once")
+            raise PlanFileError(
+                f"{path}: got {shorten(min(twice))} again, expected each vehicle once"
+            )
         motions |= found
     motions = _named_as(motions, scenario)
     sampled = {form.rated for form in formats}
@@ -77,7 +102,7 @@ def load_trajectories(
 
 
 def _files(path: Path) -> list[Path]:
-    """Return the files to read: one, or all of a folder but hidden ones.
+    """Return the files to read: one, or all of a folder but hidden ones and metadata.
 
     Raises:
         PlanFileError: the folder is empty, has a link to a file outside, or cannot be read.
@@ -85,7 +110,11 @@ def _files(path: Path) -> list[Path]:
     try:
         if not path.is_dir():
             return [path]
-        files = sorted(each for each in path.iterdir() if not each.name.startswith("."))
+        files = sorted(
+            each
+            for each in path.iterdir()
+            if not each.name.startswith(".") and each.name != _METADATA
+        )
         inside = path.resolve()
         outside = [each for each in files if each.resolve().parent != inside]
     except (OSError, ValueError) as error:  # ValueError for a path with a null character
@@ -97,22 +126,22 @@ def _files(path: Path) -> list[Path]:
     return files
 
 
-def _read(file: Path) -> tuple[Format, dict[str, Polynomials]]:
-    """Return the format of a file and the motions in it.
+def _recognised(files: list[Path]) -> dict[Reader, dict[Path, bytes]]:
+    """Return the contents of files by their formats.
 
     Raises:
-        PlanFileError: it cannot be read, is of no known format, or is damaged.
+        PlanFileError: a file cannot be read, or is of no known format.
     """
-    readers = [each for each in FORMATS.values() if each.reads]
-    try:
-        content = read_bytes(file, LARGEST_TEXT)
-        form = next((each for each in readers if each.recognises(content)), None)
-        if form is not None:
-            return form, dict(form.read(content, file.stem))
-    except (OSError, ValueError) as error:
-        raise PlanFileError(f"{file}: {reason_of(error)}") from None
-    expected = ", or ".join(each.reads for each in readers)
-    raise PlanFileError(f"{file}: got no trajectories, expected {expected}")
+    found = dict[Reader, dict[Path, bytes]]()
+    for file in files:
+        with naming(file):
+            content = read_bytes(file, LARGEST_TEXT)
+        form = next((each for each in READERS if each.recognises(content)), None)
+        if form is None:
+            expected = ", or ".join(each.reads for each in READERS)
+            raise PlanFileError(f"{file}: got no trajectories, expected {expected}")
+        found.setdefault(form, {})[file] = content
+    return found
 
 
 def _named_as(motions: dict[str, Polynomials], scenario: Scenario | None) -> dict[str, Polynomials]:
@@ -121,7 +150,8 @@ def _named_as(motions: dict[str, Polynomials], scenario: Scenario | None) -> dic
         return motions
     if len(motions) == len(scenario.names) == 1:
         return dict(zip(scenario.names, motions.values(), strict=True))
-    names = dict(zip(file_names(scenario.names, ""), scenario.names, strict=True))
+    names = dict(zip(ros_names(scenario.names), scenario.names, strict=True))
+    names |= zip(file_names(scenario.names, ""), scenario.names, strict=True)
     return {
         name if name in scenario.names else names.get(name, name): each
         for name, each in motions.items()

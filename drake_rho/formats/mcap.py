@@ -8,21 +8,26 @@ from __future__ import annotations
 import re
 import shutil
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from fractions import Fraction
+from functools import cache
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from drake_rho.formats.bags import MCAP, SQLITE
 from drake_rho.formats.folders import write_folder
 from drake_rho.formats.format import RATE, Format, exported
+from drake_rho.formats.logs import Log
 from drake_rho.formats.markers import Obstacles, Tubes
 from drake_rho.formats.messages import Messages
+from drake_rho.formats.reader import naming
 from drake_rho.formats.record import Exported
 from drake_rho.motion.flown import Flown, sample
 from drake_rho.motion.headings import Heading, directions_of, headings
+from drake_rho.motion.polynomials import Polynomials
 from drake_rho.motion.samples import with_knots
 from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.records import Scenario
@@ -43,6 +48,23 @@ class Mcap(Format):
     folder = True
     content = "messages of ROS 2 at a rate and at every knot: motions, headings, obstacles, tubes"
     heading = "any"
+    read_by = "rho.load_trajectories(path)"
+    reads = "a log of ROS 2 (MCAP or SQLite)"
+    from_zero = True
+
+    def recognises(self, content: bytes) -> bool:
+        """Return whether the content begins as MCAP or as SQLite."""
+        return content.startswith((MCAP, SQLITE))
+
+    def read_all(
+        self, contents: Mapping[Path, bytes], topics: Mapping[str, str] | None
+    ) -> Mapping[str, Polynomials]:
+        """Return the motions of vehicles in the files of one log, which have one clock."""
+        log = Log(_store(), _rosbags("serde").SerdeError)
+        for file, content in contents.items():
+            with naming(file):
+                log.add(content)
+        return log.motions(topics)
 
     def check(self, path: Path, rate: float | None, heading: Heading | None) -> None:
         """Check as `Format.check`, and that rosbags is installed.
@@ -77,8 +99,7 @@ class _Bag:
     """Bag being written, with a connection for each topic."""
 
     def __init__(self, writer: Any) -> None:
-        typesys = _rosbags("typesys")
-        self._store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
+        self._store = _store()
         self._writer, self._connections = writer, dict[str, Any]()
         self.messages = Messages(self._store.types)
 
@@ -171,6 +192,17 @@ def _moved(bag: Path, path: Path, *, archive: bool) -> list[Path]:
     with open(bag / f"{bag.name}.mcap", "rb") as source, atomic_write(path) as file:
         shutil.copyfileobj(source, file)
     return [path]
+
+
+@cache
+def _store() -> Any:
+    """Return the types of messages, which are compiled once: that takes 0.1 s.
+
+    Raises:
+        ValueError: rosbags is not installed.
+    """
+    typesys = _rosbags("typesys")
+    return typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
 
 
 def _rosbags(module: str) -> Any:

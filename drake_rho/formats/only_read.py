@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 
+from drake_rho.formats.ulog import ULog
 from drake_rho.scenario.maps import mesh_files, octomaps, point_clouds, world_xml
 
 
@@ -28,5 +29,6 @@ ONLY_READ = (
     OnlyRead("points", point_clouds.ENDINGS, "points", "rho.Voxels.from_points(path, resolution)"),
     OnlyRead("mesh", mesh_files.ENDINGS, "triangles", "rho.Mesh.load(path)"),
     OnlyRead("world", world_xml.ENDINGS, "shapes that collide", "rho.load_world(path)"),
+    OnlyRead(ULog.name, (".ulg",), ULog.content, ULog.read_by),
 )
-"""Formats of missions, robots and obstacles."""
+"""Formats of missions, robots, obstacles and logs."""

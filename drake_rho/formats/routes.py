@@ -24,7 +24,7 @@ from drake_rho.formats.mission_items import (
     MissionFile,
 )
 from drake_rho.scenario.errors import Description, ScenarioError
-from drake_rho.scenario.fields import FloatArray
+from drake_rho.scenario.fields import LARGEST, FloatArray
 from drake_rho.scenario.frame import Frame
 
 SAME_PLACE = 1e-3
@@ -119,6 +119,9 @@ class _Walk:
                 self._wait(item.params[0])
             case command if command == CHANGE_SPEED and item.params[0] in _OVER_GROUND:
                 if item.params[1] > 0.0:  # -1 is no change, of the throttle alone
+                    if item.params[1] < 1.0 / LARGEST:
+                        expected = f"a speed of at least {1.0 / LARGEST:g} m/s"
+                        raise ScenarioError(item.name, item.params[1], expected)
                     self.speed = item.params[1]
             case _:
                 self.skipped.append(str(item))

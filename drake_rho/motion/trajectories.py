@@ -16,6 +16,7 @@ from drake_rho.motion.samples import Samples
 from drake_rho.motion.statistics import Statistics
 from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.described import Described
+from drake_rho.scenario.errors import shortened
 from drake_rho.scenario.fields import LARGEST, FloatArray
 from drake_rho.scenario.records import Scenario
 from drake_rho.scenario.times import Clock
@@ -202,10 +203,12 @@ def sampled(name: str, table: FloatArray) -> Polynomials:
     Raises:
         ValueError: there are fewer than two samples, or times do not increase.
     """
+    name = shortened(name)
     if table.ndim != 2 or table.shape[1] != 4 or len(table) < 2:
         raise ValueError(f"{name}: got shape {table.shape}, expected (M, 4) with two or more rows")
     _check_times(name, table[:, 0])
-    return Polynomials.through(table[:, 0], table[:, 1:])
+    with np.errstate(over="ignore", invalid="ignore"):  # such numbers are refused by `_check`
+        return Polynomials.through(table[:, 0], table[:, 1:])
 
 
 def _check(name: str, motion: Polynomials) -> None:
@@ -214,6 +217,7 @@ def _check(name: str, motion: Polynomials) -> None:
     Raises:
         ValueError: its shape is wrong, times do not increase, or a number is not finite.
     """
+    name = shortened(name)
     _check_times(name, motion.instants)
     shape, expected = motion.coefficients.shape, (1, len(motion.instants) - 1, 3)
     if shape[:3] != expected:
