@@ -48,7 +48,9 @@ def run(folder: Path | None) -> Table:
         rows=tuple(rows),
         notes=(_WORK, f"{planned} of {len(files)} planned, {refused} refused by name and reason."),
         goals=(
-            Goal("part of the missions that is not planned", 1.0 - PLANNED, 1 - planned / len(files)),
+            Goal(
+                "part of the missions that is not planned", 1.0 - PLANNED, 1 - planned / len(files)
+            ),
             Goal("missions without a plan, not verified, or that fail otherwise", 0, broken),
             Goal("largest distance of a place, written and read again [m]", NEAR, worst),
         ),

@@ -102,7 +102,9 @@ def _plans() -> dict[str, list[rho.Plan]]:
     ]
     return {
         "courier": [rho.plan(rho.load_scenario("courier"))],
-        "eight change sides of a circle": [rho.plan(rho.circle_swap(8, radius=2.0, duration=10.0, step=0.2))],
+        "eight change sides of a circle": [
+            rho.plan(rho.circle_swap(8, radius=2.0, duration=10.0, step=0.2))
+        ],
         "Example 4 of the paper": [rho.plan_rho(rho.load_scenario("paper")).plan],
         "random": shorter,
     }

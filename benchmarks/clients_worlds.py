@@ -68,21 +68,17 @@ _REASONS: dict[str, list[str]] = {}
 
 _WORK = """\
 Worlds: the number of collision geometries, with those of included models, is counted by an XML
-parser alone. Meshes: bounds and the number of triangles are those of trimesh, loaded as scenes, in the
-unit of a COLLADA file; a file may be refused only if trimesh finds no triangle in it either. OctoMaps: the occupied volume is that of
-octomap-python's iterator over leaves. Refused is a file with one line that names it and the
-reason. `model://` is looked for in the folder of models only."""
+parser alone. Meshes: bounds and the number of triangles are those of trimesh, loaded as scenes, in
+the unit of a COLLADA file; a file may be refused only if trimesh finds no triangle in it either.
+OctoMaps: the occupied volume is that of octomap-python's iterator over leaves. Refused is a file
+with one line that names it and the reason. `model://` is looked for in the folder of models only."""
 
 
 def _reasons() -> list[str]:
-    return [
-        f"Refused, {kind}: " + "; ".join(each) for kind, each in _REASONS.items() if each
-    ]
+    return [f"Refused, {kind}: " + "; ".join(each) for kind, each in _REASONS.items() if each]
 
 
-def _judged(
-    path: Path, folder: Path, check: Callable[[Path], str]
-) -> tuple[str, str, float]:
+def _judged(path: Path, folder: Path, check: Callable[[Path], str]) -> tuple[str, str, float]:
     """Return read, refused or different, with the reason, and seconds."""
     began = time.perf_counter()
     try:
@@ -98,10 +94,14 @@ def _judged(
         said = f"{path.relative_to(folder)}: {type(error).__name__}: {str(error)[:200]}"
         return "different", said, time.perf_counter() - began
     seconds = time.perf_counter() - began
-    return ("different", f"{path.relative_to(folder)}: {different}", seconds) if different else (
-        "read",
-        "",
-        seconds,
+    return (
+        ("different", f"{path.relative_to(folder)}: {different}", seconds)
+        if different
+        else (
+            "read",
+            "",
+            seconds,
+        )
     )
 
 

@@ -190,9 +190,7 @@ def run(files: int) -> Table:
     return table_of(files, "damaged_files", "Damaged files", kinds)
 
 
-def table_of(
-    files: int, table: str, title: str, kinds_of: Callable[[Path], list[Kind]]
-) -> Table:
+def table_of(files: int, table: str, title: str, kinds_of: Callable[[Path], list[Kind]]) -> Table:
     """Return a table of the answers to damaged files of some kinds, with its name and title."""
     began = time.monotonic()
     with tempfile.TemporaryDirectory() as folder:
