@@ -58,17 +58,17 @@ def run(count: int) -> Table:
 
 
 _WORK = """\
-Plans of one to four vehicles with random accelerations, steps of 1 to 500 ms, rates of 1 to 100 Hz,
+Plans of one to four vehicles with random accelerations, steps of 1 to 200 ms, rates of 1 to 50 Hz,
 and clocks that begin at 0, in between, or at a Unix time. Exact: every knot has a stamp of a
 whole number of milliseconds, no two stamps are further apart than the rate asks, and headers,
 paths and trajectories have the same ones. mcap finds the same topics and stamps."""
 
 
 def _random(rng: np.random.Generator, seed: int) -> tuple[rho.Plan, float]:
-    step, start = int(rng.integers(1, 501)) / 1000.0, float(rng.choice([0.0, 1.5, 1.7e9]))
-    vehicles, steps = int(rng.integers(1, 5)), int(rng.integers(2, 25))
+    step, start = int(rng.integers(1, 201)) / 1000.0, float(rng.choice([0.0, 1.5, 1.7e9]))
+    vehicles, steps = int(rng.integers(1, 5)), int(rng.integers(2, 20))
     plan = rough(vehicles=vehicles, steps=steps, step=step, start=start, seed=seed)
-    return plan, float(rng.uniform(1.0, 100.0))
+    return plan, float(rng.uniform(1.0, 50.0))
 
 
 def _by_rosbags(path: Path) -> list[tuple[str, int, Any]]:

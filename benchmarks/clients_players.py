@@ -89,10 +89,10 @@ def run(folder: Path | None) -> Table:
 
 
 _WORK = """\
-Every vehicle at every millisecond, or at 20 000 times where that is fewer; the distance is that from
-`plan.at`. skyc: skybrush-server's own trajectory player, in Python. crazyswarm: `piecewise_eval` of
-the Crazyflie's firmware in single precision, compiled for this machine; random plans are small ones
-in a room, with at most 31 steps of 0.1 to 0.5 s, so that a step is a piece."""
+Every vehicle at every millisecond, or at 20 000 times where that is fewer; the distance is that
+from `plan.at`. skyc: skybrush-server's own trajectory player, in Python. crazyswarm:
+`piecewise_eval` of the Crazyflie's firmware in single precision, compiled for this machine. Random
+plans have 30 steps of 0.1 to 0.5 s, so that a step is a piece, within some tens of metres."""
 
 
 def _plans() -> dict[str, list[rho.Plan]]:

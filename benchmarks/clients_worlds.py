@@ -71,7 +71,7 @@ Worlds: the number of collision geometries, with those of included models, is co
 parser alone. Meshes: bounds and the number of triangles are those of trimesh, loaded as scenes, in
 the unit of a COLLADA file; a file may be refused only if trimesh finds no triangle in it either.
 OctoMaps: the occupied volume is that of octomap-python's iterator over leaves. Refused is a file
-with one line that names it and the reason. `model://` is looked for in the folder of models only."""
+with one line that names it and the reason. Models are looked for in the folder of models only."""
 
 
 def _reasons() -> list[str]:
