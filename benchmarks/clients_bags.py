@@ -94,7 +94,7 @@ def _stamps(plan: rho.Plan, rate: float, found: list[tuple[str, int, Any]]) -> b
     begin, step = round(1000 * grid.start) * 10**6, round(1000 * grid.step) * 10**6
     stamps = [stamp for topic, stamp, _ in found if topic == "/tf"]
     bad = not {begin + k * step for k in range(grid.knots)} <= set(stamps)
-    bad |= stamps != sorted(set(stamps)) or max(np.diff(stamps)) > SECOND / rate + 1.0
+    bad |= stamps != sorted(set(stamps)) or bool(np.diff(stamps).max() > SECOND / rate + 1.0)
     for topic, stamp, message in found:
         if topic == "/tf":
             bad |= any(_time(each.header.stamp) != stamp for each in message.transforms)

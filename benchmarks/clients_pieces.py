@@ -21,7 +21,7 @@ BATCH = 1000
 def run(pieces: int) -> Table:
     """Judge as many pieces, and compare every check with dense samples of every piece."""
     began = time.monotonic()
-    found = on_all_cores(_batch, range(-(-pieces // BATCH)), "pieces")
+    found = on_all_cores(_batch, range(-(-pieces // BATCH)), "pieces", at_once=1)
     count, checks = sum(each[0] for each in found), sum(each[3] for each in found)
     bad = [each for batch in found for each in batch[2]]
     rates = np.array([each[0] / each[1] for each in found])
