@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import reprlib
 from pathlib import Path
 
 from drake_rho.formats.export import FORMATS
@@ -13,6 +14,9 @@ from drake_rho.motion.trajectories import Trajectories
 from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.records import Scenario
 from drake_rho.system.files import LARGEST_TEXT, read_bytes, reason_of
+
+_LONGEST_NAME = 80
+"""Characters of the longest name that a vehicle of a scenario may have."""
 
 
 @checked
@@ -58,9 +62,14 @@ def load_trajectories(
             begin = scenario.grid.start - scenario.lead
             found = {name: each.delayed(begin) for name, each in found.items()}
         if twice := found.keys() & motions.keys():
-            raise PlanFileError(f"{file}: got {min(twice)!r} again, expected each vehicle once")
+            again = reprlib.repr(min(twice))
+            raise PlanFileError(f"{file}: got {again} again, expected each vehicle once")
         motions |= found
     motions = _named_as(motions, scenario)
+    for name in motions:
+        if len(name) > _LONGEST_NAME:
+            expected = f"a name of at most {_LONGEST_NAME} characters"
+            raise PlanFileError(f"{path}: vehicle: got {reprlib.repr(name)}, expected {expected}")
     sampled = {form.rated for form in formats}
     if len(sampled) > 1:
         raise PlanFileError(f"{path}: got polynomials and samples, expected one of them")
