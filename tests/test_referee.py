@@ -532,3 +532,7 @@ def test_a_long_name_is_not_printed_whole(tmp_path: Path) -> None:
     with pytest.raises(rho.PlanFileError, match=r"vehicle: got 'b+\.\.\.b+', expected") as caught:
         rho.load_trajectories(tmp_path / "log.csv", max_acceleration=1.0)
     assert len(str(caught.value)) < 500
+    (tmp_path / "log.csv").write_text("\n".join(["vehicle,time,x,y,z", *rows[:3]]))
+    with pytest.raises(rho.PlanFileError, match="got shape") as caught:
+        rho.load_trajectories(tmp_path / "log.csv", max_acceleration=1.0)
+    assert len(str(caught.value)) < 500

@@ -16,6 +16,7 @@ from drake_rho.motion.samples import Samples
 from drake_rho.motion.statistics import Statistics
 from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.described import Described
+from drake_rho.scenario.errors import shortened
 from drake_rho.scenario.fields import LARGEST, FloatArray
 from drake_rho.scenario.records import Scenario
 from drake_rho.scenario.times import Clock
@@ -203,7 +204,9 @@ def sampled(name: str, table: FloatArray) -> Polynomials:
         ValueError: there are fewer than two samples, or times do not increase.
     """
     if table.ndim != 2 or table.shape[1] != 4 or len(table) < 2:
-        raise ValueError(f"{name}: got shape {table.shape}, expected (M, 4) with two or more rows")
+        raise ValueError(
+            f"{shortened(name)}: got shape {table.shape}, expected (M, 4) with two or more rows"
+        )
     _check_times(name, table[:, 0])
     return Polynomials.through(table[:, 0], table[:, 1:])
 
@@ -217,10 +220,12 @@ def _check(name: str, motion: Polynomials) -> None:
     _check_times(name, motion.instants)
     shape, expected = motion.coefficients.shape, (1, len(motion.instants) - 1, 3)
     if shape[:3] != expected:
-        raise ValueError(f"{name}: got coefficients of shape {shape}, expected {expected} powers")
+        raise ValueError(
+            f"{shortened(name)}: got coefficients of shape {shape}, expected {expected} powers"
+        )
     if not np.all(np.abs(motion.coefficients) <= LARGEST):  # also true for NaN
         piece = int(np.argwhere(~(np.abs(motion.coefficients) <= LARGEST))[0][1])
-        found = f"{name}: got numbers beyond {LARGEST:g} in piece {piece + 1}"
+        found = f"{shortened(name)}: got numbers beyond {LARGEST:g} in piece {piece + 1}"
         raise ValueError(f"{found}, expected those of a flight")
 
 
@@ -231,11 +236,13 @@ def _check_times(name: str, times: FloatArray) -> None:
         ValueError: they are not.
     """
     if len(times) < 2:
-        raise ValueError(f"{name}: got {len(times)} times, expected at least two")
+        raise ValueError(f"{shortened(name)}: got {len(times)} times, expected at least two")
     clock = Clock.of(0.0, *times[[0, -1]])
     wrong = ~(np.abs(times) <= LARGEST)
     wrong[1:] |= ~clock.after(times[1:], times[:-1])
     if wrong.any():
         number = int(np.argmax(wrong))
         expected = "expected finite times that increase"
-        raise ValueError(f"{name}: got the time {times[number]:.12g} s at {number + 1}, {expected}")
+        raise ValueError(
+            f"{shortened(name)}: got the time {times[number]:.12g} s at {number + 1}, {expected}"
+        )
