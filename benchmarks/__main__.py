@@ -51,6 +51,9 @@ DRAWN = {
     "mixed_scenes": 5000,
     "mixed_windows": 1200,
     "damaged_files": 4000,
+    "clients_bags": 1000,
+    "clients_pieces": 100_000,
+    "clients_damaged": 2000,
 }
 """Benchmarks of random fleets, worlds, links, flights, files, and how many:
 `run(seeds) -> Table`."""
@@ -65,6 +68,9 @@ MISSIONS = (
     "online_forests",
 )
 """Benchmarks of missions in files: `run(folder) -> Table`."""
+
+FILES = ("clients_worlds", "clients_missions", "clients_players")
+"""Benchmarks of public files beside this repository: `run(folder) -> Table`."""
 
 SCALE = ("scale_campaigns", "scale_fleets")
 """Benchmarks of many runs: `run() -> Table`."""
@@ -139,6 +145,10 @@ ONLINE = (*(each for each in DRAWN if each.startswith("online_")), "online_fores
 """Benchmarks of missions in which more becomes known in flight."""
 
 
+CLIENTS = (*FILES, *(each for each in DRAWN if each.startswith("clients_")))
+"""Benchmarks of files that other programs write or read, and of trajectories of any planner."""
+
+
 MIXED = ("mixed_scenes", "mixed_windows", "damaged_files")
 """Benchmarks of random scenes, flights and files that mix everything."""
 
@@ -155,6 +165,7 @@ def main() -> None:
             *SWAPS,
             *(each for each in FLIGHT if each not in DRAWN),
             *FLOWN_MISSIONS,
+            *FILES,
             *SCALE,
             *(each for each in MAPS + TIMES + OBJECTIVE if each not in (*MISSIONS, *DRAWN)),
         )
@@ -172,12 +183,18 @@ def main() -> None:
     parser.add_argument("--times", action="store_true", help="all benchmarks of least times")
     parser.add_argument("--objective", action="store_true", help="all benchmarks of costs")
     parser.add_argument("--online", action="store_true", help="all benchmarks of missions online")
+    parser.add_argument(
+        "--clients", action="store_true", help="benchmarks of other programs' files"
+    )
     parser.add_argument("--mixed", action="store_true", help="benchmarks that mix everything")
     parser.add_argument("--open", action="store_true", help="all benchmarks of requirements")
     parser.add_argument("--repetitions", type=int, default=9, help="rounds of a race (9)")
     parser.add_argument("--seeds", type=int, help="number of random fleets or worlds of each size")
     parser.add_argument(
         "--missions", type=Path, help="folder with missions of the LSC planner, or of LSC-DR"
+    )
+    parser.add_argument(
+        "--files", type=Path, help=f"folder of public files for {', '.join(FILES)}, as they tell"
     )
     parser.add_argument(
         "--stores",
@@ -195,6 +212,7 @@ def main() -> None:
     console = Console()
     alone, worlds, flight = RACES + STUDIES, WORLDS, FLIGHT + FLOWN_MISSIONS
     others = alone + worlds + flight + SCALE + OPEN + MAPS + TIMES + OBJECTIVE + ONLINE + MIXED
+    others += CLIENTS
     fleets = tuple(name for name in known if name not in others)
     chosen = (fleets if arguments.fleets else ()) + (worlds if arguments.worlds else ())
     chosen += flight if arguments.flight else ()
@@ -205,6 +223,7 @@ def main() -> None:
     chosen += OBJECTIVE if arguments.objective else ()
     chosen += ONLINE if arguments.online else ()
     chosen += MIXED if arguments.mixed else ()
+    chosen += CLIENTS if arguments.clients else ()
     by_default = chosen or alone
     for name in arguments.names or by_default:
         console.rule(name)
@@ -229,6 +248,8 @@ def _run(name: str, arguments: argparse.Namespace) -> Table:
         table = run(arguments.seeds or DRAWN[name])
     elif name in MISSIONS + FLOWN_MISSIONS:
         table = run(arguments.missions)
+    elif name in FILES:
+        table = run(arguments.files)
     else:
         table = run()
     return table

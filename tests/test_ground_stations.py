@@ -197,6 +197,15 @@ def test_several_vehicles_are_a_folder_and_lose_their_separation(tmp_path: Path)
     np.testing.assert_allclose(loaded.vehicles[1].start.position, [0, 5, 0], atol=MILLIMETRE)
 
 
+def test_long_names_of_files_are_cut(tmp_path: Path) -> None:
+    one = plan_file(tmp_path, ITEMS)
+    files = [tmp_path / f"{'n' * 120}{k}.plan" for k in range(2)]
+    for each in files:
+        each.write_bytes(one.read_bytes())
+    loaded = rho.load_mission(files)
+    assert loaded.names == ("n" * 72, f"{'n' * 72}-2")
+
+
 def test_a_mission_needs_a_place_on_the_earth(tmp_path: Path) -> None:
     plan = rho.plan(rho.load_scenario("courier"))
     with pytest.raises(ValueError, match=r"frame: got none, expected Scenario\(frame="):

@@ -48,6 +48,7 @@ def test_there_is_a_notebook_for_every_example() -> None:
     names = {path.stem for path in NOTEBOOKS}
     assert {"start_here", "example_1", "example_2", "example_3", "example_4"} <= names
     assert {"fleet", "flight", "maps", "online", "program", "time", "trust", "world"} <= names
+    assert "referee" in names
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)

@@ -524,3 +524,15 @@ def test_trajectories_are_drawn_and_planned_from() -> None:
     drawn = smooth_x().as_plan(scenario)
     assert rho.paths_figure(drawn).axes
     np.testing.assert_allclose(drawn.positions, smooth_x().at(drawn.times).positions, atol=1e-12)
+
+
+def test_a_long_name_is_not_printed_whole(tmp_path: Path) -> None:
+    rows = [f"{name},{t},0,0,0" for name in ("a", "b" * 10_000) for t in (0, 1)]
+    (tmp_path / "log.csv").write_text("\n".join(["vehicle,time,x,y,z", *rows]))
+    with pytest.raises(rho.PlanFileError, match=r"vehicle: got 'b+\.\.\.b+', expected") as caught:
+        rho.load_trajectories(tmp_path / "log.csv", max_acceleration=1.0)
+    assert len(str(caught.value)) < 500
+    (tmp_path / "log.csv").write_text("\n".join(["vehicle,time,x,y,z", *rows[:3]]))
+    with pytest.raises(rho.PlanFileError, match="got shape") as caught:
+        rho.load_trajectories(tmp_path / "log.csv", max_acceleration=1.0)
+    assert len(str(caught.value)) < 500

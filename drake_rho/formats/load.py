@@ -22,6 +22,8 @@ READERS: tuple[Reader, ...] = (*(each for each in FORMATS.values() if each.reads
 """Formats that are read."""
 _METADATA = "metadata.yaml"
 """File of a rosbag2 that says nothing but what its other files hold."""
+_LONGEST_NAME = 80
+"""Characters of the longest name that a vehicle of a scenario may have."""
 
 
 @checked
@@ -86,6 +88,10 @@ def load_trajectories(
             )
         motions |= found
     motions = _named_as(motions, scenario)
+    for name in motions:
+        if len(name) > _LONGEST_NAME:
+            expected = f"a name of at most {_LONGEST_NAME} characters"
+            raise PlanFileError(f"{path}: vehicle: got {shorten(name)}, expected {expected}")
     sampled = {form.rated for form in formats}
     if len(sampled) > 1:
         raise PlanFileError(f"{path}: got polynomials and samples, expected one of them")

@@ -37,6 +37,8 @@ from drake_rho.scenario.records import (
 
 SPEED, ACCELERATION = 5.0, 2.5
 """Largest speed [m/s] if the file has none, and acceleration [m/s²], if no limits are given."""
+_LONGEST_NAME = 72
+"""Characters of a file's name that a vehicle has; names have at most 80, a number included."""
 _SAGS = 0.1
 """Difference of a level from one of constant altitude at which a warning is given [m]."""
 _BELOW = 1.0
@@ -168,7 +170,8 @@ def _names(paths: Sequence[Path]) -> list[str]:
     """Return names of vehicles: those of their files, numbered where several are equal."""
     names = list[str]()
     for path in paths:
-        name = "".join(each for each in path.stem if each.isprintable())[:100].strip() or "vehicle"
+        stem = "".join(each for each in path.stem if each.isprintable())
+        name = stem[:_LONGEST_NAME].strip() or "vehicle"
         number = 1
         while (own := name if number == 1 else f"{name}-{number}") in names:
             number += 1
@@ -211,7 +214,7 @@ def _scenario(
     lowest = min(float(each.positions[:, 2].min()) for each in flights)
     requirements.append(KeepIn(HalfSpace([0.0, 0.0, -1.0], _BELOW - lowest), name="floor"))
     try:
-        name = " and ".join(each.name for each in flights[:3])
+        name = " and ".join(each.name for each in flights[:3])[:_LONGEST_NAME].strip()
         return Scenario(
             name, grid, vehicles, limits, obstacles, requirements=requirements, frame=origin
         )
