@@ -294,3 +294,21 @@ def test_a_limit_active_on_another_axis_is_not_named_in_the_subset() -> None:
         rho.plan_convex(single(limits=slow))
     (names,) = rho.infeasible_subset(caught.value).values()
     assert names == ("goal x", "velocity box x from 0.5 s to 7.5 s")
+
+
+def test_what_a_solver_calls_infeasible_without_a_proof_is_planned() -> None:
+    """Clarabel's weights for this mission exclude solutions of a hundredth of its bounds only."""
+    places = [
+        *([-67, -110, 31], [-131, -143, 62], [-199, 228, 57], [-104, 248, 57], [-43, -123, 63]),
+        *([-224, 13, 61], [-163, 304, 54], [-34, 253, 33], [-9, 101, 31]),
+    ]
+    times = 32.0, 52.0, 132.0, 156.0, 236.0, 288.0, 352.0, 384.0, 420.0
+    waypoints = [rho.Waypoint(*each) for each in zip(times, places, strict=True)]
+    waypoints[-1] = rho.Waypoint(times[-1], places[-1], velocity=np.zeros(3))
+    vehicle = rho.Vehicle("q", rho.State([0, 0, 0]), rho.State([-9, 101, 0]), waypoints=waypoints)
+    floor = rho.KeepIn(rho.HalfSpace([0.0, 0.0, -1.0], 1.0), name="floor")
+    limits = rho.Limits(max_speed=5.0, max_acceleration=2.5)
+    grid = rho.Grid.lasting(432.0, step=2.0)
+    plan = rho.plan(rho.Scenario("mission", grid, [vehicle], limits, requirements=[floor]))
+    assert rho.verify(plan).ok
+    assert plan.cost < 13.0

@@ -52,6 +52,9 @@ class Backend:
     """required accuracy"""
     others_first: bool = False
     """whether other solvers come first, because solutions of `solver` violated their rows"""
+    reduced: bool = False
+    """whether programs are written in the reduced space and first solved by their dual, because
+    another solver's proof that there is no solution does not hold"""
     options: Mapping[str, int | float | str] = dataclasses.field(default_factory=dict)
     """options of the solver by its own names, in place of this package's"""
 
@@ -85,7 +88,7 @@ class Backend:
     @property
     def is_dense(self) -> bool:
         """Whether the solver is for dense programs, which have their own form."""
-        return isinstance(self.first, Daqp)
+        return self.reduced or isinstance(self.first, Daqp)
 
     def here(self) -> Backend:
         """Return this backend without its executor."""

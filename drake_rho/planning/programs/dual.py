@@ -150,6 +150,9 @@ def _unbounded(gram: FloatArray, needed: FloatArray) -> FloatArray | None:
     return None
 
 
+NAME = "NNLS"
+"""Name of non-negative least squares as a solver of programs."""
+
 _RIDGE = 1e-13
 """Regularisation of the Gram matrix's diagonal, relative to its largest entry, which gives linearly
 dependent rows a Cholesky factor too."""
@@ -177,6 +180,22 @@ def _hard(program: DenseProgram) -> Solution | None:
     return Solution(found.x, True, daqp.NAME, found.seconds, lambda: 2.0 * y)
 
 
+def solved_by_least_squares(program: DenseProgram) -> Solution | None:
+    """Return the point of least norm that satisfies hard rows, or a checked proof of none.
+
+    The dual is solved by non-negative least squares; None if neither passes its check.
+    """
+    start = time.perf_counter()
+    gram = program.matrix @ program.matrix.T
+    y = _unbounded(gram + _RIDGE * gram.max() * np.eye(len(gram)), program.needed)
+    if y is not None and is_optimal(
+        gram @ y - program.needed, program.needed, y, program.penalties
+    ):
+        found, seconds = y, time.perf_counter() - start
+        return Solution(y @ program.matrix, True, NAME, seconds, lambda: 2.0 * found)
+    return _refuted(program, time.perf_counter() - start, NAME)
+
+
 def _soft(program: DenseProgram) -> Solution | None:
     """Return the point of least cost, each soft row with its own slack; None if DAQP fails."""
     soft = program.slacks[np.isfinite(program.penalties)]
@@ -198,7 +217,7 @@ def _soft(program: DenseProgram) -> Solution | None:
     return Solution(x, True, daqp.NAME, seconds, lambda: 2.0 * y)
 
 
-def _refuted(program: DenseProgram, seconds: float) -> Solution | None:
+def _refuted(program: DenseProgram, seconds: float, solver: str = daqp.NAME) -> Solution | None:
     """Return the proof that there is no solution; None if no weights prove it."""
     hard = np.isinf(program.penalties)
     weights = contradiction(program.matrix[hard], program.needed[hard])
@@ -207,7 +226,7 @@ def _refuted(program: DenseProgram, seconds: float) -> Solution | None:
     every = np.zeros(len(hard))
     every[hard] = weights
     x = np.zeros(program.matrix.shape[1])
-    return Solution(x, False, daqp.NAME, seconds, lambda: every)
+    return Solution(x, False, solver, seconds, lambda: every)
 
 
 def contradiction(matrix: FloatArray, needed: FloatArray) -> FloatArray | None:

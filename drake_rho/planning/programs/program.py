@@ -186,6 +186,19 @@ class Answers:
         y: FloatArray = np.maximum(self.weights[index](), 0.0) * self.lengths[index]
         return y
 
+    def select(self, chosen: BoolArray) -> Answers:
+        """Return some of the answers, chosen by flags (B,)."""
+        weights = [each for each, kept in zip(self.weights, chosen, strict=True) if kept]
+        return dataclasses.replace(
+            self,
+            groups=self.groups[chosen],
+            accelerations=self.accelerations[chosen],
+            feasible=self.feasible[chosen],
+            exact=self.exact[chosen],
+            weights=weights,
+            lengths=self.lengths[chosen],
+        )
+
     def sent(self) -> Answers:
         """Return the answers in a picklable form."""
         found = [partial(np.asarray, weights()) for weights in self.weights]

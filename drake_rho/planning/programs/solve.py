@@ -8,6 +8,8 @@ from concurrent.futures import Future
 from contextvars import copy_context
 from functools import partial
 from itertools import chain, islice
+from threading import Lock
+from typing import Any
 
 import numpy as np
 from pydrake.common import Parallelism
@@ -19,6 +21,7 @@ from pydrake.solvers import (
     OsqpSolver,
     SolutionResult,
     SolveInParallel,
+    SolverId,
     SolverOptions,
 )
 
@@ -65,7 +68,19 @@ _CHUNK = 40_000
 """Sum of squared numbers of variables of the programs that a thread solves at once, about ten
 milliseconds of work. Less work is done in the calling thread, since starting another takes time."""
 
+_FAR = 100.0
+"""Norm of a solution, relative to the largest bound, that a proof of none has to exclude. Proofs of
+programs without a solution exclude a thousand times the largest bound and more."""
+
 _INFEASIBLE = {SolutionResult.kInfeasibleConstraints, SolutionResult.kInfeasibleOrUnbounded}
+
+
+class _LeastSquares:
+    """Non-negative least squares, in the form of Drake's solvers."""
+
+    def solver_id(self) -> SolverId:
+        """Return the name in the form of Drake's solvers."""
+        return SolverId(dual.NAME)
 
 
 def solve(programs: Sequence[Program], backend: Backend | None = None) -> list[Solution]:
@@ -146,9 +161,11 @@ def solve_side_by_side(
     return [list(islice(every, size)) for size in sizes]
 
 
-def _attempts(backend: Backend) -> Iterator[tuple[Solver, _Options]]:
+def _attempts(backend: Backend) -> Iterator[tuple[Solver | _LeastSquares, _Options]]:
     """Yield solvers and their options in order; usually the first one succeeds."""
     name = name_of(first := backend.first)
+    if backend.reduced:
+        yield _LeastSquares(), {}
     if name != "Clarabel":
         yield first, _OSQP if name == "OSQP" else {}
     if backend.accuracy == "quick":
@@ -173,13 +190,15 @@ def _with_options(
 def _accepts(name: str, program: Program) -> bool:
     """Return whether the solver of a name accepts a program.
 
-    OSQP accepts no linear programs, CLP no others. DAQP accepts dense quadratic programs only, and
-    only Clarabel accepts cones.
+    OSQP accepts no linear programs, CLP no others. DAQP accepts dense quadratic programs only,
+    least squares those of them without soft rows, and only Clarabel accepts cones.
     """
     dense = isinstance(program, DenseProgram)
     if not dense and program.lorentz_cone_constraints():
         return name == "Clarabel"
     linear = program.linear if dense else not program.quadratic_costs()
+    if name == dual.NAME:
+        return dense and not linear and bool(np.isinf(program.penalties).all())
     return {"DAQP": dense and not linear, "OSQP": not linear, "Clp": linear}.get(name, True)
 
 
@@ -195,6 +214,9 @@ def _work(program: Program, dense: bool) -> int:
 def _solve_with(
     solver: Solver, name: str, values: _Options, programs: Sequence[Program]
 ) -> list[Solution | None]:
+    if name == dual.NAME:
+        every = [each for each in programs if isinstance(each, DenseProgram)]
+        return [dual.solved_by_least_squares(each) for each in every]
     if name == "DAQP":
         return [dual.solved_by_daqp(each) for each in programs if isinstance(each, DenseProgram)]
     options = SolverOptions()
@@ -221,6 +243,7 @@ def _solution(
         return None
     details = result.get_solver_details()
     exact = getattr(details, "status", "") != "AlmostSolved"  # Clarabel's name for a low accuracy
+    exact &= feasible or _is_refuted(program, result)
     seconds = 0.0
     for field in ("solve_time", "run_time"):  # names of Clarabel and of OSQP
         seconds = float(getattr(details, field, seconds))
@@ -228,9 +251,41 @@ def _solution(
     return Solution(result.get_x_val(), feasible, name, seconds, multipliers, exact)
 
 
+def _is_refuted(program: MathematicalProgram, result: MathematicalProgramResult) -> bool:
+    """Return whether a solver's weights prove that no solution is nearer than `_FAR`.
+
+    With weights y of rows A x >= b, every solution x has norm(A' y) norm(x) >= y · b. Solvers
+    accept weights for which A' y is small beside other numbers, and then there may be a solution.
+    Weights of cones are not checked.
+    """
+    if program.lorentz_cone_constraints() or program.rotated_lorentz_cone_constraints():
+        return True
+    gradient, gain, size = np.zeros(program.num_vars()), 0.0, 1.0
+    for each in [*program.linear_constraints(), *program.linear_equality_constraints()]:
+        y, terms = _dual(result, each), each.evaluator()
+        bounds = np.where(y > 0.0, terms.lower_bound(), terms.upper_bound())
+        bounds = np.where(y == 0.0, 0.0, bounds)
+        columns = program.FindDecisionVariableIndices(each.variables())
+        np.add.at(gradient, columns, terms.get_sparse_A().T @ y)
+        gain += float(bounds @ y)
+        size = max(size, float(np.abs(bounds).max(initial=0.0)))
+    return gain > _FAR * size * float(np.linalg.norm(gradient))
+
+
 def _multipliers(program: MathematicalProgram, result: MathematicalProgramResult) -> FloatArray:
     rows = [*program.linear_constraints(), *program.lorentz_cone_constraints()]
-    return np.concatenate([np.zeros(0), *(result.GetDualSolution(each) for each in rows)])
+    return np.concatenate([np.zeros(0), *(_dual(result, each) for each in rows)])
+
+
+_CONVERSIONS = Lock()
+"""Lock of conversions of arguments: pybind11 refuses one while another thread is making one."""
+
+
+def _dual(result: MathematicalProgramResult, rows: Any) -> FloatArray:
+    """Return the multipliers of one constraint."""
+    with _CONVERSIONS:
+        y: FloatArray = result.GetDualSolution(rows)
+    return y
 
 
 _BLOCK = 128

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
 
 from drake_rho.motion.statistics import Statistics
 from drake_rho.planning.call.options import SMALL_FLEET
 from drake_rho.planning.constraints.base import HalfSpaces, about
-from drake_rho.planning.constraints.rows import groups_of
+from drake_rho.planning.constraints.rows import Rows, groups_of
 from drake_rho.planning.errors import SolverError
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs.backend import Accuracy, Backend
@@ -130,7 +131,23 @@ class GroupPrograms:
             backend = dataclasses.replace(backend, others_first=True)
         effort = self._problem.effort
         rows = about(effort.motion, self.working.of(vehicles, len(self._problem)))
-        return solve_all(effort.changes, rows, backend)
+        return self._proved(solve_all(effort.changes, rows, backend), rows, backend)
+
+    def _proved(
+        self, answers: list[Answers], rows: Sequence[Rows], backend: Backend
+    ) -> list[Answers]:
+        """Return answers, of which those that prove nothing are found in another way."""
+        doubtful = [~(each.feasible | each.exact) for each in answers]
+        if not any(flags.any() for flags in doubtful):
+            return answers
+        kept, again = list[Answers](), np.zeros(len(self._problem), dtype=bool)
+        for each, flags in zip(answers, doubtful, strict=True):
+            again[each.groups[flags]] = True
+            if not flags.all():
+                kept.append(each.select(~flags))
+        own = [part.select(again[part.vehicles]) for part in rows]
+        reduced = dataclasses.replace(backend, reduced=True)
+        return kept + solve_all(self._problem.effort.changes, own, reduced)
 
     def _solve_conic(self, vehicles: IntArray) -> list[Answers]:
         """Solve programs with cones; store the equivalent tangent planes in the working set."""
