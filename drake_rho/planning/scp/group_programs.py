@@ -131,7 +131,11 @@ class GroupPrograms:
             backend = dataclasses.replace(backend, others_first=True)
         effort = self._problem.effort
         rows = about(effort.motion, self.working.of(vehicles, len(self._problem)))
-        return self._proved(solve_all(effort.changes, rows, backend), rows, backend)
+        answers = solve_all(effort.changes, rows, backend)
+        for each in answers:
+            if False in each.feasible.tolist():
+                return self._proved(answers, rows, backend)
+        return answers
 
     def _proved(
         self, answers: list[Answers], rows: Sequence[Rows], backend: Backend
