@@ -63,6 +63,7 @@ contain the maps."""
 
 _SIMULATED = ("times", "positions", "velocities", "wind", "commands")
 _ELAPSED, _LOST = "simulation.elapsed", "simulation.lost"
+_HEADINGS = {f"simulation.{name}": name for name in ("headings", "commanded_headings")}
 _STATISTICS = TypeAdapter(Statistics)
 _JUMPS = "plan.jumps"
 _UNDER_WAY = "plan.under_way"
@@ -194,7 +195,7 @@ def _unpack_all(path: str | Path, content: Archive) -> Flown:
             expected |= {f"measured.{name}" for name in _MEASURED}
     if form == _SIMULATION:
         expected |= {"plant", *(f"simulation.{name}" for name in _SIMULATED)}
-        optional |= {_ELAPSED, _LOST}
+        optional |= {_ELAPSED, _LOST, *_HEADINGS}
     names = {name for name in content if not name.startswith(_MAP)}
     if names - optional != expected:
         raise ValueError("arrays are missing or do not belong to the format")
@@ -290,6 +291,8 @@ def _pack_simulation(simulation: Simulation) -> dict[str, Any]:
     arrays = {f"simulation.{name}": getattr(simulation, name) for name in _SIMULATED}
     if not np.array_equal(np.asarray(simulation.elapsed), simulation.times - simulation.times[0]):
         arrays[_ELAPSED] = simulation.elapsed  # times on a clock far from 0 are rounded
+    if simulation.headings is not None:
+        arrays |= {key: getattr(simulation, name) for key, name in _HEADINGS.items()}
     _check_numbers("simulation", arrays)
     lost = {} if simulation.lost is None else {_LOST: simulation.lost}
     return {"plant": simulation.plant, **arrays, **lost}
@@ -303,6 +306,9 @@ def _unpack_simulation(flight: Flight, content: Archive) -> Simulation:
     arrays = {name: content[f"simulation.{name}"] for name in _SIMULATED}
     if _ELAPSED in content:
         arrays["elapsed"] = content[_ELAPSED]
+    for key in filter(content.__contains__, _HEADINGS):
+        _check_shape(content, key, (count, vehicles))
+        arrays[_HEADINGS[key]] = content[key]
     _check_numbers("simulation", arrays)
     lost = content.get(_LOST)
     if lost is not None and lost.dtype != np.bool_:
