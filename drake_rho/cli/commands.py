@@ -39,6 +39,7 @@ from drake_rho.cli.console import (
 from drake_rho.cli.documents import content_of
 from drake_rho.cli.export import export, formats
 from drake_rho.cli.failures import status_of
+from drake_rho.cli.headings import HeadingOption, heading_of
 from drake_rho.cli.imports import import_
 from drake_rho.cli.maps import map as map_
 from drake_rho.cli.options import (
@@ -166,6 +167,7 @@ def show(
             "straight lines, with conflicts in red.",
         ),
     ] = False,
+    heading: HeadingOption = None,
 ) -> int:
     """Show a scenario or result in the browser, or write a page or film.
 
@@ -177,6 +179,7 @@ def show(
     check_film_option(film, size)
     check_interface(host)
     check_rate(rate)
+    turned = heading_of(heading)
     conflicts = None
     flown: Flown | Scenario
     with working("planning") as work:
@@ -189,7 +192,7 @@ def show(
     if conflicts is not None:
         remark(str(conflicts))
     with working("drawing"):
-        page = viewer_page(flown, conflicts=conflicts, rate=rate, trails=trails)
+        page = viewer_page(flown, conflicts=conflicts, rate=rate, trails=trails, heading=turned)
     if html is None and film is None:
         return _serve(page, host, port, browser=browser)
     written = []

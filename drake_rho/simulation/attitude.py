@@ -83,10 +83,10 @@ class AttitudeController(LeafSystem):
     """Controller of a quadrotor's thrust and attitude for a commanded acceleration.
 
     By differential flatness the thrust vector is m (a + g e_z); its direction is the body's z axis,
-    and the nose points along the heading, 0 if none is commanded. The attitude is a rotation whose error is the vector part of a quaternion, so
-    there is no gimbal lock. The vertical thrust is as commanded even while the quadrotor turns.
-    Rotors cannot pull, so inputs are at least 0; where one would have to, the moment of
-    yaw is reduced.
+    and the nose points along the heading, 0 if none is commanded. The attitude is a rotation whose
+    error is the vector part of a quaternion, so there is no gimbal lock. The vertical thrust is as
+    commanded even while the quadrotor turns. Rotors cannot pull, so inputs are at least 0; where
+    one would have to, the moment of yaw is reduced.
 
     Ports: inputs `acceleration` (3), `state` (12, of a `QuadrotorPlant`) and, optionally, `heading`
     (2N: heading [rad] and rate [rad/s] of each vehicle in turn); output `rotors` (4), updated at
@@ -208,7 +208,7 @@ def upright_along(thrust: FloatArray, heading: float = 0.0) -> FloatArray:
     a, b = z / upright, x / upright
     c, d = upright / length, y / length
     level = np.array([[a, -b * d, b * c], [0.0, c, d], [-b, -a * d, a * c]])
-    return np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]]) @ level
+    return np.asarray(np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]]) @ level)
 
 
 def _turning(

@@ -46,7 +46,8 @@ def simulated(
     controller = RecedingHorizonController(horizon, lag=plant.lag, delay=delay)
     source = WindSource(scenario, wind, timeline)
     estimator = Estimator(scenario, errors, float(timeline.elapsed[timeline.samples[1]]))
-    turns = directions and HeadingSource(controller.flight.windows[0].plan, directions)
+    first_plan = controller.flight.windows[0].plan
+    turns = None if directions is None else HeadingSource(first_plan, directions)
     simulator = _simulator(flying, plant.command, controller, source, estimator, timeline, turns)
     root = simulator.get_mutable_context()
     read = [(flying, "states"), (source, "wind"), (controller, "command")]

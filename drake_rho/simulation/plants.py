@@ -50,7 +50,7 @@ class Plant:
     """longest step of the simulation [s]"""
     turn: Callable[[System, Context, FloatArray, FloatArray], None] = _has_no_attitude
     """function that turns vehicles to their first attitudes, given the system, the context of the
-    whole simulation, the first accelerations [m/s²], shape (N, 3), and headings [rad], shape (N,)"""
+    whole simulation, the first accelerations [m/s²], (N, 3), and the first headings [rad], (N,)"""
 
     @property
     def has_heading(self) -> bool:

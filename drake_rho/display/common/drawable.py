@@ -16,6 +16,7 @@ from drake_rho.motion.deviations import Deviations
 from drake_rho.motion.dynamics import Motion
 from drake_rho.motion.flight import Flight, Window
 from drake_rho.motion.flown import Flown
+from drake_rho.motion.headings import Heading, directions_of, headings_of
 from drake_rho.motion.nearest_vehicles import closest_over_time
 from drake_rho.motion.plan import Plan
 from drake_rho.motion.simulation import Simulation
@@ -56,6 +57,23 @@ class Drawn:
     def motion(self) -> Motion:
         """Return the motion as a function of the time since the first knot."""
         return self.whole
+
+    def headings(self, times: FloatArray, heading: Heading | None = None) -> FloatArray | None:
+        """Return headings at times since the first knot [rad], shape (N, M); None without any.
+
+        They are those given, or else the true ones of a simulation that was flown with some.
+
+        Raises:
+            ValueError: a given one is invalid.
+        """
+        if heading is None:
+            return None if self.simulation is None else self.simulation.headings_at(times)
+
+        def states(part: FloatArray) -> tuple[FloatArray, FloatArray]:
+            return self.whole.at("position", part), self.whole.at("velocity", part)
+
+        span = 0.0, float(self.whole.step) * self.whole.accelerations.shape[1]
+        return headings_of(states, span, times, directions_of(self.scenario.names, heading))
 
     @property
     def times(self) -> FloatArray:
