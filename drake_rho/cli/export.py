@@ -8,8 +8,13 @@ import typer
 
 from drake_rho.cli.console import answer, plain_table, tell, working
 from drake_rho.cli.headings import HeadingOption, heading_of
-from drake_rho.cli.options import ResultArgument
-from drake_rho.cli.sources import load_result
+from drake_rho.cli.options import (
+    MaxAccelerationOption,
+    ResultArgument,
+    TopicOption,
+    TrajectoriesOption,
+)
+from drake_rho.cli.sources import load_any
 from drake_rho.formats.export import FORMATS, check_export
 from drake_rho.formats.export import export as exported
 from drake_rho.formats.format import Format
@@ -47,13 +52,16 @@ def export(
         typer.Option(help="Samples per second; by default 20, and for json the knots only."),
     ] = None,
     heading: HeadingOption = None,
+    scenario: TrajectoriesOption = None,
+    max_acceleration: MaxAccelerationOption = None,
+    topic: TopicOption = None,
 ) -> int:
-    """Write a plan, flight or simulation in another program's format."""
+    """Write a plan, flight, simulation or other trajectories in another program's format."""
     if output is None:
         raise ValueError("export: got no --output, expected --output PATH, a file or a folder")
     turned = heading_of(heading)
     check_export(output, format, rate, turned)
-    flown = load_result(file)
+    flown = load_any(file, scenario, max_acceleration, topic)
     with working("exporting"):
         written = exported(flown, output, format=format, rate=rate, heading=turned)
     document = {

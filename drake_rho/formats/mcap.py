@@ -47,6 +47,7 @@ class Mcap(Format):
     endings = (".mcap",)
     folder = True
     content = "messages of ROS 2 at a rate and at every knot: motions, headings, obstacles, tubes"
+    any_motion = True
     heading = "any"
     read_by = "rho.load_trajectories(path)"
     reads = "a log of ROS 2 (MCAP or SQLite)"

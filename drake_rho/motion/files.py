@@ -19,7 +19,7 @@ from pydantic import TypeAdapter
 
 from drake_rho.motion.documents import is_document, read_document
 from drake_rho.motion.flight import Flight, Window, beginnings
-from drake_rho.motion.flown import Flown
+from drake_rho.motion.flown import Planned
 from drake_rho.motion.measurements import Measurements
 from drake_rho.motion.plan import Plan
 from drake_rho.motion.simulation import Simulation
@@ -78,7 +78,7 @@ class PlanFileError(DrakeRhoError, ValueError):
 
 
 @checked
-def save(planned: Flown, path: str | Path) -> None:
+def save(planned: Planned, path: str | Path) -> None:
     """Write a plan, a flight or a simulation. The file is written completely or not at all.
 
     Args:
@@ -116,7 +116,7 @@ def save(planned: Flown, path: str | Path) -> None:
 
 
 @checked
-def load(path: str | Path, scenario: Scenario | None = None) -> Flown:
+def load(path: str | Path, scenario: Scenario | None = None) -> Planned:
     """Read a file written by `save`, or a plan that `export` has written as JSON or CSV.
 
     A file contains the maps of its scenario as they were. A `MapChangedWarning` is given if the
@@ -139,7 +139,7 @@ def load(path: str | Path, scenario: Scenario | None = None) -> Flown:
     return flown
 
 
-def _load(path: str | Path, scenario: Scenario | None) -> Flown:
+def _load(path: str | Path, scenario: Scenario | None) -> Planned:
     try:
         with opened(path) as file:
             if zipfile.is_zipfile(file):
@@ -180,7 +180,7 @@ def _read_text(path: str | Path, content: bytes, scenario: Scenario | None) -> P
     raise PlanFileError(f"{path}: not a plan or flight of drake_rho, or damaged")
 
 
-def _unpack_all(path: str | Path, content: Archive) -> Flown:
+def _unpack_all(path: str | Path, content: Archive) -> Planned:
     form = str(content["format"]) if "format" in content else ""
     if form not in {_PLAN, _FLIGHT, _SIMULATION}:
         raise PlanFileError(f"{path}: not a plan or flight of this version of drake_rho")
