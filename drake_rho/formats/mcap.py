@@ -84,7 +84,11 @@ class Mcap(Format):
         directions = directions_of(flown.scenario.names, heading)
         begin, ticks = _ticks(flown.scenario, rate or RATE)
         elapsed = ticks / _NANOSECONDS - flown.scenario.lead
-        yaws = headings(flown, elapsed, directions)
+        yaws = None
+        if heading is None and flown.simulation is not None:
+            yaws = flown.simulation.headings_at(elapsed)
+        if yaws is None:
+            yaws = headings(flown, elapsed, directions)
         with tempfile.TemporaryDirectory(prefix="drake_rho.") as beside:
             bag = Path(beside, path.stem or "bag")
             writer = _rosbags("rosbag2").Writer(

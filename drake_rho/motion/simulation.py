@@ -58,8 +58,8 @@ class Simulation(ShownInNotebooks, metaclass=Described):
     """whether the measurement of each vehicle at each sample of the feedback was lost, shape
     (J, N); None if none was"""
     headings: FloatArray | None = None
-    """true headings, counted from the x axis anticlockwise [rad], shape (M, N); None if none were
-    commanded"""
+    """true headings, counted from the x axis anticlockwise [rad], shape (M, N), without jumps of a
+    whole turn; None if none were commanded"""
     commanded_headings: FloatArray | None = None
     """commanded headings [rad], shape (M, N); None if none were"""
 

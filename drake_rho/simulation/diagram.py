@@ -69,6 +69,7 @@ def simulated(
         if headings:
             noses[:, m] = [each[:, 0] for each in headings]
     acting[-1], commands[-1] = acting[-2], commands[-2]
+    noses[0] = np.unwrap(noses[0], axis=0)  # the plant begins with angles from -π to π
     return Simulation(
         controller.flight,
         timeline.times,
