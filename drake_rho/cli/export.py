@@ -56,7 +56,7 @@ def export(
     max_acceleration: MaxAccelerationOption = None,
     topic: TopicOption = None,
 ) -> int:
-    """Write a plan, flight, simulation or other trajectories in another program's format."""
+    """Write a result or trajectories in another program's format."""
     if output is None:
         raise ValueError("export: got no --output, expected --output PATH, a file or a folder")
     turned = heading_of(heading)
