@@ -553,10 +553,8 @@ def test_trajectories_for_a_scenario_are_shown_and_verified_like_plans(samples: 
     figures = (rho.paths_figure, rho.distances_figure, rho.velocities_figure)
     assert all(draw(found).axes for draw in (*figures, rho.accelerations_figure))
     assert "<html" in rho.viewer_page(found, heading="velocity").lower()
-    (line,) = (
-        each for each in rho.distances_figure(found).axes[0].lines if len(each.get_xdata()) > 9
-    )
-    x, y = np.asarray(line.get_xdata(), float), np.asarray(line.get_ydata(), float)
+    lines = rho.distances_figure(found).axes[0].lines
+    ((x, y),) = (each.get_xydata().T for each in lines if each.get_xydata().shape[0] > 9)
     at = found.at(x, vehicle="a").positions
     np.testing.assert_allclose(y, np.linalg.norm(at - ball.center, axis=1), atol=1e-3)
     better = rho.plan(scenario, reference=found)
@@ -566,7 +564,7 @@ def test_trajectories_for_a_scenario_are_shown_and_verified_like_plans(samples: 
 @pytest.mark.parametrize("format", ["csv", "px4", "mcap"])
 def test_trajectories_are_exported_as_they_are(format: str, tmp_path: Path) -> None:
     found, ending = judged(along_x()), "mcap" if format == "mcap" else "csv"
-    heading = None if format == "csv" else "velocity"
+    heading: Any = None if format == "csv" else "velocity"
     path = tmp_path / f"x.{ending}"
     rho.export(found, path, format=format, rate=50.0, heading=heading)
     if format == "csv":
