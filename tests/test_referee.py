@@ -554,7 +554,8 @@ def test_trajectories_for_a_scenario_are_shown_and_verified_like_plans(samples: 
     assert all(draw(found).axes for draw in (*figures, rho.accelerations_figure))
     assert "<html" in rho.viewer_page(found, heading="velocity").lower()
     lines = rho.distances_figure(found).axes[0].lines
-    ((x, y),) = (each.get_xydata().T for each in lines if each.get_xydata().shape[0] > 9)
+    drawn = [np.array(each.get_xydata(), dtype=float) for each in lines]
+    ((x, y),) = (each.T for each in drawn if len(each) > 9)
     at = found.at(x, vehicle="a").positions
     np.testing.assert_allclose(y, np.linalg.norm(at - ball.center, axis=1), atol=1e-3)
     better = rho.plan(scenario, reference=found)
