@@ -57,7 +57,9 @@ def small(repetitions: int = 4, **changes: Any) -> rho.Study:
     return rho.Study(**(fields | changes))
 
 
-def own(scenario: rho.Scenario, *, megabytes: int = 0, wrong: str = "") -> rho.Plan:
+def own(
+    scenario: rho.Scenario, *, megabytes: int = 0, wrong: str = ""
+) -> rho.Plan | rho.Trajectories:
     """Plan as a function that is none of the package's methods: take memory, fail as told."""
     taken = np.ones(megabytes * 2**17)
     if wrong == "late":
@@ -69,7 +71,16 @@ def own(scenario: rho.Scenario, *, megabytes: int = 0, wrong: str = "") -> rho.P
         return independent
     if wrong == "separation":
         return dataclasses.replace(independent, scenario=scenario)
-    return rho.plan(scenario)
+    plan = rho.plan(scenario)
+    if wrong == "trajectories":  # nothing is
+        return rho.Trajectories.of({name: plan.trajectory(name) for name in scenario.names})
+    if wrong == "samples":  # too few, so that they decide nothing
+        rows = {
+            n: np.column_stack([plan.times, plan.at(plan.times, n).positions])
+            for n in scenario.names
+        }
+        return rho.Trajectories.of_samples(rows, max_acceleration=100.0)
+    return plan
 
 
 def held(scenario: rho.Scenario, *, until: str) -> rho.Plan:

@@ -223,7 +223,7 @@ def test_functions_are_methods(
 
 def test_misbehaviour_of_a_function_is_recorded_in_its_row(tmp_path: Path) -> None:
     by_own = {"planner": "function", "function": own}
-    wrongs = ("", "late", "nothing", "another", "separation")
+    wrongs = ("", "late", "nothing", "another", "separation", "trajectories", "samples")
     methods = [
         {"name": wrong or "right", **by_own, "arguments": {"wrong": wrong}} for wrong in wrongs
     ]
@@ -233,12 +233,18 @@ def test_misbehaviour_of_a_function_is_recorded_in_its_row(tmp_path: Path) -> No
     rows = {row.method: row for row in results.rows()}
     assert (rows["late"].status, rows["late"].reason) == ("error", "TimeoutError: not done in 0 s")
     assert rows["nothing"].status == "error"
-    assert "got NoneType, expected a plan, flight or simulation" in rows["nothing"].reason
+    assert (
+        "got NoneType, expected a plan, flight, simulation or trajectories"
+        in rows["nothing"].reason
+    )
     assert rows["another"].status == "error"
     assert "got a plan of another scenario" in rows["another"].reason
     assert rows["separation"].status == "solved"
     assert rows["separation"].reason.startswith("separation of v")
-    assert [row.method for row in rows.values() if row.verified] == ["right"]
+    assert rows["samples"].reason.endswith(", undecided")
+    assert rows["trajectories"].cost == pytest.approx(rows["right"].cost)
+    holding = [row.method for row in rows.values() if row.verified]
+    assert holding == ["right", "trajectories"]
 
 
 @pytest.mark.slow

@@ -17,6 +17,7 @@ import drake_rho as rho
 from tests.disturbed import disturbed, winds_for
 from tests.scenarios import single, straight
 from tests.test_export import rough
+from tests.test_headings_flown import turning
 
 PLACES = 1e-9
 """Rounding of positions [m]."""
@@ -253,6 +254,17 @@ def test_headings_are_quaternions(tmp_path: Path) -> None:
             np.testing.assert_allclose(
                 [q.x, q.y, q.z, q.w], [0.0, 0.0, np.sin(angle / 2), np.cos(angle / 2)], atol=1e-15
             )
+
+
+def test_headings_of_a_simulation_are_the_flown_ones_unless_others_are_given(
+    tmp_path: Path,
+) -> None:
+    flown = rho.simulate(turning(1), plant="quadrotor", heading=2.0)
+    for heading, angle in ((None, 2.0), (0.5, 0.5)):
+        rho.export(flown, tmp_path / "x.mcap", heading=heading)
+        for _, message in _messages(tmp_path / "x.mcap")["/tf"]:
+            q = message.transforms[0].transform.rotation
+            assert abs(2.0 * np.arctan2(q.z, q.w) - angle) < 1e-2
 
 
 def test_without_rosbags_one_line_names_the_extra(

@@ -536,3 +536,83 @@ def test_a_long_name_is_not_printed_whole(tmp_path: Path) -> None:
     with pytest.raises(rho.PlanFileError, match="got shape") as caught:
         rho.load_trajectories(tmp_path / "log.csv", max_acceleration=1.0)
     assert len(str(caught.value)) < 500
+
+
+def judged(scenario: rho.Scenario, *, samples: bool = False) -> rho.Trajectories:
+    """Return the cubic, exact or sampled, as trajectories for a scenario."""
+    return (sampled_x(20.0, 3.1) if samples else smooth_x()).for_scenario(scenario)
+
+
+@pytest.mark.parametrize("samples", [False, True])
+def test_trajectories_for_a_scenario_are_shown_and_verified_like_plans(samples: bool) -> None:
+    ball = rho.Sphere((1.0, 0.5, 0.0), 0.2)
+    scenario = along_x(rho.Limits(max_speed=3.0, max_acceleration=5.0), obstacles=(ball,))
+    found = judged(scenario, samples=samples)
+    assert found.scenario is scenario
+    assert str(rho.verify(found)) == str(rho.verify(found, scenario))
+    figures = (rho.paths_figure, rho.distances_figure, rho.velocities_figure)
+    assert all(draw(found).axes for draw in (*figures, rho.accelerations_figure))
+    assert "<html" in rho.viewer_page(found, heading="velocity").lower()
+    lines = rho.distances_figure(found).axes[0].lines
+    drawn = [np.array(each.get_xydata(), dtype=float) for each in lines]
+    ((x, y),) = (each.T for each in drawn if len(each) > 9)
+    at = found.at(x, vehicle="a").positions
+    np.testing.assert_allclose(y, np.linalg.norm(at - ball.center, axis=1), atol=1e-3)
+    better = rho.plan(scenario, reference=found)
+    assert rho.verify(better).ok
+
+
+@pytest.mark.parametrize("format", ["csv", "px4", "mcap"])
+def test_trajectories_are_exported_as_they_are(format: str, tmp_path: Path) -> None:
+    found, ending = judged(along_x()), "mcap" if format == "mcap" else "csv"
+    heading: Any = None if format == "csv" else "velocity"
+    path = tmp_path / f"x.{ending}"
+    rho.export(found, path, format=format, rate=50.0, heading=heading)
+    if format == "csv":
+        again = rho.load_trajectories(path, max_acceleration=3.1)
+        np.testing.assert_allclose(again.at(0.5).positions, found.at(0.5).positions, atol=1e-12)
+    elif format == "px4":
+        table = np.genfromtxt(path, delimiter=",", names=True)
+        east = found.at(table["time_boot_ms"] / 1000.0).positions[0, :, 0]
+        np.testing.assert_allclose(table["y"], east, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("call", "reason"),
+    [
+        (lambda path: rho.export(smooth_x(), path / "x.csv", format="csv"), "without a scenario"),
+        (lambda path: rho.paths_figure(smooth_x()), r"trajectories.for_scenario\(scenario\)"),
+        (
+            lambda path: rho.export(judged(along_x()), path / "x.json"),
+            "format: got json for trajectories, expected one of csv, px4, mcap",
+        ),
+        (lambda path: OTHER.for_scenario(along_x()), "a is in x, but not"),
+        (lambda path: judged(along_x()).delayed(9.0), "expected times of x, 0 to 2"),
+    ],
+)
+def test_without_their_scenario_or_a_fitting_format_they_are_refused(
+    call: Callable[[Path], object], reason: str, tmp_path: Path
+) -> None:
+    with pytest.raises(ValueError, match=reason):
+        call(tmp_path)
+    assert not list(tmp_path.iterdir())
+
+
+def test_commands_show_and_export_tables_of_others(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    table, scenario = tmp_path / "any.csv", tmp_path / "scenario.yaml"
+    rho.save_scenario(along_x(), scenario)
+    write_samples(table, 20.0)
+    words = [str(table), "--scenario", str(scenario), "--max-acceleration", "3.1"]
+    for name, more in (("a.html", ["show", "--html"]), ("a.csv", ["export", "--format=px4", "-o"])):
+        file = tmp_path / name
+        status, text = run(capsys, monkeypatch, more[0], *words, *more[1:], str(file))
+        assert (status, file.exists()) == (0, True), text
+    for command in ("show", "export"):
+        more = ["--topic", "a=/a/pose", "-o" if command == "export" else "--html"]
+        path = str(tmp_path / ("x.csv" if command == "export" else "x.html"))
+        options = ["--format=px4"] if command == "export" else []
+        status, text = run(capsys, monkeypatch, command, str(table), *options, *more, path)
+        assert status == 2
+        assert "--topic: got no --scenario, expected that of samples" in text

@@ -16,7 +16,7 @@ class Evaluation:
     """Measures of a plan, flight or simulation."""
 
     violated: str = ""
-    """constraint with the worst violation; empty if all hold"""
+    """constraint with the worst violation, or one that is undecided; empty if all hold"""
     cost: float
     """cost f (13) [m²/s⁴]"""
     duration: float
@@ -61,8 +61,10 @@ def evaluate(flown: Flown) -> Evaluation:
 
 
 def _worst(report: Report) -> str:
-    violations = report.violations
-    return f"{violations[0].constraint} of {violations[0].vehicle}" if violations else ""
+    wrong, word = report.violations, ""
+    if not wrong and report.undecided:
+        wrong, word = report.undecided, ", undecided"
+    return f"{wrong[0].constraint} of {wrong[0].vehicle}{word}" if wrong else ""
 
 
 def _least(report: Report, kind: str, *, measured: bool = False) -> float | None:

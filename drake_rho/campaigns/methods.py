@@ -18,8 +18,9 @@ from drake_rho.campaigns.evaluation import Evaluation, evaluate
 from drake_rho.campaigns.functions import check_arguments, name_of, named
 from drake_rho.campaigns.wind_models import AnyWind
 from drake_rho.motion.flight import Flight
-from drake_rho.motion.flown import Flown
+from drake_rho.motion.flown import Flown, Planned
 from drake_rho.motion.plan import Plan
+from drake_rho.motion.trajectories import Trajectories
 from drake_rho.planning.call.options import Options
 from drake_rho.planning.constraints.separation import CouplingName
 from drake_rho.planning.horizon.plan_rho import plan_rho
@@ -39,8 +40,8 @@ Knots = Annotated[Count, Field(ge=2)]
 class Found:
     """Result of a method for one scenario."""
 
-    planned: Flown
-    """plan, flight or simulation"""
+    planned: Planned
+    """plan, flight or simulation; of trajectories the plan with their states at the knots"""
     evaluation: Evaluation
     """evaluation of it by `verify`"""
     seconds: float
@@ -216,7 +217,8 @@ class ByFunction(Method):
     """kind of the method"""
     function: Annotated[str, BeforeValidator(name_of)]
     """name of the function as package.module:function, or in Python the function itself. It is
-    called with the scenario and the arguments and returns a plan, a flight or a simulation"""
+    called with the scenario and the arguments and returns a plan, a flight, a simulation or
+    trajectories"""
     arguments: dict[str, JsonValue] = dataclasses.field(default_factory=dict)
     """further arguments of the function, by name"""
     certify: bool = False
@@ -232,7 +234,10 @@ class ByFunction(Method):
         seconds = time.perf_counter() - began
         if not isinstance(planned, Flown):
             kind = type(planned).__name__
-            raise TypeError(f"{self.function}: got {kind}, expected a plan, flight or simulation")
+            expected = "a plan, flight, simulation or trajectories"
+            raise TypeError(f"{self.function}: got {kind}, expected {expected}")
+        if isinstance(planned, Trajectories):
+            planned = planned.for_scenario(scenario)
         if planned.scenario != scenario:  # otherwise it would be verified against another scenario
             raise ValueError(f"{self.function}: got a plan of another scenario, expected of this")
         return _evaluated(planned, seconds, self.certify)
@@ -274,4 +279,5 @@ def _evaluated(planned: Flown, seconds: float, bounded: bool = False) -> Found:
     evaluation = evaluate(planned)
     verify_seconds = time.perf_counter() - began
     bound = certify(planned.flight or planned.plan).lower_bound if bounded else None
-    return Found(planned, evaluation, seconds, verify_seconds, bound)
+    kept = planned.plan if isinstance(planned, Trajectories) else planned
+    return Found(kept, evaluation, seconds, verify_seconds, bound)

@@ -29,7 +29,7 @@ from drake_rho.campaigns.statistics import (
 from drake_rho.campaigns.store import COLUMNS, StoreError, check_rows, reading
 from drake_rho.campaigns.tables import tables
 from drake_rho.motion.files import load
-from drake_rho.motion.flown import Flown
+from drake_rho.motion.flown import Planned
 from drake_rho.scenario.fields import FloatArray, IntArray, Name
 from drake_rho.system.files import atomic_write
 
@@ -132,7 +132,7 @@ class Results:
                 writer.writerows(connection.execute(_SELECT))
             text.detach()
 
-    def plan(self, key: str) -> Flown:
+    def plan(self, key: str) -> Planned:
         """Return the plan, flight or simulation of a run, if the study keeps plans.
 
         Raises:

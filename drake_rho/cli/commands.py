@@ -39,19 +39,23 @@ from drake_rho.cli.console import (
 from drake_rho.cli.documents import content_of
 from drake_rho.cli.export import export, formats
 from drake_rho.cli.failures import status_of
+from drake_rho.cli.headings import HeadingOption, heading_of
 from drake_rho.cli.imports import import_
 from drake_rho.cli.maps import map as map_
 from drake_rho.cli.options import (
     FormatOption,
+    MaxAccelerationOption,
+    TopicOption,
+    TrajectoriesOption,
     WidthOption,
 )
 from drake_rho.cli.planning import fastest, fly, plan
 from drake_rho.cli.simulation import simulate
-from drake_rho.cli.sources import read_or_load
+from drake_rho.cli.sources import load_any, read_or_load
 from drake_rho.cli.streams import pipe_safe
 from drake_rho.cli.study_tables import claims_table, study_table
 from drake_rho.cli.verification import certify, diagnose, verify
-from drake_rho.motion.flown import Flown
+from drake_rho.motion.flown import Flown, Planned
 from drake_rho.paper.study import REPEATS, run_study
 from drake_rho.planning.call.options import Options
 from drake_rho.planning.errors import InfeasibleError, OutOfTimeError, SolverError
@@ -166,6 +170,10 @@ def show(
             "straight lines, with conflicts in red.",
         ),
     ] = False,
+    heading: HeadingOption = None,
+    scenario: TrajectoriesOption = None,
+    max_acceleration: MaxAccelerationOption = None,
+    topic: TopicOption = None,
 ) -> int:
     """Show a scenario or result in the browser, or write a page or film.
 
@@ -177,10 +185,15 @@ def show(
     check_film_option(film, size)
     check_interface(host)
     check_rate(rate)
+    turned = heading_of(heading)
     conflicts = None
+    given: Flown | Scenario
     flown: Flown | Scenario
     with working("planning") as work:
-        given = read_or_load(source)
+        if scenario is None and max_acceleration is None and topic is None:
+            given = read_or_load(source)
+        else:
+            given = load_any(Path(source), scenario, max_acceleration, topic)
         if before:
             flown = given if isinstance(given, Scenario) else given.scenario
             conflicts = _conflicts_of(flown, work)
@@ -189,7 +202,7 @@ def show(
     if conflicts is not None:
         remark(str(conflicts))
     with working("drawing"):
-        page = viewer_page(flown, conflicts=conflicts, rate=rate, trails=trails)
+        page = viewer_page(flown, conflicts=conflicts, rate=rate, trails=trails, heading=turned)
     if html is None and film is None:
         return _serve(page, host, port, browser=browser)
     written = []
@@ -198,8 +211,8 @@ def show(
             file.write(page.encode())
         written.append(f"one page in {html}")
     if film is not None:
-        scenario = flown if isinstance(flown, Scenario) else flown.scenario
-        _film(page, film, size, scenario.grid.duration, rate)
+        grid = (flown if isinstance(flown, Scenario) else flown.scenario).grid
+        _film(page, film, size, grid.duration, rate)
         written.append(f"a film in {film}")
     return tell({"page": html, "film": film, "url": None}, *written)
 
@@ -244,7 +257,7 @@ def _conflicts_of(scenario: Scenario, work: Work) -> InfeasibleError | None:
     return None
 
 
-def _planned(scenario: Scenario, work: Work) -> Flown:
+def _planned(scenario: Scenario, work: Work) -> Planned:
     """Fly a scenario; with a separation, plan it instead."""
     if scenario.separation is not None:  # planning ten windows of sixty vehicles takes long
         return best_plan(scenario, progress=work)

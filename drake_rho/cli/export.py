@@ -7,13 +7,18 @@ from typing import Annotated
 import typer
 
 from drake_rho.cli.console import answer, plain_table, tell, working
-from drake_rho.cli.options import ResultArgument
-from drake_rho.cli.sources import load_result
+from drake_rho.cli.headings import HeadingOption, heading_of
+from drake_rho.cli.options import (
+    MaxAccelerationOption,
+    ResultArgument,
+    TopicOption,
+    TrajectoriesOption,
+)
+from drake_rho.cli.sources import load_any
 from drake_rho.formats.export import FORMATS, check_export
 from drake_rho.formats.export import export as exported
 from drake_rho.formats.format import Format
 from drake_rho.formats.only_read import ONLY_READ
-from drake_rho.motion.headings import Direction, Heading
 
 
 def export(
@@ -46,21 +51,17 @@ def export(
         float | None,
         typer.Option(help="Samples per second; by default 20, and for json the knots only."),
     ] = None,
-    heading: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="[NAME=]HEADING",
-            help="velocity, an angle from the x axis, anticlockwise, in radians, or a point X,Y,Z "
-            "to look at; with NAME=, repeatable, that of one vehicle. Along the x axis by default.",
-        ),
-    ] = None,
+    heading: HeadingOption = None,
+    scenario: TrajectoriesOption = None,
+    max_acceleration: MaxAccelerationOption = None,
+    topic: TopicOption = None,
 ) -> int:
-    """Write a plan, flight or simulation in another program's format."""
+    """Write a result or trajectories in another program's format."""
     if output is None:
         raise ValueError("export: got no --output, expected --output PATH, a file or a folder")
-    turned = _heading_of(heading or [])
+    turned = heading_of(heading)
     check_export(output, format, rate, turned)
-    flown = load_result(file)
+    flown = load_any(file, scenario, max_acceleration, topic)
     with working("exporting"):
         written = exported(flown, output, format=format, rate=rate, heading=turned)
     document = {
@@ -101,27 +102,3 @@ def formats() -> int:
 def _paths(format: Format) -> list[str]:
     """Return the kinds of paths that a format is written to."""
     return [*format.endings, *(["folder"] if format.folder else [])]
-
-
-def _heading_of(words: list[str]) -> Heading | None:
-    """Return the heading that options describe: one for all, or one of each named vehicle.
-
-    Raises:
-        ValueError: there are several for all vehicles, or for one.
-    """
-    given = [each.rpartition("=") for each in words]
-    names = [name for name, _, _ in given]
-    if len(set(names)) < len(names) or ("" in names and len(names) > 1):
-        expected = "one, or one NAME=HEADING for each of some vehicles"
-        raise ValueError(f"--heading: got {' and '.join(words)}, expected {expected}")
-    found = {name: _direction_of(text) for name, _, text in given}
-    return found.get("", found or None)
-
-
-def _direction_of(text: str) -> Direction:
-    """Return the direction that a text describes; `check_export` refuses invalid ones."""
-    try:
-        numbers = [float(each) for each in text.split(",")]
-    except ValueError:
-        return text  # type: ignore[return-value]  # a word, valid or not
-    return numbers[0] if len(numbers) == 1 else numbers

@@ -65,6 +65,29 @@ ResultArgument = Annotated[
         help="A file (.npz) saved by 'plan', 'fly' or 'simulate', or a plan exported as JSON.",
     ),
 ]
+TrajectoriesOption = Annotated[
+    str | None,
+    typer.Option(
+        "--scenario",
+        metavar="SCENARIO|FILE",
+        help="Scenario for trajectories of another program: FILE is then a CSV table of positions, "
+        "polynomials of Crazyswarm, a show of Skybrush (.skyc), or a log of ROS 2 or PX4, in a "
+        "file or in a folder.",
+    ),
+]
+MaxAccelerationOption = Annotated[
+    float | None,
+    typer.Option(
+        metavar="M/S2", help="For samples: bound on the acceleration between them, in m/s²."
+    ),
+]
+TopicOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="VEHICLE=TOPIC",
+        help="For logs of ROS 2, repeatable: topic or child frame of a vehicle.",
+    ),
+]
 OutputOption = Annotated[
     str | None,
     typer.Option("--output", "-o", metavar="FILE", help="Save the result to this file (.npz)."),

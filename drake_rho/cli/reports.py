@@ -15,7 +15,7 @@ from drake_rho.cli.documents import content_of
 from drake_rho.cli.summary import errors_of, simulation_text
 from drake_rho.motion.files import save
 from drake_rho.motion.flight import Window
-from drake_rho.motion.flown import Flown
+from drake_rho.motion.flown import Planned
 from drake_rho.verification.printed import TEXTS, Printed
 from drake_rho.verification.report import Report
 from drake_rho.verification.verify import verify
@@ -25,7 +25,7 @@ VIOLATED, UNDECIDED = 1, 6
 
 
 def finish(
-    flown: Flown,
+    flown: Planned,
     output: str | None = None,
     drawing: Drawing | None = None,
     wind: str | None = None,
@@ -98,7 +98,7 @@ def _exit_status(report: Report) -> int:
 
 
 def _document(
-    flown: Flown, report: Report, wind: str | None, file: str | None, figures: list[Path]
+    flown: Planned, report: Report, wind: str | None, file: str | None, figures: list[Path]
 ) -> dict[str, object]:
     """Return the document of a plan, flight or simulation and of its report."""
     scenario = flown.scenario
@@ -137,7 +137,7 @@ def _least(report: Report, kind: str) -> float | None:
     return min((each.value for each in checks if each.asked), default=None)
 
 
-def _text(flown: Flown, printed: Printed) -> Iterator[str | Table]:
+def _text(flown: Planned, printed: Printed) -> Iterator[str | Table]:
     """Yield the report, then the work of planning, or the errors of a simulation."""
     yield from _report(printed)
     if flown.simulation is not None:

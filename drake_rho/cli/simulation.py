@@ -11,6 +11,7 @@ import typer
 
 from drake_rho.cli.checks import check_outputs, requested_drawing
 from drake_rho.cli.console import working
+from drake_rho.cli.headings import HeadingOption, heading_of
 from drake_rho.cli.options import (
     FiguresOption,
     FormatOption,
@@ -86,6 +87,7 @@ def simulate(
         Plant, typer.Option(help="Vehicle model: point masses or Drake's quadrotors.")
     ] = Plant.POINT,
     *,
+    heading: HeadingOption = None,
     figures: FiguresOption = None,
     file_format: FormatOption = None,
     width: WidthOption = None,
@@ -97,6 +99,9 @@ def simulate(
 
     drawing = requested_drawing(figures, file_format, width)
     check_outputs(output, drawing)
+    turned = heading_of(heading)
+    if turned is not None and plant is Plant.POINT:
+        raise ValueError("--heading: got one with points, expected --plant quadrotor")
     wind_rng, error_rng = np.random.default_rng(seed).spawn(2)
     vehicles: Literal["quadrotor"] | None = "quadrotor" if plant is Plant.QUADROTOR else None
     if is_result(source):
@@ -105,7 +110,7 @@ def simulate(
         check_wind(plan.scenario, wind, direction)
         with working("computing the wind"):
             found = _wind(plan.scenario, wind, direction, wind_rng, plan.scenario.grid.end, plan)
-            flown = simulated(plan, wind=found.wind, plant=vehicles, rng=error_rng)
+            flown = simulated(plan, wind=found.wind, plant=vehicles, heading=turned, rng=error_rng)
         return finish(flown, output, drawing, f"{found.description}; seed {seed}")
     problem = read(source)
     check_wind(problem, wind, direction)
@@ -114,7 +119,9 @@ def simulate(
         end = float(grid.times[min(windows["replan_every"], grid.knots - 1)])
         horizon = RecedingHorizon(problem, **settings)
         found = _wind(problem, wind, direction, wind_rng, end, horizon)
-        flown = simulated(problem, wind=found.wind, plant=vehicles, rng=error_rng, **settings)
+        flown = simulated(
+            problem, wind=found.wind, plant=vehicles, heading=turned, rng=error_rng, **settings
+        )
     return finish(flown, output, drawing, f"{found.description}; seed {seed}")
 
 

@@ -9,11 +9,12 @@ from difflib import get_close_matches
 from pathlib import Path
 
 from drake_rho.formats.crazyflies import is_crazyflies
+from drake_rho.formats.load import load_trajectories
 from drake_rho.formats.lsc_missions import is_lsc_mission
 from drake_rho.formats.missions import is_mission, load_mission
 from drake_rho.motion.documents import is_exported
 from drake_rho.motion.files import PlanFileError, load
-from drake_rho.motion.flown import Flown
+from drake_rho.motion.flown import Flown, Planned
 from drake_rho.motion.tables import is_table
 from drake_rho.scenario.errors import Description, ScenarioError
 from drake_rho.scenario.files import library, load_scenario
@@ -33,7 +34,7 @@ def is_result(source: str) -> bool:
     return False
 
 
-def load_result(path: Path) -> Flown:
+def load_result(path: Path) -> Planned:
     """Load a plan, flight or simulation from a file.
 
     Raises:
@@ -51,6 +52,38 @@ def load_result(path: Path) -> Flown:
         raise
 
 
+def load_any(
+    file: Path, scenario: str | None, max_acceleration: float | None, topic: list[str] | None
+) -> Flown:
+    """Load a plan, flight or simulation, or trajectories if their scenario is given.
+
+    Raises:
+        PlanFileError: the file cannot be read, or is of another kind.
+        ValueError: a bound on the acceleration is missing for samples, or an option of trajectories
+            is given otherwise.
+    """
+    if scenario is not None:
+        topics = dict(_vehicle_and_topic(each) for each in topic) if topic else None
+        problem = read(scenario)
+        return load_trajectories(file, problem, max_acceleration=max_acceleration, topics=topics)
+    if max_acceleration is not None or topic:
+        option = "--topic" if topic else "--max-acceleration"
+        raise ValueError(f"{option}: got no --scenario, expected that of samples")
+    return load_result(file)
+
+
+def _vehicle_and_topic(text: str) -> tuple[str, str]:
+    """Return the parts of VEHICLE=TOPIC.
+
+    Raises:
+        ValueError: one of them is missing.
+    """
+    vehicle, _, topic = text.rpartition("=")
+    if not vehicle or not topic:
+        raise ValueError(f"--topic: got {text!r}, expected VEHICLE=TOPIC")
+    return vehicle, topic
+
+
 def read(source: str) -> Scenario:
     """Read a scenario by name, from a file, from that of a result, or from that of a mission.
 
@@ -63,7 +96,7 @@ def read(source: str) -> Scenario:
     return given if isinstance(given, Scenario) else given.scenario
 
 
-def read_or_load(source: str) -> Scenario | Flown:
+def read_or_load(source: str) -> Scenario | Planned:
     """Read a scenario or a mission, or load a plan, a flight or a simulation.
 
     Raises:

@@ -12,14 +12,17 @@ from drake_rho.analysis.certify_time import certify_time
 from drake_rho.analysis.diagnose import diagnose as diagnosis_of
 from drake_rho.cli.console import answer, stopping_early, working
 from drake_rho.cli.options import (
+    MaxAccelerationOption,
     ResultArgument,
     Solver,
     SolverOption,
     TimeLimitOption,
+    TopicOption,
+    TrajectoriesOption,
 )
 from drake_rho.cli.reports import finish, finish_trajectories
-from drake_rho.cli.sources import is_result, load_result, read
-from drake_rho.formats.load import load_trajectories
+from drake_rho.cli.sources import is_result, load_any, load_result, read
+from drake_rho.motion.trajectories import Trajectories
 from drake_rho.planning.programs.backend import SOLVERS
 from drake_rho.verification.verify import verify as verify_any
 
@@ -33,56 +36,20 @@ def verify(
             help="Print every row, also of equalities, with values and limits.",
         ),
     ] = False,
-    scenario: Annotated[
-        str | None,
-        typer.Option(
-            metavar="SCENARIO|FILE",
-            help="Scenario for trajectories of another program: FILE is then a CSV table of "
-            "positions, polynomials of Crazyswarm, a show of Skybrush (.skyc), or a log of ROS 2 "
-            "or PX4, in a file or in a folder.",
-        ),
-    ] = None,
-    max_acceleration: Annotated[
-        float | None,
-        typer.Option(
-            metavar="M/S2", help="For samples: bound on the acceleration between them, in m/s²."
-        ),
-    ] = None,
-    topic: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="VEHICLE=TOPIC",
-            help="For logs of ROS 2, repeatable: topic or child frame of a vehicle.",
-        ),
-    ] = None,
+    scenario: TrajectoriesOption = None,
+    max_acceleration: MaxAccelerationOption = None,
+    topic: TopicOption = None,
 ) -> int:
     """Verify a plan, flight, simulation or other trajectories.
 
     The exit status is 1 if a constraint is violated, and 6 if samples leave one undecided.
     """
-    if scenario is None:
-        if max_acceleration is not None or topic:
-            option = "--topic" if topic else "--max-acceleration"
-            raise ValueError(f"{option}: got no --scenario, expected that of samples")
-        return finish(load_result(file), every_row=every_row)
-    problem = read(scenario)
-    topics = dict(_vehicle_and_topic(each) for each in topic) if topic else None
-    found = load_trajectories(file, problem, max_acceleration=max_acceleration, topics=topics)
+    found = load_any(file, scenario, max_acceleration, topic)
+    if not isinstance(found, Trajectories):
+        return finish(found, every_row=every_row)
     with working("verifying"):
-        report = verify_any(found, problem)
+        report = verify_any(found)
     return finish_trajectories(report, every_row=every_row)
-
-
-def _vehicle_and_topic(text: str) -> tuple[str, str]:
-    """Return the parts of VEHICLE=TOPIC.
-
-    Raises:
-        ValueError: one of them is missing.
-    """
-    vehicle, _, topic = text.rpartition("=")
-    if not vehicle or not topic:
-        raise ValueError(f"--topic: got {text!r}, expected VEHICLE=TOPIC")
-    return vehicle, topic
 
 
 def certify(

@@ -17,6 +17,7 @@ from drake_rho.formats.states import Csv, Json
 from drake_rho.formats.waypoint_tables import WaypointTables
 from drake_rho.motion.flown import Flown
 from drake_rho.motion.headings import Heading
+from drake_rho.motion.trajectories import Trajectories
 from drake_rho.scenario.arguments import checked
 
 FORMATS: dict[str, Format] = {
@@ -43,9 +44,9 @@ def export(
     `docs/export.md` describes the formats.
 
     Args:
-        flown: a plan; a flight, whose motion as flown is written; or a simulation, whose true
-            motion is written (only with csv, json, skybrush and mcap: the others hold motions to be
-            flown).
+        flown: a plan; a flight, whose motion as flown is written; a simulation, whose true motion
+            is written (only with csv, json, skybrush and mcap: the others hold motions to be
+            flown); or trajectories for a scenario (only with csv, px4 and mcap).
         path: path of a file with the format's ending (.csv for csv, px4 and waypoints, .json, .zip
             for skybrush, .skyc, .mcap, .plan for qgroundcontrol, .waypoints for mavlink), or of a
             folder, for crazyswarm, skybrush, mcap, and missions and tables of waypoints. An
@@ -74,7 +75,11 @@ def export(
         >>> [file.name for file in written.files]
         ['plan.csv']
     """
-    return check_export(path, format, rate, heading).write(flown, Path(path), rate, heading)
+    form = check_export(path, format, rate, heading)
+    if isinstance(flown, Trajectories) and not form.any_motion:
+        able = ", ".join(name for name, each in FORMATS.items() if each.any_motion)
+        raise ValueError(f"format: got {form.name} for trajectories, expected one of {able}")
+    return form.write(flown, Path(path), rate, heading)
 
 
 def check_export(

@@ -39,6 +39,8 @@ class Format(Reader, ABC):
     """description of what a file holds"""
     heading: ClassVar[Literal["none", "angles", "any"]] = "none"
     """headings that the format holds: none, constant angles, or any"""
+    any_motion: ClassVar[bool] = False
+    """whether the format holds trajectories of any planner, not only steps of plans"""
 
     def check(self, path: Path, rate: float | None, heading: Heading | None) -> None:
         """Check, before any work, that a path, a rate and a heading suit this format.
@@ -110,6 +112,16 @@ def planned(flown: Flown, format: str) -> Plan:
     """Return the plan to write in a format for future motions.
 
     Raises:
+        ValueError: the motion is none to be flown.
+    """
+    check_ahead(flown, format)
+    return flown.plan
+
+
+def check_ahead(flown: Flown, format: str) -> None:
+    """Check that a motion can be written in a format for future motions.
+
+    Raises:
         ValueError: a simulation was given, or a flight that jumps to measured states: their motions
             are in the past, and no vehicle can follow a jump.
     """
@@ -117,7 +129,6 @@ def planned(flown: Flown, format: str) -> Plan:
     if flown.simulation is not None:
         raise ValueError(f"flown: got a simulation, expected {expected}")
     check_continuous(flown.plan, expected)
-    return flown.plan
 
 
 def exported(

@@ -102,7 +102,7 @@ def load_trajectories(
         expected = f"None: {path} holds polynomials, not samples"
         raise ValueError(f"max_acceleration: got {max_acceleration:g}, expected {expected}")
     try:
-        return Trajectories(motions, max_acceleration)
+        return Trajectories(motions, max_acceleration, scenario)
     except ValueError as error:
         raise PlanFileError(f"{path}: {error}") from None
 

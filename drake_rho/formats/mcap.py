@@ -47,6 +47,7 @@ class Mcap(Format):
     endings = (".mcap",)
     folder = True
     content = "messages of ROS 2 at a rate and at every knot: motions, headings, obstacles, tubes"
+    any_motion = True
     heading = "any"
     read_by = "rho.load_trajectories(path)"
     reads = "a log of ROS 2 (MCAP or SQLite)"
@@ -83,7 +84,11 @@ class Mcap(Format):
         directions = directions_of(flown.scenario.names, heading)
         begin, ticks = _ticks(flown.scenario, rate or RATE)
         elapsed = ticks / _NANOSECONDS - flown.scenario.lead
-        yaws = headings(flown, elapsed, directions)
+        yaws = None
+        if heading is None and flown.simulation is not None:
+            yaws = flown.simulation.headings_at(elapsed)
+        if yaws is None:
+            yaws = headings(flown, elapsed, directions)
         with tempfile.TemporaryDirectory(prefix="drake_rho.") as beside:
             bag = Path(beside, path.stem or "bag")
             writer = _rosbags("rosbag2").Writer(

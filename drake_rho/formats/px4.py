@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from drake_rho.formats.format import RATE, Format, exported, planned
+from drake_rho.formats.format import RATE, Format, check_ahead, exported
 from drake_rho.formats.milliseconds import milliseconds
 from drake_rho.formats.record import Exported
 from drake_rho.motion.flown import Flown, sample
@@ -40,6 +40,7 @@ class Px4(Format):
     name = "px4"
     endings = (".csv",)
     content = "positions, velocities, accelerations and headings at a rate"
+    any_motion = True
     heading = "any"
 
     def write(
@@ -51,17 +52,17 @@ class Px4(Format):
             ValueError: there are more vehicles than MAVLink can distinguish, or a simulation was
                 given.
         """
-        plan = planned(flown, self.name)
-        if (count := len(plan.scenario.vehicles)) > _SYSTEMS:
+        check_ahead(flown, self.name)
+        if (count := len(flown.scenario.vehicles)) > _SYSTEMS:
             expected = f"at most {_SYSTEMS} with {self.name}: MAVLink numbers no more systems"
             raise ValueError(f"vehicles: got {count}, expected {expected}")
-        directions = directions_of(plan.scenario.names, heading)
-        ticks = milliseconds(plan.scenario, rate or RATE)
+        directions = directions_of(flown.scenario.names, heading)
+        ticks = milliseconds(flown.scenario, rate or RATE)
         with atomic_write(path) as file:
             write_rows(file, [COLUMNS])
-            elapsed = ticks / 1000.0 - plan.scenario.lead
-            yaws = _EAST - headings(plan, elapsed, directions)
-            write_rows(file, _rows(sample(plan, elapsed), ticks.tolist(), _wrapped(yaws)))
+            elapsed = ticks / 1000.0 - flown.scenario.lead
+            yaws = _EAST - headings(flown, elapsed, directions)
+            write_rows(file, _rows(sample(flown, elapsed), ticks.tolist(), _wrapped(yaws)))
         return exported(flown, path, [path], f"{len(ticks)} setpoints of each vehicle")
 
 

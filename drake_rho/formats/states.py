@@ -31,6 +31,7 @@ class Csv(Format):
     name = "csv"
     endings = (".csv",)
     content = "states at a rate and at every knot"
+    any_motion = True
     read_by = "rho.load(path, scenario=...)"
     reads = "a table with columns time, x, y and z"
 

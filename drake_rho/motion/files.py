@@ -19,7 +19,7 @@ from pydantic import TypeAdapter
 
 from drake_rho.motion.documents import is_document, read_document
 from drake_rho.motion.flight import Flight, Window, beginnings
-from drake_rho.motion.flown import Flown
+from drake_rho.motion.flown import Planned
 from drake_rho.motion.measurements import Measurements
 from drake_rho.motion.plan import Plan
 from drake_rho.motion.simulation import Simulation
@@ -63,6 +63,7 @@ contain the maps."""
 
 _SIMULATED = ("times", "positions", "velocities", "wind", "commands")
 _ELAPSED, _LOST = "simulation.elapsed", "simulation.lost"
+_HEADINGS = {f"simulation.{name}": name for name in ("headings", "commanded_headings")}
 _STATISTICS = TypeAdapter(Statistics)
 _JUMPS = "plan.jumps"
 _UNDER_WAY = "plan.under_way"
@@ -77,7 +78,7 @@ class PlanFileError(DrakeRhoError, ValueError):
 
 
 @checked
-def save(planned: Flown, path: str | Path) -> None:
+def save(planned: Planned, path: str | Path) -> None:
     """Write a plan, a flight or a simulation. The file is written completely or not at all.
 
     Args:
@@ -115,7 +116,7 @@ def save(planned: Flown, path: str | Path) -> None:
 
 
 @checked
-def load(path: str | Path, scenario: Scenario | None = None) -> Flown:
+def load(path: str | Path, scenario: Scenario | None = None) -> Planned:
     """Read a file written by `save`, or a plan that `export` has written as JSON or CSV.
 
     A file contains the maps of its scenario as they were. A `MapChangedWarning` is given if the
@@ -138,7 +139,7 @@ def load(path: str | Path, scenario: Scenario | None = None) -> Flown:
     return flown
 
 
-def _load(path: str | Path, scenario: Scenario | None) -> Flown:
+def _load(path: str | Path, scenario: Scenario | None) -> Planned:
     try:
         with opened(path) as file:
             if zipfile.is_zipfile(file):
@@ -179,7 +180,7 @@ def _read_text(path: str | Path, content: bytes, scenario: Scenario | None) -> P
     raise PlanFileError(f"{path}: not a plan or flight of drake_rho, or damaged")
 
 
-def _unpack_all(path: str | Path, content: Archive) -> Flown:
+def _unpack_all(path: str | Path, content: Archive) -> Planned:
     form = str(content["format"]) if "format" in content else ""
     if form not in {_PLAN, _FLIGHT, _SIMULATION}:
         raise PlanFileError(f"{path}: not a plan or flight of this version of drake_rho")
@@ -194,7 +195,7 @@ def _unpack_all(path: str | Path, content: Archive) -> Flown:
             expected |= {f"measured.{name}" for name in _MEASURED}
     if form == _SIMULATION:
         expected |= {"plant", *(f"simulation.{name}" for name in _SIMULATED)}
-        optional |= {_ELAPSED, _LOST}
+        optional |= {_ELAPSED, _LOST, *_HEADINGS}
     names = {name for name in content if not name.startswith(_MAP)}
     if names - optional != expected:
         raise ValueError("arrays are missing or do not belong to the format")
@@ -290,6 +291,8 @@ def _pack_simulation(simulation: Simulation) -> dict[str, Any]:
     arrays = {f"simulation.{name}": getattr(simulation, name) for name in _SIMULATED}
     if not np.array_equal(np.asarray(simulation.elapsed), simulation.times - simulation.times[0]):
         arrays[_ELAPSED] = simulation.elapsed  # times on a clock far from 0 are rounded
+    if simulation.headings is not None:
+        arrays |= {key: getattr(simulation, name) for key, name in _HEADINGS.items()}
     _check_numbers("simulation", arrays)
     lost = {} if simulation.lost is None else {_LOST: simulation.lost}
     return {"plant": simulation.plant, **arrays, **lost}
@@ -303,6 +306,9 @@ def _unpack_simulation(flight: Flight, content: Archive) -> Simulation:
     arrays = {name: content[f"simulation.{name}"] for name in _SIMULATED}
     if _ELAPSED in content:
         arrays["elapsed"] = content[_ELAPSED]
+    for key in filter(content.__contains__, _HEADINGS):
+        _check_shape(content, key, (count, vehicles))
+        arrays[_HEADINGS[key]] = content[key]
     _check_numbers("simulation", arrays)
     lost = content.get(_LOST)
     if lost is not None and lost.dtype != np.bool_:

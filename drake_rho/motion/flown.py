@@ -1,4 +1,4 @@
-"""`Flown`: a plan, a flight or a simulation, with their common interface."""
+"""`Flown`: a plan, a flight, a simulation or trajectories, with their common interface."""
 
 from __future__ import annotations
 
@@ -10,16 +10,20 @@ from drake_rho.motion.flight import Flight
 from drake_rho.motion.plan import Plan
 from drake_rho.motion.samples import Samples
 from drake_rho.motion.simulation import Simulation
+from drake_rho.motion.trajectories import Trajectories
 from drake_rho.scenario.fields import LARGEST, FloatArray
 from drake_rho.scenario.times import Clock
 
-Flown = Plan | Flight | Simulation
-"""Plan, flight or simulation.
+Planned = Plan | Flight | Simulation
+"""Plan, flight or simulation."""
+Flown = Planned | Trajectories
+"""Plan, flight, simulation, or trajectories of any planner for a scenario.
 
 Each has a `kind` in words, its `scenario`, the `plan` whose accelerations were planned, with its
 `cost` and `statistics`, the `windows` and `sightings` of a receding horizon (none for a plan), the
 `flight` (None for a plan) and the `simulation` (None for a plan or a flight). `at` returns states
-at times on the scenario's clock, `sampled` at times since the first knot.
+at times on the scenario's clock, `sampled` at times since the first knot. The plan of trajectories
+has their states at the knots.
 """
 
 

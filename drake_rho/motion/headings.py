@@ -7,7 +7,7 @@ convention.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Literal
 
 import numpy as np
@@ -24,7 +24,7 @@ MAX_RATE = np.pi / 2.0
 """Largest rate of turning [rad/s]; a vehicle that cannot follow turns the shorter way."""
 SLOW = 0.1
 """Horizontal speed [m/s], or distance from a point [m], below which the heading is held."""
-_STEP = 0.02
+STEP = 0.02
 """Time step in which headings are followed [s]."""
 _MOST_STEPS = 20_000
 """Largest number of these steps; longer flights have longer steps."""
@@ -66,21 +66,39 @@ def directions_of(names: Sequence[str], heading: Heading | None) -> list[Directi
 
 
 def headings(flown: Flown, elapsed: FloatArray, directions: Sequence[Direction]) -> FloatArray:
+    """Return headings of all vehicles along a motion, as `headings_of` does."""
+    lead, end = flown.scenario.lead, float(flown.scenario.grid.elapsed[-1])
+
+    def states(times: FloatArray) -> tuple[FloatArray, FloatArray]:
+        samples = sample(flown, times)
+        return samples.positions, samples.velocities
+
+    return headings_of(states, (-lead, end + lead), elapsed, directions)
+
+
+def headings_of(
+    states: Callable[[FloatArray], tuple[FloatArray, FloatArray]],
+    span: tuple[float, float],
+    elapsed: FloatArray,
+    directions: Sequence[Direction],
+) -> FloatArray:
     """Return headings of all vehicles, without jumps of a whole turn [rad], shape (N, M).
 
     The heading along a velocity or towards a point turns at most at `MAX_RATE`, and is held where
     the vehicle is slow or at the point. It begins in the first direction that is defined.
 
     Args:
-        flown: the motion.
-        elapsed: times since the first knot [s], shape (M,).
+        states: function from times [s], (P,), to positions [m] and velocities [m/s], (N, P, 3).
+        span: times at which the motion begins and ends [s].
+        elapsed: times of the headings [s], shape (M,), from the same time on.
         directions: one of each vehicle.
     """
     found = np.empty((len(directions), len(elapsed)))
     turning = [i for i, each in enumerate(directions) if not isinstance(each, float)]
     if turning:
-        times = _times(flown)
-        targets = _targets(flown, times, directions)
+        times = _times(*span)
+        parts = np.array_split(times, -(-len(times) // _AT_ONCE))
+        targets = np.concatenate([angles(*states(part), directions) for part in parts], axis=1)
         followed = _followed(targets, float(times[1] - times[0]))
         found[turning] = [np.interp(elapsed, times, values) for values in followed]
     for i, each in enumerate(directions):
@@ -89,22 +107,32 @@ def headings(flown: Flown, elapsed: FloatArray, directions: Sequence[Direction])
     return found
 
 
-def _times(flown: Flown) -> FloatArray:
-    """Return the times at which headings are followed, since the first knot [s]."""
-    lead, end = flown.scenario.lead, float(flown.scenario.grid.elapsed[-1])
-    steps = min(max(1, int(np.ceil((end + 2.0 * lead) / _STEP))), _MOST_STEPS)
-    return np.linspace(-lead, end + lead, steps + 1)
+def _times(begin: float, end: float) -> FloatArray:
+    """Return the times at which headings are followed [s]."""
+    steps = min(max(1, int(np.ceil((end - begin) / STEP))), _MOST_STEPS)
+    return np.linspace(begin, end, steps + 1)
 
 
-def _targets(flown: Flown, times: FloatArray, directions: Sequence[Direction]) -> FloatArray:
-    """Return the angles that turning vehicles turn to [rad], NaN where undefined, shape (n, M)."""
-    found = []
-    for part in np.array_split(times, -(-len(times) // _AT_ONCE)):
-        samples = sample(flown, part)
-        vectors = np.array(list(_vectors(samples.positions, samples.velocities, directions)))
-        x, y = np.moveaxis(vectors[:, :, :2], -1, 0)
-        found.append(np.where(np.hypot(x, y) >= SLOW, np.arctan2(y, x), np.nan))
-    return np.concatenate(found, axis=1)
+def angles(
+    positions: FloatArray, velocities: FloatArray, directions: Sequence[Direction]
+) -> FloatArray:
+    """Return the angles that turning vehicles turn to [rad], NaN where undefined, shape (n, M).
+
+    Args:
+        positions: positions of all vehicles [m], shape (N, M, 3).
+        velocities: their velocities [m/s], shape (N, M, 3).
+        directions: one of each vehicle, n of which are no constant angles.
+    """
+    vectors = np.array(list(_vectors(positions, velocities, directions)))
+    x, y = np.moveaxis(vectors[:, :, :2], -1, 0)
+    return np.where(np.hypot(x, y) >= SLOW, np.arctan2(y, x), np.nan)
+
+
+def turned(now: FloatArray, targets: FloatArray, step: float) -> FloatArray:
+    """Return headings after a step of time [s] towards angles [rad], NaN where there is none."""
+    turn = np.remainder(targets - now + np.pi, 2.0 * np.pi) - np.pi
+    most = MAX_RATE * step
+    return np.asarray(now + np.clip(np.nan_to_num(turn), -most, most))
 
 
 def _vectors(
@@ -123,7 +151,5 @@ def _followed(targets: FloatArray, step: float) -> FloatArray:
     now = np.nan_to_num(targets[np.arange(len(targets)), first])
     found = np.empty(targets.shape)
     for m, target in enumerate(targets.T):
-        turn = np.remainder(target - now + np.pi, 2.0 * np.pi) - np.pi
-        now = now + np.clip(np.nan_to_num(turn), -MAX_RATE * step, MAX_RATE * step)
-        found[:, m] = now
+        found[:, m] = now = turned(now, target, step)
     return found

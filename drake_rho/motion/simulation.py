@@ -57,6 +57,11 @@ class Simulation(ShownInNotebooks, metaclass=Described):
     lost: BoolArray | None = None
     """whether the measurement of each vehicle at each sample of the feedback was lost, shape
     (J, N); None if none was"""
+    headings: FloatArray | None = None
+    """true headings, counted from the x axis anticlockwise [rad], shape (M, N), without jumps of a
+    whole turn; None if none were commanded"""
+    commanded_headings: FloatArray | None = None
+    """commanded headings [rad], shape (M, N); None if none were"""
 
     def __post_init__(self) -> None:
         times = read_only(self.times)
@@ -83,6 +88,23 @@ class Simulation(ShownInNotebooks, metaclass=Described):
                 raise ValueError(f"{name}: got shape {array.shape}, expected {expected}")
             if not np.isfinite(array).all():
                 raise ValueError(f"{name}: got values that are not finite, expected finite ones")
+            object.__setattr__(self, name, array)
+        for name in ("headings", "commanded_headings"):
+            self._check_headings(name, getattr(self, name))
+
+    def _check_headings(self, name: str, given: FloatArray | None) -> None:
+        """Check headings: given for all times and vehicles, or true and commanded ones not at all.
+
+        Raises:
+            ValueError: they are not.
+        """
+        if (self.headings is None) != (self.commanded_headings is None):
+            raise ValueError("headings: got true or commanded ones alone, expected both or none")
+        if given is not None:
+            array, expected = read_only(given), self.positions.shape[:2]
+            if array.shape != expected or not np.isfinite(array).all():
+                wanted = f"finite ones of shape {expected}"
+                raise ValueError(f"{name}: got shape {array.shape}, expected {wanted}")
             object.__setattr__(self, name, array)
 
     def __repr__(self) -> str:
@@ -149,6 +171,20 @@ class Simulation(ShownInNotebooks, metaclass=Described):
         """
         deviations = self.accelerations - self.commands[:-1] - self.wind[:-1]
         return read_only(np.linalg.norm(deviations, axis=2).max(axis=0))
+
+    @property
+    def heading_errors(self) -> FloatArray | None:
+        """Deviations of true headings from commanded ones [rad], shape (M, N); None without any."""
+        if self.headings is None or self.commanded_headings is None:
+            return None
+        turns = self.headings - self.commanded_headings
+        return np.abs(np.remainder(turns + np.pi, 2.0 * np.pi) - np.pi)
+
+    def headings_at(self, elapsed: FloatArray) -> FloatArray | None:
+        """Return true headings at times since the first knot [rad], (N, T); None without any."""
+        if self.headings is None:
+            return None
+        return np.array([np.interp(elapsed, self._since_start, each) for each in self.headings.T])
 
     @checked
     def at(self, times: npt.ArrayLike, vehicle: str | None = None) -> Samples:

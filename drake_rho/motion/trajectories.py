@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
+from functools import cached_property
 from types import MappingProxyType
-from typing import Any, Self
+from typing import Any, Literal, Self
 
 import numpy as np
 import numpy.typing as npt
 
+from drake_rho.motion.flight import Sighting, Window
 from drake_rho.motion.plan import Plan
 from drake_rho.motion.polynomials import Polynomials
 from drake_rho.motion.samples import Samples
@@ -29,9 +31,13 @@ class Trajectories(metaclass=Described):
     `rho.load_trajectories` reads them, `Trajectories.of` and `Trajectories.of_samples` take them
     from a program, and `rho.verify(trajectories, scenario)` verifies them at every instant.
 
+    With a scenario (`for_scenario`, or one given to `rho.load_trajectories`) they are drawn and
+    exported like plans: `rho.paths_figure(trajectories)`.
+
     Raises:
         ValueError: there is no vehicle, a time or a coefficient is not a finite number, times do
-            not increase, or the bound on the acceleration is not a positive number.
+            not increase, the bound on the acceleration is not a positive number, the vehicles are
+            not those of the scenario, or a motion is outside its time.
 
     Examples:
         >>> plan = rho.plan(rho.load_scenario("courier"))
@@ -46,6 +52,8 @@ class Trajectories(metaclass=Described):
     max_acceleration: float | None = None
     """bound on the norm of the acceleration between samples [m/s²], which are joined by straight
     lines; None if the polynomials are the motion itself"""
+    judged_for: Scenario | None = None
+    """scenario whose vehicles they move, for figures, scenes and exports; None if it is unknown"""
 
     def __post_init__(self) -> None:
         if not self.motions:
@@ -55,7 +63,10 @@ class Trajectories(metaclass=Described):
         most = self.max_acceleration
         if most is not None and not 0.0 < most <= LARGEST:
             raise ValueError(f"max_acceleration: got {most}, expected a positive number")
-        object.__setattr__(self, "motions", MappingProxyType(dict(self.motions)))
+        motions, own = dict(self.motions), self.judged_for
+        if own is not None:
+            motions = dict(zip(own.names, self.by_vehicle(own), strict=True))
+        object.__setattr__(self, "motions", MappingProxyType(motions))
 
     @classmethod
     @checked
@@ -109,6 +120,56 @@ class Trajectories(metaclass=Described):
         return tuple(self.motions)
 
     @property
+    def kind(self) -> Literal["trajectories"]:
+        """Kind of the record."""
+        return "trajectories"
+
+    @property
+    def scenario(self) -> Scenario:
+        """Their scenario.
+
+        Raises:
+            ValueError: it is unknown.
+        """
+        if self.judged_for is None:
+            expected = "expected those of a known one: trajectories.for_scenario(scenario)"
+            raise ValueError(f"trajectories: got some without a scenario, {expected}")
+        return self.judged_for
+
+    @cached_property
+    def plan(self) -> Plan:
+        """Plan with their states at the knots."""
+        return self.as_plan(self.scenario)
+
+    @property
+    def cost(self) -> float:
+        """Performance index of the mean accelerations of the steps."""
+        return self.plan.cost
+
+    @property
+    def statistics(self) -> Statistics:
+        """Statistics of planning, which are unknown."""
+        return self.plan.statistics
+
+    @property
+    def windows(self) -> tuple[Window, ...]:
+        """Windows: none."""
+        return ()
+
+    @property
+    def sightings(self) -> tuple[Sighting, ...]:
+        """Obstacles that became known in flight: none."""
+        return ()
+
+    @property
+    def flight(self) -> None:
+        """Flight: none."""
+
+    @property
+    def simulation(self) -> None:
+        """Simulation: none."""
+
+    @property
     def start(self) -> float:
         """Time at which the first vehicle begins [s]."""
         return float(min(each.instants[0] for each in self.motions.values()))
@@ -122,7 +183,16 @@ class Trajectories(metaclass=Described):
     def delayed(self, seconds: float) -> Trajectories:
         """Return the trajectories that begin later by a time [s], or earlier if it is negative."""
         motions = {name: each.delayed(seconds) for name, each in self.motions.items()}
-        return Trajectories(motions, self.max_acceleration)
+        return dataclasses.replace(self, motions=motions)
+
+    @checked
+    def for_scenario(self, scenario: Scenario) -> Trajectories:
+        """Return the trajectories with a scenario, in the order of its vehicles.
+
+        Raises:
+            ValueError: the vehicles are not those of the scenario, or a motion is outside its time.
+        """
+        return dataclasses.replace(self, judged_for=scenario)
 
     @checked
     def at(self, times: npt.ArrayLike, vehicle: str | None = None) -> Samples:
@@ -149,10 +219,17 @@ class Trajectories(metaclass=Described):
             raise ValueError(f"times: got {np.array2string(instants, threshold=3)}, {expected}")
         if vehicle is not None and vehicle not in self.motions:
             raise ValueError(f"vehicle: got {vehicle!r}, expected one of {', '.join(self.names)}")
-        states = [each.states(instants) for each in self.motions.values()]
-        p, v, a = (np.concatenate(each) for each in zip(*states, strict=True))
-        samples = Samples(self.names, instants, p, v, a)
+        samples = self._states(instants)
         return samples if vehicle is None else samples.of(self.names.index(vehicle))
+
+    def sampled(self, elapsed: FloatArray) -> Samples:
+        """Return the states at times since the first knot of the scenario [s]."""
+        return self._states(self.scenario.grid.start + elapsed)
+
+    def _states(self, times: FloatArray) -> Samples:
+        """Return the states of all vehicles at times [s]."""
+        states = [each.states(times) for each in self.motions.values()]
+        return Samples(self.names, times, *map(np.concatenate, zip(*states, strict=True)))
 
     def by_vehicle(self, scenario: Scenario) -> list[Polynomials]:
         """Return the motions in the order of a scenario's vehicles.
@@ -186,8 +263,8 @@ class Trajectories(metaclass=Described):
         Raises:
             ValueError: the vehicles are not those of the scenario, or a motion is outside its time.
         """
-        states = [each.states(scenario.grid.times) for each in self.by_vehicle(scenario)]
-        p, v, _ = (np.concatenate(each) for each in zip(*states, strict=True))
+        at_knots = self.for_scenario(scenario)._states(scenario.grid.times)
+        p, v = at_knots.positions, at_knots.velocities
         a = np.diff(v, axis=1) / scenario.grid.step
         plain = scenario.derived(smoothing=None)
         return Plan(plain, p, v, a, Statistics(minimised=None))

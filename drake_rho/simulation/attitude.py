@@ -82,17 +82,23 @@ class SmoothCommand:
 class AttitudeController(LeafSystem):
     """Controller of a quadrotor's thrust and attitude for a commanded acceleration.
 
-    By differential flatness the thrust vector is m (a + g e_z); its direction is the body's z axis
-    and the yaw is 0. The attitude is a rotation whose error is the vector part of a quaternion, so
-    there is no gimbal lock. The vertical thrust is as commanded even while the quadrotor turns.
-    Rotors cannot pull, so inputs are at least 0; where one would have to, the moment of
-    yaw is reduced.
+    By differential flatness the thrust vector is m (a + g e_z); its direction is the body's z axis,
+    and the nose points along the heading, 0 if none is commanded. The attitude is a rotation whose
+    error is the vector part of a quaternion, so there is no gimbal lock. The vertical thrust is as
+    commanded even while the quadrotor turns. Rotors cannot pull, so inputs are at least 0; where
+    one would have to, the moment of yaw is reduced.
 
-    Ports: inputs `acceleration` (3) and `state` (12, of a `QuadrotorPlant`); output `rotors` (4),
-    updated at each step of the simulator.
+    Ports: inputs `acceleration` (3), `state` (12, of a `QuadrotorPlant`) and, optionally, `heading`
+    (2N: heading [rad] and rate [rad/s] of each vehicle in turn); output `rotors` (4), updated at
+    each step of the simulator.
+
+    Args:
+        plant: the quadrotor.
+        vehicle: its index.
+        count: N, the number of vehicles.
     """
 
-    def __init__(self, plant: QuadrotorPlant) -> None:
+    def __init__(self, plant: QuadrotorPlant, vehicle: int = 0, count: int = 1) -> None:
         super().__init__()
         self._mass, self._inertia = plant.m(), np.asarray(plant.inertia())
         self._gravity = plant.g()
@@ -108,6 +114,8 @@ class AttitudeController(LeafSystem):
         self._rotors_for = np.linalg.inv(mixing)
         self._acceleration = self.DeclareVectorInputPort("acceleration", 3)
         self._state = self.DeclareVectorInputPort("state", 12)
+        self._heading = self.DeclareVectorInputPort("heading", 2 * count)
+        self._own = slice(2 * vehicle, 2 * vehicle + 2)
         self._command = self.DeclareAbstractState(Value[object](None))
         self.DeclareStateOutputPort("rotors", self.DeclareDiscreteState(4))
         self.DeclarePerStepUnrestrictedUpdateEvent(self._update)
@@ -118,7 +126,10 @@ class AttitudeController(LeafSystem):
         command = SmoothCommand(wanted) if before is None else before
         command = command.followed_by(wanted, context.get_time())
         state.get_mutable_abstract_state(self._command).set_value(command)
-        inputs = self.rotors(self._state.Eval(context), *command.at(context.get_time()))
+        heading = [0.0, 0.0]
+        if self._heading.HasValue(context):
+            heading = self._heading.Eval(context)[self._own].tolist()
+        inputs = self.rotors(self._state.Eval(context), *command.at(context.get_time()), *heading)
         state.get_mutable_discrete_state(0).SetFromVector(inputs)
         return EventStatus.Succeeded()
 
@@ -128,6 +139,8 @@ class AttitudeController(LeafSystem):
         acceleration: FloatArray,
         jerk: FloatArray | float = 0.0,
         snap: FloatArray | float = 0.0,
+        heading: float = 0.0,
+        rate: float = 0.0,
     ) -> FloatArray:
         """Return rotor inputs, shape (4,).
 
@@ -136,15 +149,21 @@ class AttitudeController(LeafSystem):
             acceleration: commanded acceleration [m/s²], shape (3,).
             jerk: its derivative [m/s³], shape (3,).
             snap: its second derivative [m/s⁴], shape (3,).
+            heading: commanded heading [rad].
+            rate: its derivative [rad/s].
         """
         angles = RollPitchYaw(state[3:6])
         R = angles.ToRotationMatrix().matrix()
         rates = R.T @ angles.CalcAngularVelocityInParentFromRpyDt(state[9:12])
         thrust = acceleration + self._gravity * UP
-        wanted = upright_along(thrust)
+        wanted = upright_along(thrust, heading)
         spin = -(_BANDWIDTH**2) * _rotation_vector(wanted, R) - 2.0 * _DAMPING * _BANDWIDTH * rates
-        if np.any(jerk) or np.any(snap):
-            turning, faster = _turning(wanted, thrust, jerk, snap)
+        if np.any(jerk) or np.any(snap) or rate:
+            beside = (
+                upright_along(thrust + t * (jerk + t / 2.0 * snap), heading + t * rate)
+                for t in (-_APART, _APART)
+            )
+            turning, faster = _turning(wanted, *beside)
             spin += R.T @ wanted @ (2.0 * _DAMPING * _BANDWIDTH * turning + faster)
         moment = self._inertia @ spin + _cross(rates, self._inertia @ rates)
         lift = self._mass * thrust[2] / max(R[2, 2], math.cos(MAX_TILT) / 2.0)
@@ -180,23 +199,29 @@ def held(acceleration: FloatArray, gravity: float) -> FloatArray:
     return np.array([part * x, part * y, lift - gravity])
 
 
-def upright_along(thrust: FloatArray) -> FloatArray:
-    """Return the rotation (3, 3) with z axis along a thrust and zero yaw: x has no y component."""
+def upright_along(thrust: FloatArray, heading: float = 0.0) -> FloatArray:
+    """Return the rotation (3, 3) with z axis along a thrust and x axis above a heading [rad]."""
+    cos, sin = math.cos(heading), math.sin(heading)
     x, y, z = thrust.tolist()
+    x, y = cos * x + sin * y, cos * y - sin * x
     upright, length = math.hypot(x, z), math.sqrt(x * x + y * y + z * z)
     a, b = z / upright, x / upright
     c, d = upright / length, y / length
-    return np.array([[a, -b * d, b * c], [0.0, c, d], [-b, -a * d, a * c]])
+    level = np.array([[a, -b * d, b * c], [0.0, c, d], [-b, -a * d, a * c]])
+    return np.asarray(np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]]) @ level)
 
 
 def _turning(
-    wanted: FloatArray, thrust: FloatArray, jerk: FloatArray | float, snap: FloatArray | float
+    wanted: FloatArray, earlier: FloatArray, later: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the rate [rad/s] and angular acceleration [rad/s²] of a desired attitude, (3,)."""
-    before, after = (
-        _rotation_vector(wanted, upright_along(thrust + t * (jerk + t / 2.0 * snap))) / _APART
-        for t in (-_APART, _APART)
-    )
+    """Return the rate [rad/s] and angular acceleration [rad/s²] of a desired attitude, (3,).
+
+    Args:
+        wanted: the attitude, shape (3, 3).
+        earlier: the attitude `_APART` before.
+        later: the attitude `_APART` afterwards.
+    """
+    before, after = (_rotation_vector(wanted, each) / _APART for each in (earlier, later))
     return (after - before) / 2.0, (after + before) / _APART
 
 

@@ -28,7 +28,9 @@ _NEGLIGIBLE = 0.25
 """Largest lag that is ignored, in samples: all gains are stable with it."""
 
 
-def _has_no_attitude(system: System, root: Context, accelerations: FloatArray) -> None:
+def _has_no_attitude(
+    system: System, root: Context, accelerations: FloatArray, headings: FloatArray
+) -> None:
     """Leave point masses as they are."""
 
 
@@ -46,9 +48,14 @@ class Plant:
     """time from a commanded acceleration to the actual one [s]"""
     longest: float = np.inf
     """longest step of the simulation [s]"""
-    turn: Callable[[System, Context, FloatArray], None] = _has_no_attitude
-    """function that turns vehicles to the attitudes of their first accelerations, given the system,
-    the context of the whole simulation and the accelerations [m/s²], shape (N, 3)"""
+    turn: Callable[[System, Context, FloatArray, FloatArray], None] = _has_no_attitude
+    """function that turns vehicles to their first attitudes, given the system, the context of the
+    whole simulation, the first accelerations [m/s²], (N, 3), and the first headings [rad], (N,)"""
+
+    @property
+    def has_heading(self) -> bool:
+        """Whether its vehicles have a heading."""
+        return self.turn is not _has_no_attitude
 
     def lag_in_samples(self, scenario: Scenario) -> int:
         """Return the number of samples by which the plant delays the feedback of a scenario."""

@@ -25,20 +25,27 @@ LONGEST = 1e-3
 
 
 class _FromOrigin(LeafSystem):
-    """Map from states of quadrotors (12N) to their positions and velocities (6N)."""
+    """Map from states of quadrotors (12N) to positions and velocities (6N), and to headings (N)."""
 
     def __init__(self, count: int) -> None:
         super().__init__()
         self._plants = self.DeclareVectorInputPort("plants", 12 * count)
         self.DeclareVectorOutputPort("states", 6 * count, self._report)
+        self.DeclareVectorOutputPort("headings", count, self._report_headings)
 
     def _report(self, context: Context, output: BasicVector) -> None:
         states = self._plants.Eval(context).reshape(-1, 12)
         output.SetFromVector(states[:, [0, 1, 2, 6, 7, 8]].reshape(-1))
 
+    def _report_headings(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(self._plants.Eval(context).reshape(-1, 12)[:, 5])  # yaws
+
 
 def quadrotors(scenario: Scenario) -> Diagram:
     """Return a diagram with a quadrotor for each vehicle and the ports of a `WindyPointMass`.
+
+    Beside these it has an input `heading`, as `AttitudeController`, which need not be connected,
+    and an output `headings` (N) with the true ones.
 
     `QuadrotorPlant` has no wind port and no drag, so its accelerations do not depend on its
     position and velocity. Quadrotors therefore begin at rest at the origin, hovering unless
@@ -47,37 +54,45 @@ def quadrotors(scenario: Scenario) -> Diagram:
     """
     builder, count = DiagramBuilder(), len(scenario.vehicles)
     commands = builder.AddSystem(Demultiplexer(3 * count, 3))
-    plants = builder.AddSystem(Multiplexer([12] * count))
+    plants, heading = builder.AddSystem(Multiplexer([12] * count)), None
     for i in range(count):
         plant = builder.AddSystem(QuadrotorPlant())
-        controller = builder.AddSystem(AttitudeController(plant))
+        controller = builder.AddSystem(AttitudeController(plant, i, count))
         builder.Connect(commands.get_output_port(i), controller.GetInputPort("acceleration"))
         builder.Connect(plant.get_output_port(0), controller.GetInputPort("state"))
         builder.Connect(controller.get_output_port(), plant.get_input_port(0))
         builder.Connect(plant.get_output_port(0), plants.get_input_port(i))
+        if heading is None:
+            heading = builder.ExportInput(controller.GetInputPort("heading"), "heading")
+        else:
+            builder.ConnectInput(heading, controller.GetInputPort("heading"))
     flown = builder.AddSystem(_FromOrigin(count))
     drift = builder.AddSystem(WindyPointMass(scenario))  # initial states and wind only
     total = builder.AddSystem(Adder(2, 6 * count))
     builder.Connect(plants.get_output_port(), flown.get_input_port())
-    builder.Connect(flown.get_output_port(), total.get_input_port(0))
+    builder.Connect(flown.GetOutputPort("states"), total.get_input_port(0))
     builder.Connect(drift.get_output_port(), total.get_input_port(1))
     builder.ExportInput(commands.get_input_port(), "acceleration")
     builder.ExportInput(drift.GetInputPort("wind"), "wind")
     builder.ExportOutput(total.get_output_port(), "states")
+    builder.ExportOutput(flown.GetOutputPort("headings"), "headings")
     return builder.Build()
 
 
-def lean(quadrotors: System, root: Context, accelerations: FloatArray) -> None:
-    """Turn quadrotors to the attitudes of their first accelerations.
+def lean(
+    quadrotors: System, root: Context, accelerations: FloatArray, headings: FloatArray
+) -> None:
+    """Turn quadrotors to the attitudes of their first accelerations and headings.
 
     Args:
         quadrotors: diagram made by `quadrotors`.
         root: context of the whole simulation.
         accelerations: first commands [m/s²], shape (N, 3).
+        headings: first headings [rad], shape (N,).
     """
     plants = [each for each in quadrotors.GetSystems() if isinstance(each, QuadrotorPlant)]
-    for plant, acceleration in zip(plants, accelerations, strict=True):
+    for plant, acceleration, heading in zip(plants, accelerations, headings.tolist(), strict=True):
         thrust = held(acceleration, plant.g()) + plant.g() * UP
         state = np.zeros(12)
-        state[3:6] = RollPitchYaw(RotationMatrix(upright_along(thrust))).vector()
+        state[3:6] = RollPitchYaw(RotationMatrix(upright_along(thrust, heading))).vector()
         plant.GetMyContextFromRoot(root).SetContinuousState(state)

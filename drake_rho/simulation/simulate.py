@@ -8,6 +8,7 @@ from typing import Literal, Unpack
 import numpy as np
 
 from drake_rho.motion.flight import Flight
+from drake_rho.motion.headings import Heading, directions_of
 from drake_rho.motion.jumps import check_continuous
 from drake_rho.motion.plan import Plan
 from drake_rho.motion.simulation import Simulation
@@ -34,6 +35,7 @@ def simulate(
     wind: Wind | None = None,
     disturbance: Disturbance | None = None,
     plant: Literal["quadrotor"] | None = None,
+    heading: Heading | None = None,
     rng: np.random.Generator | None = None,
     **windows: Unpack[Windows],
 ) -> Simulation:
@@ -58,6 +60,8 @@ def simulate(
         plant: point masses if not given; `"quadrotor"` for Drake's `QuadrotorPlant`, each with a
             controller of thrust and attitude. Its lag is then part of the simulated scenario's
             delay, and windows are planned that much earlier.
+        heading: headings of quadrotors along the planned motion, as for `rho.export`; along the x
+            axis if not given. `Simulation.heading_errors` tells how far they are off.
         rng: source of random estimation errors; without it there are none, unless the wind has
             its own.
         **windows: settings of windows, as for `RecedingHorizon`; for a scenario only.
@@ -88,6 +92,9 @@ def simulate(
     """
     horizon: Horizon
     kind = PLANTS[plant]
+    if heading is not None and not kind.has_heading:
+        expected = f"none with a {kind.name}, which has no attitude, or plant='quadrotor'"
+        raise ValueError(f"heading: got one, expected {expected}")
     if isinstance(scenario, Scenario):
         flown = kind.declared(_disturbed(scenario, disturbance))
         horizon = RecedingHorizon(flown, **kind.planned_ahead(flown, windows))
@@ -109,8 +116,10 @@ def simulate(
         flown = kind.declared(_disturbed(scenario.plan.scenario, disturbance))
         plan = adopted(flown, scenario.plan)
         horizon = OnePlan(in_small_steps(plan))
+    names, wind = horizon.scenario.names, winds.none() if wind is None else wind
+    directions = None if heading is None else directions_of(names, heading)
     try:
-        return simulated(as_flown(horizon), winds.none() if wind is None else wind, kind, rng)
+        return simulated(as_flown(horizon), wind, kind, rng, directions)
     except InfeasibleError as error:
         if kind.lag == 0.0 or not horizon.scenario.disturbance:
             raise

@@ -200,10 +200,13 @@ def _plant(simulation: Simulation, trajectory: PiecewiseTrajectory) -> str:
     if simulation.plant == POINT_MASS:
         return ""
     off = float(simulation.tracking_difference.max())
+    turned, headings = simulation.heading_errors, ""
+    if turned is not None:
+        headings = f", and headings from commanded ones by up to {np.rad2deg(turned.max()):.2g}°"
     return (
         f"{simulation.plant}: verified from states recorded every "
         f"{trajectory.durations.max():.3g} s, with accelerations taken as constant between them; "
-        f"these differ from commands plus wind by up to {off:.3g} m/s²"
+        f"these differ from commands plus wind by up to {off:.3g} m/s²{headings}"
     )
 
 

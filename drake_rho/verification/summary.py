@@ -10,7 +10,7 @@ import numpy as np
 
 from drake_rho.motion.costs import costs_by_term
 from drake_rho.motion.deviations import Deviation, largest_deviation
-from drake_rho.motion.flown import Flown
+from drake_rho.motion.flown import Planned
 from drake_rho.motion.jumps import largest_jump
 from drake_rho.motion.plan import Plan
 from drake_rho.scenario.described import Described
@@ -59,7 +59,7 @@ class Summary(metaclass=Described):
     """largest deviation of measured positions from the planned motion; None without measurements"""
 
     @classmethod
-    def of(cls, trajectory: PiecewiseTrajectory, flown: Flown) -> Summary:
+    def of(cls, trajectory: PiecewiseTrajectory, flown: Planned) -> Summary:
         """Return the summary of a plan, flight or simulation with its trajectory.
 
         The top speed is that of the motion itself, without errors.

@@ -20,7 +20,7 @@ from typing import Final, Self, get_args
 
 import numpy as np
 
-from drake_rho.motion.flown import Flown
+from drake_rho.motion.flown import Planned
 from drake_rho.motion.scenario_tube import tube_of
 from drake_rho.motion.tube import ErrorTube
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
@@ -44,7 +44,7 @@ class Tubes:
     """whether the motion jumps where each tube begins, shape (T,)"""
 
     @staticmethod
-    def of(flown: Flown) -> Tubes:
+    def of(flown: Planned) -> Tubes:
         """Return the tube of a plan or those of all windows; `NO_ERRORS` without a disturbance."""
         if flown.flight is None or flown.scenario.disturbance is None:
             return Tubes.of_plan(flown.scenario)

@@ -9,7 +9,7 @@ import numpy as np
 
 from drake_rho.motion.dynamics import Motion
 from drake_rho.motion.flight import Sighting
-from drake_rho.motion.flown import Flown
+from drake_rho.motion.flown import Flown, Planned
 from drake_rho.motion.trajectories import Trajectories
 from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.fields import FloatArray
@@ -45,7 +45,7 @@ __all__ = ["Check", "Report", "Summary", "verify"]
 
 
 @checked
-def verify(flown: Flown | Trajectories, scenario: Scenario | None = None) -> Report:
+def verify(flown: Flown, scenario: Scenario | None = None) -> Report:
     """Verify every constraint of a scenario for a plan, a flight, a simulation or trajectories.
 
     Positions and velocities are integrated anew from the initial states and the accelerations; the
@@ -116,7 +116,8 @@ def verify(flown: Flown | Trajectories, scenario: Scenario | None = None) -> Rep
     Args:
         flown: a plan, a flight, which is verified as flown from start to end, a simulation, or
             trajectories.
-        scenario: scenario for trajectories; plans, flights and simulations have their own.
+        scenario: scenario for trajectories, by default their own if they have one; plans, flights
+            and simulations have their own.
 
     Returns:
         A report; `report.ok` says whether every constraint holds.
@@ -133,6 +134,7 @@ def verify(flown: Flown | Trajectories, scenario: Scenario | None = None) -> Rep
         UAV-2 UAV-3
     """
     if isinstance(flown, Trajectories):
+        scenario = scenario or flown.judged_for
         if scenario is None:
             raise ValueError("scenario: got None, expected that of the trajectories")
         return _of_trajectories(flown, scenario)
@@ -142,7 +144,7 @@ def verify(flown: Flown | Trajectories, scenario: Scenario | None = None) -> Rep
     return _of_flown(flown)
 
 
-def _of_flown(flown: Flown) -> Report:
+def _of_flown(flown: Planned) -> Report:
     """Return the report on a plan, a flight or a simulation."""
     last = flown.windows[-1].plan if flown.windows else flown.plan
     with np.errstate(over="ignore", invalid="ignore"):  # values that overflow become NaN or inf
@@ -197,7 +199,7 @@ def _report(
     columns: Sequence[Column],
     summary: Summary,
     notes: tuple[str, ...],
-    flown: Flown,
+    flown: Planned,
 ) -> Report:
     """Return the report of all columns, with what became of the sighted obstacles of a flight."""
     scenario = trajectory.scenario
@@ -220,7 +222,7 @@ def _report(
     return Report(scenario, checks, summary, sightings, notes)
 
 
-def _beginnings(flown: Flown) -> dict[int, FloatArray]:
+def _beginnings(flown: Planned) -> dict[int, FloatArray]:
     """Return the states with which the pieces of a motion begin, (N, 6) each, by knot.
 
     A plan without windows, such as that of a flight, has them itself.

@@ -1,4 +1,4 @@
-"""The motion to draw: of a plan, a flight, a simulation, or a scenario not yet planned.
+"""The motion to draw: of a plan, flight, simulation, trajectories, or a scenario not yet planned.
 
 `drawn` turns each of these into one record, `Drawn`, for figures, Meshcat and the page.
 """
@@ -16,9 +16,11 @@ from drake_rho.motion.deviations import Deviations
 from drake_rho.motion.dynamics import Motion
 from drake_rho.motion.flight import Flight, Window
 from drake_rho.motion.flown import Flown
+from drake_rho.motion.headings import Heading, directions_of, headings_of
 from drake_rho.motion.nearest_vehicles import closest_over_time
 from drake_rho.motion.plan import Plan
 from drake_rho.motion.simulation import Simulation
+from drake_rho.motion.trajectories import Trajectories
 from drake_rho.scenario.fields import BoolArray, FloatArray
 from drake_rho.scenario.records import Scenario, Separation, Vehicle
 from drake_rho.scenario.times import Clock
@@ -37,7 +39,7 @@ class Drawn:
     """Motion of all vehicles of a scenario, with its plans and commands."""
 
     kind: str
-    """kind of the drawn record: scenario, plan, flight or simulation"""
+    """kind of the drawn record: scenario, plan, flight, simulation or trajectories"""
     scenario: Scenario
     """scenario of the motion"""
     whole: Motion
@@ -56,6 +58,23 @@ class Drawn:
     def motion(self) -> Motion:
         """Return the motion as a function of the time since the first knot."""
         return self.whole
+
+    def headings(self, times: FloatArray, heading: Heading | None = None) -> FloatArray | None:
+        """Return headings at times since the first knot [rad], shape (N, M); None without any.
+
+        They are those given, or else the true ones of a simulation that was flown with some.
+
+        Raises:
+            ValueError: a given one is invalid.
+        """
+        if heading is None:
+            return None if self.simulation is None else self.simulation.headings_at(times)
+
+        def states(part: FloatArray) -> tuple[FloatArray, FloatArray]:
+            return self.whole.at("position", part), self.whole.at("velocity", part)
+
+        span = 0.0, float(self.whole.step) * self.whole.accelerations.shape[1]
+        return headings_of(states, span, times, directions_of(self.scenario.names, heading))
 
     @property
     def times(self) -> FloatArray:
@@ -146,7 +165,7 @@ def drawn(flown: Flown | Scenario) -> Drawn:
 @drawn.register
 def _(flown: Plan) -> Drawn:
     stepwise, jumps = flown.motion(), tuple(knot for knot in flown.jumps if knot > 0)
-    whole = stepwise if flown.scenario.smoothing is None else _smoothed(flown)
+    whole = stepwise if flown.scenario.smoothing is None else _in_parts(flown)
     return Drawn("plan", flown.scenario, whole, stepwise, jumps)
 
 
@@ -162,6 +181,12 @@ def _(flown: Simulation) -> Drawn:
     windows = _predictions(flown.windows, flown.scenario.grid.knots - 1)
     motions = _true_motion(flown), flown.plan.motion()
     return Drawn("simulation", flown.scenario, *motions, windows=windows, simulation=flown)
+
+
+@drawn.register
+def _(flown: Trajectories) -> Drawn:
+    plan = flown.plan
+    return Drawn(flown.kind, plan.scenario, _in_parts(flown), plan.motion())
 
 
 @drawn.register
@@ -184,14 +209,14 @@ def _predictions(windows: Sequence[Window], end: int) -> tuple[Prediction, ...]:
     )
 
 
-def _smoothed(plan: Plan) -> Motion:
-    """Return the smooth motion of a plan, in steps with exact ends.
+def _in_parts(flown: Plan | Trajectories) -> Motion:
+    """Return a smooth motion in parts of steps with exact ends.
 
-    The parts before the first knot and after the last are omitted.
+    What is before the first knot and after the last is omitted.
     """
-    grid = plan.scenario.grid
+    grid = flown.scenario.grid
     step, steps = grid.step / _SMOOTH_PARTS, _SMOOTH_PARTS * (grid.knots - 1)
-    states = plan.sampled(np.asarray(step * np.arange(steps + 1), dtype=np.float64))
+    states = flown.sampled(np.asarray(step * np.arange(steps + 1), dtype=np.float64))
     p, v = states.positions, states.velocities
     unknown = np.full((len(p), 3), np.nan)
     return Motion(step, p, v, np.diff(v, axis=1) / step, unknown, unknown)

@@ -17,6 +17,8 @@ FAST = 30.0
 """Least top speed of a vehicle drawn as an aircraft [m/s]; few quadrotors are as fast."""
 _ROTORS = np.pi / 4.0 + np.pi / 2.0 * np.arange(4)
 """Angles of the rotors around a quadrotor [rad]."""
+_CONE = [(1.4, 0.0), (0.35, 0.26), (0.35, 0.0)]
+"""Stations of the cone that shows a quadrotor's heading, between its front rotors."""
 
 
 def airframes(shown: Drawn) -> list[Airframe]:
@@ -41,15 +43,18 @@ def _by_limits(limits: Limits, flown: float) -> Airframe:
     return "aircraft" if min(speeds, default=flown) >= FAST else "quadrotor"
 
 
-def body(airframe: Airframe, radius: float, *, light: bool) -> Mesh:
+def body(airframe: Airframe, radius: float, *, light: bool, pointed: bool = False) -> Mesh:
     """Return the mesh of a vehicle around the origin, nose along +x and left along +y.
 
     Args:
         airframe: kind of vehicle.
         radius: radius of the smallest ball around the origin that contains the mesh [m].
         light: whether to use the fewest triangles that still show the airframe.
+        pointed: whether a quadrotor, which looks alike from four sides, has a cone for its nose.
     """
     triangles = _aircraft(4 if light else 8) if airframe == "aircraft" else _quadrotor(light)
+    if pointed and airframe == "quadrotor":
+        triangles = np.concatenate([triangles, _turned(_CONE, 4 if light else 8)])
     triangles *= radius / np.linalg.norm(triangles, axis=2).max()
     return faceted(triangles)
 

@@ -31,6 +31,7 @@ from drake_rho.display.meshcat.tree import ROOT, Tree
 from drake_rho.display.meshcat.tubes_and_wind import add_disturbed
 from drake_rho.display.meshcat.vehicles import Vehicles, add_vehicles
 from drake_rho.motion.flown import Flown
+from drake_rho.motion.headings import Heading
 from drake_rho.motion.simulation import Simulation
 from drake_rho.planning.errors import InfeasibleError
 from drake_rho.scenario.arguments import checked
@@ -64,11 +65,12 @@ class Stage:
         flown: Flown | Scenario,
         rate: float | None = None,
         conflicts: InfeasibleError | None = None,
+        heading: Heading | None = None,
     ) -> Stage:
         """Prepare the display of `flown` at `rate` seconds of flight per second; see `animate`.
 
         Raises:
-            ValueError: `rate` is not positive.
+            ValueError: `rate` is not positive, or the heading is invalid.
         """
         if rate is not None and not (np.isfinite(rate) and rate > 0.0):
             raise ValueError(f"rate: got {rate}, expected a positive number")
@@ -76,7 +78,7 @@ class Stage:
         scene = Scene.of(shown)
         disturbed = shown.simulation is not None and not scene.light
         playback = Playback.of(shown, rate, _OBJECTS_PER_VEHICLE if disturbed else 1)
-        vehicles = Vehicles.of(scene, shown, playback)
+        vehicles = Vehicles.of(scene, shown, playback, heading)
         return cls(shown, scene, playback, vehicles, conflicts)
 
     @property
@@ -105,6 +107,7 @@ def animate(
     port: int | None = None,
     rate: float | None = None,
     trails: bool | None = None,
+    heading: Heading | None = None,
 ) -> Meshcat:
     """Show a plan, flight, simulation or scenario in the browser, with Meshcat's time slider.
 
@@ -146,15 +149,17 @@ def animate(
         rate: seconds of flight per second of playback; if not given, 1 for flights of up to a
             minute, and for longer ones a rate that limits the playback to a minute.
         trails: whether to draw trails; if not given, for up to a hundred vehicles.
+        heading: headings to which vehicles are turned, as for `rho.export`. If not given, they fly
+            nose first, or as a simulation with headings was flown.
 
     Returns:
         The Meshcat; `web_url()` is its address, `StaticHtml()` returns it as a single page.
 
     Raises:
-        ValueError: `rate` is not positive.
+        ValueError: `rate` is not positive, or the heading is invalid.
         OSError: no port is free.
     """
-    stage = Stage.of(flown, rate, conflicts)
+    stage = Stage.of(flown, rate, conflicts, heading)
     meshcat = start_meshcat(host, port) if meshcat is None else meshcat
     draw(meshcat, stage, trails=stage.few_enough_for_trails if trails is None else trails)
     return meshcat

@@ -45,13 +45,25 @@ def lifts(motion: Motion, times: FloatArray, step: float) -> FloatArray:
 
 
 def vehicle_poses(
-    kinds: Sequence[Airframe], positions: FloatArray, velocities: FloatArray, up: FloatArray
+    kinds: Sequence[Airframe],
+    positions: FloatArray,
+    velocities: FloatArray,
+    up: FloatArray,
+    yaws: FloatArray | None = None,
 ) -> FloatArray:
-    """Return the poses of aircraft and quadrotors banked along their lift, shape (N, M, 3, 4)."""
+    """Return the poses of aircraft and quadrotors banked along their lift, shape (N, M, 3, 4).
+
+    Noses are along the velocities, or above or below headings `yaws` [rad], (N, M).
+    """
     quadrotors = np.array([kind == "quadrotor" for kind in kinds])[:, None, None, None]
-    level = velocities * [1.0, 1.0, 0.0]
-    hovering = poses(positions, headings(level), up, nose_first=False)
-    return np.where(quadrotors, hovering, poses(positions, headings(velocities), up))
+    ahead = headings(velocities)
+    level = headings(velocities * [1.0, 1.0, 0.0])
+    if yaws is not None:
+        level = np.stack([np.cos(yaws), np.sin(yaws), 0.0 * yaws], axis=-1)
+        ahead = np.linalg.norm(ahead[..., :2], axis=-1, keepdims=True) * level + ahead * _UP
+        level[..., 2] = -np.sum(level * up, axis=-1) / up[..., 2]  # in the plane of the rotors
+    hovering = poses(positions, level, up, nose_first=False)
+    return np.where(quadrotors, hovering, poses(positions, ahead, up))
 
 
 def poses(

@@ -13,7 +13,6 @@ from pydrake.geometry import Rgba
 
 from drake_rho.display.common.drawable import Drawn
 from drake_rho.display.common.names import as_path
-from drake_rho.display.meshcat.airframes import body
 from drake_rho.display.meshcat.meshes import arrow, tube
 from drake_rho.display.meshcat.poses import headings, poses, vehicle_poses
 from drake_rho.display.meshcat.scene import Scene, coloured
@@ -47,14 +46,15 @@ def add_disturbed(
     times = np.minimum(simulation.scenario.grid.start + elapsed, simulation.times[-1])
     places = np.swapaxes(simulation.nominal("position", times), 0, 1)
     velocities = np.swapaxes(simulation.nominal("velocity", times), 0, 1)
-    planned = vehicle_poses(vehicles.kinds, places, velocities, np.array([0.0, 0.0, 1.0]))
+    up = np.array([0.0, 0.0, 1.0])
+    planned = vehicle_poses(vehicles.kinds, places, velocities, up, vehicles.yaws)
     wind, radii = _wind(simulation, times), _radii(simulation, times)
     blown = poses(plan.motion().at("position", elapsed), headings(wind))
     along, strongest = arrow(_arrow_length(vehicles, scene)), strongest_wind(simulation)
     with_tube = largest_tube(simulation) > 0.0
     for i, (vehicle, colour) in enumerate(coloured(simulation.scenario)):
         name = as_path(vehicle.name)
-        ghost = body(vehicles.kinds[i], float(vehicles.radii[i]), light=scene.light)
+        ghost = vehicles.body(i, light=scene.light)
         tree.add_mesh(f"planned/{name}", ghost, faint(colour, _GHOST))
         tree.move(f"planned/{name}", planned[i])
         if np.any(vehicles.scales[i] < 1.0):

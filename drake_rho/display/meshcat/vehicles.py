@@ -16,10 +16,12 @@ from drake_rho.display.common.clearances import free_radii
 from drake_rho.display.common.drawable import Drawn
 from drake_rho.display.common.names import as_path
 from drake_rho.display.meshcat.airframes import airframes, body
+from drake_rho.display.meshcat.meshes import Mesh
 from drake_rho.display.meshcat.playback import Playback
 from drake_rho.display.meshcat.poses import lifts, vehicle_poses
 from drake_rho.display.meshcat.scene import Scene, coloured
 from drake_rho.display.meshcat.tree import Tree
+from drake_rho.motion.headings import Heading
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.parts import Airframe
 
@@ -43,9 +45,13 @@ class Vehicles:
     """drawn radii, of the balls that contain the meshes [m], shape (N,)"""
     scales: FloatArray
     """factors, at most 1, on the drawn radii at the times of the playback, shape (N, M)"""
+    yaws: FloatArray | None = None
+    """headings at these times [rad], shape (N, M); None to fly nose first"""
 
     @classmethod
-    def of(cls, scene: Scene, shown: Drawn, playback: Playback) -> Vehicles:
+    def of(
+        cls, scene: Scene, shown: Drawn, playback: Playback, heading: Heading | None = None
+    ) -> Vehicles:
         """Choose sizes at which vehicles are visible and touch neither obstacles nor each other.
 
         The radius of a body is the larger of the vehicle's radius and `Scene.seen`. It is scaled
@@ -56,7 +62,13 @@ class Vehicles:
         radii = np.maximum(true, scene.seen)
         fitting = np.maximum(_INSIDE * free_radii(shown, playback.times), true[:, None])
         scales = np.clip(fitting / radii[:, None], _MIN_SCALE, 1.0)
-        return cls(airframes(shown), true, radii, scales)
+        yaws = shown.headings(playback.times, heading)
+        return cls(airframes(shown), true, radii, scales, yaws)
+
+    def body(self, vehicle: int, *, light: bool) -> Mesh:
+        """Return the mesh of a vehicle, whose nose is plain to see if headings are shown."""
+        kind, radius = self.kinds[vehicle], float(self.radii[vehicle])
+        return body(kind, radius, light=light, pointed=self.yaws is not None)
 
     @property
     def note(self) -> str:
@@ -94,10 +106,10 @@ def add_vehicles(tree: Tree, scene: Scene, shown: Drawn, vehicles: Vehicles) -> 
     places, velocities = (motion.at(each, times) for each in ("position", "velocity"))
     flown = motion.with_accelerations(motion.accelerations) if shown.jumps else motion
     up = lifts(flown, times, shown.scenario.grid.step)
-    poses = vehicle_poses(vehicles.kinds, places, velocities, up)
+    poses = vehicle_poses(vehicles.kinds, places, velocities, up, vehicles.yaws)
     for i, (vehicle, colour) in enumerate(coloured(shown.scenario)):
         path, ball = (f"{kind}/{as_path(vehicle.name)}" for kind in ("vehicles", "radii"))
-        mesh = body(vehicles.kinds[i], float(vehicles.radii[i]), light=scene.light)
+        mesh = vehicles.body(i, light=scene.light)
         tree.add_mesh(path, mesh, colour)
         tree.move(path, poses[i])
         if np.any(vehicles.scales[i] < 1.0):

@@ -14,6 +14,7 @@ from importlib.resources import files
 from drake_rho.display.meshcat.animation import Stage, draw, start_meshcat
 from drake_rho.display.viewer.payload import payload
 from drake_rho.motion.flown import Flown
+from drake_rho.motion.headings import Heading
 from drake_rho.planning.errors import InfeasibleError
 from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.records import Scenario
@@ -48,6 +49,7 @@ def viewer_page(
     conflicts: InfeasibleError | None = None,
     rate: float | None = None,
     trails: bool | None = None,
+    heading: Heading | None = None,
 ) -> Page:
     """Return a page that shows a plan, flight, simulation or scenario, and needs no network.
 
@@ -60,15 +62,16 @@ def viewer_page(
         conflicts: error of an infeasible scenario, as in `animate`.
         rate: seconds of flight per second of playback, as in `animate`.
         trails: whether to draw trails, as in `animate`.
+        heading: headings to which vehicles are turned, as in `animate`.
 
     Returns:
         The page, HTML; a notebook shows it.
 
     Raises:
-        ValueError: `rate` is not positive.
+        ValueError: `rate` is not positive, or the heading is invalid.
         OSError: no port is free; Meshcat needs one during this call.
     """
-    stage = Stage.of(flown, rate, conflicts)
+    stage = Stage.of(flown, rate, conflicts, heading)
     meshcat = start_meshcat()
     draw(meshcat, stage, trails=stage.few_enough_for_trails if trails is None else trails)
     return Page(with_overlay(meshcat.StaticHtml(), payload(stage)))

@@ -194,6 +194,10 @@ def _with_contingencies(stage: Stage) -> bool:
     return any(each.braking is not None for each in stage.windows)
 
 
+def _with_cones(stage: Stage) -> bool:
+    return stage.vehicles.yaws is not None and "quadrotor" in stage.vehicles.kinds
+
+
 def _with_radii(stage: Stage) -> bool:
     """Return whether balls of the vehicles' radii are drawn."""
     return not stage.scene.light and bool(np.any(stage.shown.scenario.fleet.radii > 0.0))
@@ -208,6 +212,7 @@ def _legend(stage: Stage) -> list[dict[str, str]]:
     small = ", too small to be visible" if tube < 2e-3 * stage.scene.size else ""
     entries = [
         (stage.vehicles.kinds[0], stage.vehicles.note, True),
+        ("quadrotor", "cone: heading of a quadrotor", _with_cones(stage)),
         ("prediction", "straight lines, not planned", stage.shown.kind == "scenario"),
         ("conflict", "red: vehicles and obstacles in conflict", stage.conflicts is not None),
         ("ends", "start (small) and goal (large)", not light),
