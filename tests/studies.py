@@ -57,9 +57,7 @@ def small(repetitions: int = 4, **changes: Any) -> rho.Study:
     return rho.Study(**(fields | changes))
 
 
-def own(
-    scenario: rho.Scenario, *, megabytes: int = 0, wrong: str = ""
-) -> rho.Plan | rho.Trajectories:
+def own(scenario: rho.Scenario, *, megabytes: int = 0, wrong: str = "") -> rho.Plan:
     """Plan as a function that is none of the package's methods: take memory, fail as told."""
     taken = np.ones(megabytes * 2**17)
     if wrong == "late":
@@ -71,16 +69,19 @@ def own(
         return independent
     if wrong == "separation":
         return dataclasses.replace(independent, scenario=scenario)
+    return rho.plan(scenario)
+
+
+def own_trajectories(scenario: rho.Scenario, *, sampled: bool) -> rho.Trajectories:
+    """Plan as another planner that returns polynomials, or too few samples to decide anything."""
     plan = rho.plan(scenario)
-    if wrong == "trajectories":  # nothing is
+    if not sampled:
         return rho.Trajectories.of({name: plan.trajectory(name) for name in scenario.names})
-    if wrong == "samples":  # too few, so that they decide nothing
-        rows = {
-            n: np.column_stack([plan.times, plan.at(plan.times, n).positions])
-            for n in scenario.names
-        }
-        return rho.Trajectories.of_samples(rows, max_acceleration=100.0)
-    return plan
+    rows = {
+        name: np.column_stack([plan.times, plan.at(plan.times, name).positions])
+        for name in scenario.names
+    }
+    return rho.Trajectories.of_samples(rows, max_acceleration=100.0)
 
 
 def held(scenario: rho.Scenario, *, until: str) -> rho.Plan:

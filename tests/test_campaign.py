@@ -30,7 +30,7 @@ from drake_rho.campaigns.sources import FromFile
 from drake_rho.campaigns.store import Store, StoreError
 from drake_rho.campaigns.workers import Workers
 from tests.scenarios import fleet, single, slow
-from tests.studies import own, small, table, text_of
+from tests.studies import own, own_trajectories, small, table, text_of
 
 
 @pytest.fixture(scope="module")
@@ -223,9 +223,14 @@ def test_functions_are_methods(
 
 def test_misbehaviour_of_a_function_is_recorded_in_its_row(tmp_path: Path) -> None:
     by_own = {"planner": "function", "function": own}
-    wrongs = ("", "late", "nothing", "another", "separation", "trajectories", "samples")
+    wrongs = "", "late", "nothing", "another", "separation"
     methods = [
         {"name": wrong or "right", **by_own, "arguments": {"wrong": wrong}} for wrong in wrongs
+    ]
+    other = {"planner": "function", "function": own_trajectories}
+    methods += [
+        {"name": name, **other, "arguments": {"sampled": name == "samples"}}
+        for name in ("trajectories", "samples")
     ]
     crossing = fleet([[-5, 0, 0], [0, -5, 0]], [[5, 0, 0], [0, 5, 0]])
     given = [{"name": "crossing", "scenario": crossing}]
