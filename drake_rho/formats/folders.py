@@ -91,6 +91,26 @@ def write_folder(path: Path, contents: Mapping[str, bytes]) -> None:
             raise
 
 
+def write_each(
+    path: Path, names: Iterable[str], ending: str, contents: Iterable[bytes]
+) -> list[Path]:
+    """Write the file of the only vehicle, or a folder with a file for each; return their paths.
+
+    Raises:
+        ValueError: several vehicles are to be in one file.
+    """
+    files = dict(zip(file_names(names, ending), contents, strict=True))
+    if path.suffix.lower() != ending:
+        write_folder(path, files)
+        return [path / name for name in files]
+    if len(files) > 1:
+        expected = "a folder, with format=: a file holds one vehicle"
+        raise ValueError(f"path: got {str(path)!r} for {len(files)} vehicles, expected {expected}")
+    with atomic_write(path) as file:
+        file.writelines(files.values())
+    return [path]
+
+
 def write_archive(path: Path, contents: Mapping[str, bytes]) -> None:
     """Write files into one archive (zip)."""
     with atomic_write(path) as file, zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from drake_rho.formats.folders import file_names, write_folder
+from drake_rho.formats.folders import write_each
 from drake_rho.formats.format import Format, exported, planned
 from drake_rho.formats.record import Exported
 from drake_rho.formats.straight_legs import Legs, legs_of
@@ -21,7 +21,6 @@ from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.errors import Description, ScenarioError
 from drake_rho.scenario.fields import LARGEST
 from drake_rho.scenario.records import Waypoint
-from drake_rho.system.files import atomic_write
 
 COLUMNS = ("time [s]", "x [m]", "y [m]", "z [m]")
 _MOST_ROWS = 10_000
@@ -132,19 +131,8 @@ class WaypointTables(Format):
             ValueError: several vehicles are to be in one file, or a simulation was given.
         """
         plan = planned(flown, self.name)
-        legs, names = legs_of(plan, timed=True), file_names(plan.scenario.names, ".csv")
-        one_file = path.suffix.lower() in self.endings
-        if one_file and len(legs) > 1:
-            expected = f"a folder (format={self.name!r}): a table holds one vehicle"
-            raise ValueError(
-                f"path: got {str(path)!r} for {len(legs)} vehicles, expected {expected}"
-            )
-        if one_file:
-            with atomic_write(path) as file:
-                file.write(_table(legs[0]))
-        else:
-            write_folder(path, dict(zip(names, map(_table, legs), strict=True)))
-        files = [path] if one_file else [path / name for name in names]
+        legs = legs_of(plan, timed=True)
+        files = write_each(path, plan.scenario.names, ".csv", map(_table, legs))
         words = f"{max(len(each.times) for each in legs)} places, joined by straight lines,"
         deviations = np.array([each.deviation for each in legs])
         return exported(plan, path, files, words, deviations)

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from drake_rho.formats.clearance import spare_of
-from drake_rho.formats.folders import file_names, write_folder
+from drake_rho.formats.folders import write_each
 from drake_rho.formats.format import Format, planned
 from drake_rho.formats.mission_items import LAND, TAKEOFF, WAYPOINT, Item
 from drake_rho.formats.record import Exported
@@ -18,7 +18,6 @@ from drake_rho.motion.flown import Flown
 from drake_rho.motion.headings import Heading
 from drake_rho.motion.plan import Plan
 from drake_rho.scenario.frame import EARTH_RADIUS, Frame
-from drake_rho.system.files import atomic_write
 
 _RELATIVE = 3  # MAV_FRAME_GLOBAL_RELATIVE_ALT
 _GROUND = 0.5
@@ -59,24 +58,13 @@ class MissionFormat(Format):
         if scenario.frame is None:
             expected = f"Scenario(frame=Frame(latitude, longitude, altitude)) with {self.name}"
             raise ValueError(f"frame: got none, expected {expected}")
-        one_file = path.suffix.lower() in self.endings
-        if one_file and len(scenario.vehicles) > 1:
-            expected = f"a folder (format={self.name!r}): a file holds one vehicle"
-            got = f"{str(path)!r} for {len(scenario.vehicles)} vehicles"
-            raise ValueError(f"path: got {got}, expected {expected}")
         legs = legs_of(plan, timed=False)
         speeds = np.linalg.norm(plan.velocities, axis=-1).max(axis=-1)
         texts = [
             self.text(_mission(each, scenario.frame, float(speed))).encode()
             for each, speed in zip(legs, speeds, strict=True)
         ]
-        names = file_names(scenario.names, self.endings[0])
-        if one_file:
-            with atomic_write(path) as file:
-                file.write(texts[0])
-        else:
-            write_folder(path, dict(zip(names, texts, strict=True)))
-        files = [path] if one_file else [path / name for name in names]
+        files = write_each(path, scenario.names, self.endings[0], texts)
         return _exported(plan, path, files, legs)
 
     @abstractmethod
