@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import sys
 import warnings
@@ -498,3 +499,44 @@ def test_a_written_table_is_near_the_plan_at_all_times(tmp_path: Path) -> None:
     on_lines = np.stack([np.interp(t, times, axis) for axis in places.T], axis=-1)
     apart = np.linalg.norm(plan.at(t).positions[0] - on_lines, axis=-1)
     assert apart.max() <= written.deviation <= 0.1
+
+
+def test_an_item_without_its_place_is_refused(tmp_path: Path) -> None:
+    items = [dict(each) for each in ITEMS]
+    del items[1]["params"]
+    with pytest.raises(rho.ScenarioError, match=r"plan: item 2, params: got 0 parameters"):
+        rho.load_mission(plan_file(tmp_path, items))
+
+
+@pytest.mark.parametrize("inclusion", [True, False])
+@pytest.mark.parametrize("dent", [-0.3, -1e-3, 0.0, 1e-3, 0.3])
+def test_sides_of_fences_may_have_slight_dents(
+    inclusion: bool, dent: float, tmp_path: Path
+) -> None:
+    """Ground stations add corners in the middle of sides; curvature alone moves them."""
+    by = 0.0 if inclusion else 300.0
+    corners = (-50, -40), (60, -40), (60, 50), (5, 50 + dent), (-50, 50), (-20, 5 - 10 * dent)
+    fence = polygon(inclusion, *((x + by, y) for x, y in corners))
+    found = rho.load_mission(plan_file(tmp_path, ITEMS, polygons=[fence]))
+    middle = np.array([[5 + by, 51, 10], [5 + by, 49, 10]], dtype=float)
+    zones = [each.shape for each in found.bodies]
+    inside = [bool(any(each.signed_distance(x) <= 0.0 for each in zones)) for x in middle]
+    required = [each.set for each in found.requirements if each.of == "position"]
+    outside = [each.signed_distance(middle) > 0.0 for each in required]
+    forbidden = np.any(outside, axis=0) | np.array(inside)
+    assert forbidden.tolist() == [inclusion, not inclusion]
+
+
+def test_scouts_that_join_a_mission_with_zones_find_their_ways(tmp_path: Path) -> None:
+    """Zones have no end in height, but paths are searched only where vehicles fly."""
+    corners = (-30, -30), (70, -30), (70, 60), (30, 58), (25, 40), (20, 60), (-30, 60)
+    fences = {"polygons": [polygon(True, *corners)]}
+    circle = {"circle": {"center": geodetic(20, 0, 0)[:2], "radius": 6}, "inclusion": False}
+    mission = rho.load_mission(plan_file(tmp_path, ITEMS, circles=[circle], **fences))
+    scouts = [
+        rho.Vehicle(f"scout {k}", rho.State([-20, 5 * k, 0]), rho.State([-20, 5 * k + 10, 5]))
+        for k in (1, 2)
+    ]
+    vehicles = (*mission.vehicles, *scouts)
+    fleet = dataclasses.replace(mission, vehicles=vehicles, separation=rho.Separation(2.0))
+    assert rho.verify(rho.plan(fleet)).ok

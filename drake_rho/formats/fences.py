@@ -29,6 +29,11 @@ _MOST_CORNERS = 200
 """Largest number of corners of a polygon, as every triangle is an obstacle."""
 _FLAT = 1e-9
 """Area of a triangle, relative to the polygon's box, up to which it counts as none."""
+_LEAST = 5e-4
+"""Width of a triangle, as a part of its length or height, below which it is made wider by as much:
+obstacles are no thinner than `THINNEST`."""
+_BEYOND = 0.01
+"""Distance by which pockets extend beyond the convex hull, as a part of its side."""
 _SIMPLE = "a polygon whose sides do not cross"
 
 
@@ -42,14 +47,13 @@ class Zones:
     """exclusion"""
 
 
-def zones_of(fences: tuple[Fence, ...], origin: Frame, positions: FloatArray) -> Zones:
+def zones_of(fences: tuple[Fence, ...], origin: Frame, heights: tuple[float, float]) -> Zones:
     """Return fences as requirements and obstacles.
 
     Args:
         fences: circles and polygons.
         origin: origin of the local positions.
-        positions: places of the mission [m], shape (M, 3). Zones extend so far above and below
-            them that the way over one is longer than the way around it.
+        heights: least and greatest height of polygons [m], beyond which nobody flies.
 
     Raises:
         ScenarioError: a polygon has no area, crosses itself or has too many corners.
@@ -64,16 +68,16 @@ def zones_of(fences: tuple[Fence, ...], origin: Frame, positions: FloatArray) ->
             else:
                 obstacles.append(Obstacle(axis, name=fence.name))
             continue
-        polygon, tall = _anticlockwise(fence.name, corners), _height(corners, positions)
+        polygon = _anticlockwise(fence.name, corners)
         zones = [polygon]
         if fence.inclusion:
             hull = ConvexHull(polygon).vertices
-            whole = Polytope(_extruded(polygon[hull], tall))
+            whole = Polytope(_extruded(polygon[hull], heights))
             requirements.append(KeepIn(whole, name=fence.name))
             zones = list(_pockets(polygon, hull))
         for zone in zones:
-            parts = _convex_parts(fence.name, zone)
-            obstacles += [Obstacle(Polytope(_extruded(p, tall)), name=fence.name) for p in parts]
+            parts = _convex_parts(fence.name, zone, heights[1] - heights[0])
+            obstacles += [_prism(fence.name, part, heights) for part in parts]
     return Zones(tuple(requirements), tuple(obstacles))
 
 
@@ -90,10 +94,17 @@ def _local(fence: Fence, origin: Frame) -> FloatArray:
     return local
 
 
-def _height(corners: FloatArray, positions: FloatArray) -> tuple[float, float]:
-    """Return the least and greatest height of an extruded polygon [m]."""
-    more = float(np.ptp(corners, axis=0).sum() + np.ptp(positions, axis=0).max())
-    return float(positions[:, 2].min() - more), float(positions[:, 2].max() + more)
+def _prism(name: str, corners: FloatArray, heights: tuple[float, float]) -> Obstacle:
+    """Return a part of a zone as an obstacle.
+
+    Raises:
+        ScenarioError: it is too thin for an obstacle.
+    """
+    try:
+        return Obstacle(Polytope(_extruded(corners, heights)), name=name)
+    except ScenarioError:
+        expected = "a polygon whose triangles are no thinner than a ten-thousandth of its size"
+        raise ScenarioError(name, corners.tolist(), expected) from None
 
 
 def _extruded(corners: FloatArray, tall: tuple[float, float]) -> FloatArray:
@@ -123,16 +134,22 @@ def _anticlockwise(name: str, corners: FloatArray) -> FloatArray:
 
 
 def _pockets(polygon: FloatArray, hull: IntArray) -> Iterator[FloatArray]:
-    """Yield the polygons between a polygon and its convex hull, anticlockwise."""
+    """Yield the polygons between a polygon and its convex hull, anticlockwise.
+
+    They extend beyond the hull, so that a side with a slight dent leads to no flat one.
+    """
     on_hull = np.sort(hull)
     for first, last in zip(on_hull, np.roll(on_hull, -1), strict=True):
         between = np.arange(first, last + 1 if last > first else last + 1 + len(polygon))
         if len(between) > 2:
-            yield polygon[between % len(polygon)][::-1]
+            corners = polygon[between % len(polygon)][::-1]
+            along = corners[0] - corners[-1]
+            beyond = _BEYOND * np.array([along[1], -along[0]])
+            yield np.concatenate([corners, [corners[-1] + 0.5 * along + beyond]])
 
 
-def _convex_parts(name: str, polygon: FloatArray) -> list[FloatArray]:
-    """Return a polygon as convex parts: itself, or overlapping triangles."""
+def _convex_parts(name: str, polygon: FloatArray, height: float) -> list[FloatArray]:
+    """Return a polygon as convex parts: itself, or overlapping triangles; thin ones are wider."""
     turns = turn(np.roll(polygon, 1, axis=0), polygon, np.roll(polygon, -1, axis=0))
     if np.all(turns >= 0.0):
         return [polygon]
@@ -144,11 +161,14 @@ def _convex_parts(name: str, polygon: FloatArray) -> list[FloatArray]:
     count, parts = len(polygon), list[FloatArray]()
     for triangle in triangles[~flat]:
         corners = [polygon[triangle]]
+        longest = float(np.linalg.norm(np.ptp(corners[0], axis=0)))
+        least = _LEAST * max(longest, height)
+        thin = turn(*corners[0]) < least * longest
         for k in range(3):
             one, other = triangle[k], triangle[(k + 1) % 3]
-            if (one + 1) % count != other:  # a cut, not a side of the polygon
+            if thin or (one + 1) % count != other:  # a cut, not a side of the polygon
                 along = polygon[other] - polygon[one]
                 outward = np.array([along[1], -along[0]]) / np.linalg.norm(along)
-                corners.append(polygon[[one, other]] + OVERLAP * outward)
+                corners.append(polygon[[one, other]] + (least if thin else OVERLAP) * outward)
         parts.append(np.concatenate(corners))
     return parts

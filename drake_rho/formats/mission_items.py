@@ -13,6 +13,8 @@ from drake_rho.scenario.frame import Frame
 WAYPOINT, LOITER_UNLIMITED, LOITER_TURNS, LOITER_TIME, RETURN = 16, 17, 18, 19, 20
 LAND, TAKEOFF, LOITER_TO_ALTITUDE, SPLINE, VTOL_TAKEOFF, VTOL_LAND = 21, 22, 31, 82, 84, 85
 DELAY, CHANGE_SPEED = 93, 178
+NAVIGATION = 92
+"""Largest number of a command with a place (a delay has none)."""
 
 AMSL, RELATIVE, TERRAIN = (0, 5), (3, 6), (10, 11)
 """Frames of MAVLink by what their altitudes are above: mean sea level, home, the terrain."""

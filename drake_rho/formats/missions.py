@@ -28,6 +28,7 @@ from drake_rho.scenario.records import (
     HalfSpace,
     KeepIn,
     Limits,
+    Polytope,
     Scenario,
     Sphere,
     State,
@@ -43,6 +44,8 @@ _SAGS = 0.1
 """Difference of a level from one of constant altitude at which a warning is given [m]."""
 _BELOW = 1.0
 """Distance of the floor below the lowest place [m]: room for the tube of a flight in wind."""
+_ABOVE = 50.0
+"""Distance of the ceiling above the highest place [m], since zones have no end in height."""
 _ON_LEG = np.linspace(0.0, 1.0, 101)[:, None]
 """Fractions of a leg at which it is compared with zones."""
 _PLAN = re.compile(r'"fileType"\s*:\s*"Plan"')
@@ -62,8 +65,8 @@ def load_mission(
     passed, for as long as they hold; before a landing or return it stops above the ground. The
     last place is the goal. Changes of speed limit the legs that follow, and so does the speed of a
     plan. Fences are requirements (inclusion) and obstacles (exclusion), and nothing is flown more
-    than a metre below the lowest place. Positions are metres east,
-    north and up of home, which is `Scenario.frame`.
+    than a metre below the lowest place or, with zones that are polygons, 50 m above the highest.
+    Positions are metres east, north and up of home, which is `Scenario.frame`.
 
     Without a grid, every waypoint has a time: each leg gets as long as from rest to rest along a
     straight line within the limits, which can always be flown if nothing is in the way.
@@ -96,10 +99,13 @@ def load_mission(
     for file, mission, own, name in zip(paths, missions, homes, names, strict=True):
         with in_file(file):
             route = route_of(mission, own, homes[0])
-            flight = _Flight(file, name, route, Zones((), ()))
-            zones = zones_of(mission.fences, homes[0], flight.positions)
-        flights.append(dataclasses.replace(flight, zones=zones))
-        _warn(file, route, flight.positions)
+        flights.append(_Flight(file, name, route, Zones((), ())))
+        _warn(file, route, flights[-1].positions)
+    floor, ceiling = _heights(flights)
+    for k, mission in enumerate(missions):
+        with in_file(paths[k]):
+            zones = zones_of(mission.fences, homes[0], (floor - 1.0, ceiling + 1.0))
+        flights[k] = dataclasses.replace(flights[k], zones=zones)
     return _scenario(flights, limits, grid, homes[0])
 
 
@@ -211,8 +217,10 @@ def _scenario(
         _vehicle(each, None if times is None else times[k]) for k, each in enumerate(flights)
     ]
     requirements = [own for each in flights for own in _requirements(each, pace, len(flights))]
-    lowest = min(float(each.positions[:, 2].min()) for each in flights)
-    requirements.append(KeepIn(HalfSpace([0.0, 0.0, -1.0], _BELOW - lowest), name="floor"))
+    floor, ceiling = _heights(flights)
+    requirements.append(KeepIn(HalfSpace([0.0, 0.0, -1.0], -floor), name="floor"))
+    if any(isinstance(each.shape, Polytope) for each in obstacles):  # nobody flies over them
+        requirements.append(KeepIn(HalfSpace([0.0, 0.0, 1.0], ceiling), name="ceiling"))
     try:
         name = " and ".join(each.name for each in flights[:3])[:_LONGEST_NAME].strip()
         return Scenario(
@@ -220,6 +228,12 @@ def _scenario(
         )
     except ScenarioError as error:
         raise _at_item(flights, error) from None
+
+
+def _heights(flights: Sequence[_Flight]) -> tuple[float, float]:
+    """Return the heights between which all fly [m]."""
+    heights = np.concatenate([each.positions[:, 2] for each in flights])
+    return float(heights.min()) - _BELOW, float(heights.max()) + _ABOVE
 
 
 def _scheduled(

@@ -14,7 +14,16 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from pydantic.alias_generators import to_camel
 
-from drake_rho.formats.mission_items import LAND, MOST_ITEMS, WAYPOINT, Fence, Item, MissionFile
+from drake_rho.formats.mission_items import (
+    LAND,
+    MOST_ITEMS,
+    NAVIGATION,
+    RETURN,
+    WAYPOINT,
+    Fence,
+    Item,
+    MissionFile,
+)
 from drake_rho.formats.written_missions import MissionFormat, WrittenMission
 from drake_rho.scenario.errors import Description, ScenarioError
 from drake_rho.scenario.fields import LARGEST, Positive
@@ -57,11 +66,15 @@ class _Fences(_Part):
     polygon: tuple[_OnMap, ...] = ()  # of version 1
 
 
+_PARAMETERS = 7
+"""Number of parameters of an item, of which the last three are its place."""
+
+
 class _Item(_Part):
     type: str = "SimpleItem"
     command: Annotated[int, Field(ge=0, le=65535)] = 0
     frame: Annotated[int, Field(ge=0, le=255)] = 0
-    params: Annotated[tuple[_Number | None, ...], Field(max_length=7)] = ()
+    params: Annotated[tuple[_Number | None, ...], Field(max_length=_PARAMETERS)] = ()
     coordinate: tuple[_Number | None, _Number | None, _Number | None] | None = None  # older files
     complex_item_type: str | None = None
     transect_style_complex_item: _Transects | None = Field(None, alias="TransectStyleComplexItem")
@@ -127,6 +140,10 @@ def parse_plan(text: str) -> MissionFile:
 def _items(name: str, item: _Item, skipped: list[str]) -> Iterator[Item]:
     """Yield the simple items of an item, which is added to `skipped` if it has none."""
     if item.type == "SimpleItem":
+        placed = item.command <= NAVIGATION and item.command != RETURN
+        if placed and item.coordinate is None and len(item.params) != _PARAMETERS:
+            got = Description(f"{len(item.params)} parameters")
+            raise ScenarioError(f"{name}, params", got, f"{_PARAMETERS}, or a coordinate")
         place = item.coordinate or item.params[4:]
         given = [*_filled(item.params[:4], 4), *_filled(place, 3)]
         yield Item(name, item.command, item.frame, tuple(given))

@@ -99,5 +99,6 @@ def _exported(plan: Plan, path: Path, files: list[Path], legs: list[Legs]) -> Ex
         spare = dataclasses.replace(spare, left=min(spare.left, -lost), keeps_clear=False)
     count = max(len(each.times) - 1 for each in legs)
     words = f"{count} places with straight legs within {TOLERANCE:g} m, and no times"
+    words += ", no fences" if scenario.bodies or scenario.requirements else ""
     words += ": separation is lost," if len(legs) > 1 else ","
     return Exported(path, tuple(files), words, scenario.names, deviations, spare)

@@ -177,7 +177,10 @@ def _read_text(path: str | Path, content: bytes, scenario: Scenario | None) -> P
     if is_table(text):
         expected = "expected its scenario, as in load(path, scenario=...)"
         raise PlanFileError(f"{path}: a table of states without a scenario, {expected}")
-    raise PlanFileError(f"{path}: not a plan or flight of drake_rho, or damaged")
+    raise PlanFileError(
+        f"{path}: not a plan or flight of drake_rho, or damaged; trajectories of others need a "
+        "scenario: load_trajectories(path, scenario), or --scenario"
+    )
 
 
 def _unpack_all(path: str | Path, content: Archive) -> Planned:

@@ -145,10 +145,15 @@ def _largest_mean(motion: Polynomials) -> tuple[float, float]:
     return float(motion.instants[min(k + 1, len(widths))]), float(norms[k])
 
 
+_MORE = 1.2
+"""Factor on a rate that would decide if the straight lines stayed where they are."""
+
+
 def with_rates(column: Column, tubes: Tubes) -> Column:
     """Return a column with the rates that would decide its undecided checks.
 
-    The errors have to shrink below the line's own distance from the limit.
+    The errors have to shrink below the line's own distance from the limit. Lines between more
+    samples lie elsewhere, so the rates are larger by `_MORE`.
     """
     if not isinstance(tubes, SampleTubes):
         return column
@@ -159,6 +164,6 @@ def with_rates(column: Column, tubes: Tubes) -> Column:
         rates = np.full(len(excess), np.inf)
     else:
         apart = np.maximum(np.abs(excess - errors), column.tolerances)
-        shrunk = np.maximum(errors / apart, 1.0) ** (1.0 / growth)
+        shrunk = _MORE * np.maximum(errors / apart, 1.0) ** (1.0 / growth)
         rates = shrunk / np.maximum(tubes.widths(column.times), np.finfo(float).tiny)
     return dataclasses.replace(column, rates=np.where(undecided, rates, np.nan))

@@ -204,8 +204,8 @@ def region(scenario: Scenario) -> Region:
     """Return the boxes in which paths are searched.
 
     They enclose starts, goals, waypoints and obstacles, with a margin for paths around all of
-    them. They are cut to the positions that any vehicle can reach and to each vehicle's position
-    box.
+    them. They are cut to the positions that any vehicle can reach, to each vehicle's position box
+    and to the sets in which its position is required at all times.
     """
     fleet, elapsed = scenario.fleet, scenario.grid.elapsed
     lows = [fleet.start_positions.min(axis=0), fleet.goal_positions.min(axis=0)]
@@ -230,4 +230,11 @@ def region(scenario: Scenario) -> Region:
     lower, upper = np.tile(lower, (count, 1)), np.tile(upper, (count, 1))
     if (bounds := fleet.bounds("position")) is not None:
         lower, upper = np.maximum(lower, bounds.lower), np.minimum(upper, bounds.upper)
+    axes = np.eye(3)
+    for each in scenario.required:
+        fixed = each.active is None and each.between is None and each.relative_to is None
+        if each.of == "position" and fixed:
+            who = each.members(scenario.names)
+            lower[who] = np.maximum(lower[who], -np.asarray(each.set.support(-axes)))
+            upper[who] = np.minimum(upper[who], np.asarray(each.set.support(axes)))
     return Region(lower, np.maximum(lower, upper), reachable)
