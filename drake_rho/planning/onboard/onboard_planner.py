@@ -297,10 +297,15 @@ class OnboardPlanner:
         return found
 
     def _announce(self, proposal: Proposal, time: float) -> bool:
-        """Announce a window, unless it is late or conflicts by now; return whether it is."""
+        """Announce a window, unless it is late or conflicts by now; return whether it is.
+
+        What others would refuse, because rounding adds up, is not announced either.
+        """
         if self._time_of(proposal.window.first_knot) < time + self.check:
             return False
         own = self._shared(proposal, time)
+        if self._others.violation(self.name, own) is not None:
+            return False
         heard = (each for _, message in self._others.near(time) for each in message.plans)
         if self._conflicts(own, heard).any():
             return False
@@ -317,7 +322,9 @@ class OnboardPlanner:
         )
         accelerations = before.then(knot - self._first, plan.accelerations[0])[now - self._first :]
         radius = max(largest_radius(plan.scenario), before.radius)
-        return SharedPlan(time, start, self._grid.step, state, accelerations, radius)
+        flown = SharedPlan(time, start, self._grid.step, state, accelerations, radius)
+        # a window begins at its limits where the plan before exceeds them by rounding
+        return flown.ending_at_rest(plan.positions[0, -1], plan.accelerations.shape[1])
 
     def _decide(self, own: SharedPlan, proposal: Proposal, time: float) -> None:
         """Commit to the announced plan, or withdraw it.

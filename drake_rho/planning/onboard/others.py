@@ -108,12 +108,17 @@ class Others:
             raise MessageError(sender, "a plan begins after its announcement, not before")
         if is_known:
             return
-        reason = self._violation(sender, plan)
+        reason = self.violation(sender, plan)
         if reason is not None:
             raise MessageError(sender, f"a plan violates {reason}")
 
-    def _violation(self, sender: str, plan: SharedPlan) -> str | None:
-        """Return what a plan violates of the limits of its vehicle; None if nothing."""
+    def violation(self, sender: str, plan: SharedPlan) -> str | None:
+        """Return what a plan violates of rest at its end and its vehicle's limits; None if nothing.
+
+        Args:
+            sender: name of the vehicle.
+            plan: its plan.
+        """
         fleet, index = self._scenario.fleet, self._scenario.index_of(sender)
         p, v = plan.knots
         if float(np.linalg.norm(v[-1])) > TOLERANCE * float(fleet.scale("velocity")[index]):

@@ -80,6 +80,23 @@ class SharedPlan:
         p = self.knots[0]
         return np.array([p.min(axis=0) - self.deviation, p.max(axis=0) + self.deviation])
 
+    def ending_at_rest(self, place: FloatArray, steps: int) -> Self:
+        """Return the plan with accelerations that differ so that it ends at rest at a place.
+
+        Args:
+            place: place (3,) near its end [m].
+            steps: number of its last steps, n, over which the change is linear: with c_k from
+                (n - 1) / 2 down to -(n - 1) / 2 and a_k + α + β c_k, velocities change by n h α and
+                positions by h² (α n² / 2 + β n (n² - 1) / 12).
+        """
+        (p, v), h, n = self.knots, self.step, steps
+        alpha = -v[-1] / (n * h)
+        beta = (place - p[-1]) / h**2 - alpha * n**2 / 2.0
+        beta *= 12.0 / max(n * (n**2 - 1.0), 1.0) * (n > 1)
+        accelerations = np.array(self.accelerations)
+        accelerations[-n:] += alpha + beta * ((n - 1) / 2.0 - np.arange(n))[:, None]
+        return dataclasses.replace(self, accelerations=accelerations)
+
     def track(self, begin: float) -> Track:
         """Return the polyline through its knots, from the last one before a time on [s].
 
