@@ -116,7 +116,7 @@ def _two_columns(rows: dict[str, str], width: int | None = None) -> Table:
 
 
 def _name(command: Command) -> str:
-    """Return the name of a command: that of its function, without a bar after a word of Python."""
+    """Return the name of a command, its function's without a trailing underscore."""
     return command.__name__.rstrip("_")
 
 

@@ -71,7 +71,7 @@ class _Given:
         return Grid.lasting(self.duration or 0.0, step=self.step or 0.0)
 
     def limits(self, others: Limits) -> Limits:
-        """Return limits with those that are given in place of others."""
+        """Return limits in which the options replace those of the file."""
         return dataclasses.replace(
             others,
             max_speed=others.max_speed if self.max_speed is None else self.max_speed,

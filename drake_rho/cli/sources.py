@@ -85,7 +85,7 @@ def _vehicle_and_topic(text: str) -> tuple[str, str]:
 
 
 def read(source: str) -> Scenario:
-    """Read a scenario by name, from a file, from that of a result, or from that of a mission.
+    """Read a scenario by name, or from the file of a scenario, a result or a mission.
 
     Raises:
         PlanFileError: the file of a result cannot be read.

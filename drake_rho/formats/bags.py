@@ -79,7 +79,7 @@ def _of_mcap(content: bytes, kinds: frozenset[str]) -> Iterator[Message]:
 
 
 def _inflated(content: bytes) -> Iterator[tuple[str, int, memoryview]]:
-    """Yield place, kind and content of records, those of chunks in place of the chunks.
+    """Yield place, kind and content of every record, with chunks inflated.
 
     Raises:
         ValueError: a record is cut off, or chunks are damaged or inflate to too much.

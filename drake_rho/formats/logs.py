@@ -31,7 +31,7 @@ Places = Sequence[tuple[int, Any]]
 
 
 class Source:
-    """Positions of one vehicle, and the frames in which they are given."""
+    """Positions of one vehicle, with their frames."""
 
     def __init__(self, kind: str) -> None:
         self.kind, self.frames = kind, set[str]()

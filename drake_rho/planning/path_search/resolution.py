@@ -232,8 +232,8 @@ def region(scenario: Scenario) -> Region:
         lower, upper = np.maximum(lower, bounds.lower), np.minimum(upper, bounds.upper)
     axes = np.eye(3)
     for each in scenario.required:
-        fixed = each.active is None and each.between is None and each.relative_to is None
-        if each.of == "position" and fixed:
+        always = each.active is None and each.between is None and each.penalty is None
+        if each.of == "position" and each.relative_to is None and always:
             who = each.members(scenario.names)
             lower[who] = np.maximum(lower[who], -np.asarray(each.set.support(-axes)))
             upper[who] = np.minimum(upper[who], np.asarray(each.set.support(axes)))
