@@ -32,9 +32,9 @@ WORDS = {
     "SCP": "glossary|design",
     "wind": "guides/wind",
     "gust": "guides/wind",
-    "ROS 2": "guides/mpc",
-    "Crazyflie": "guides/export|export",
-    "PX4": "guides/export|export",
+    "ROS 2": "guides/recipes|guides/mpc",
+    "Crazyflie": "guides/recipes|guides/export|export",
+    "PX4": "guides/recipes|guides/export|export",
     "QP solver": "guides/fast|glossary",
     "warm start": "guides/fast|guides/mpc|glossary",
 }
@@ -94,3 +94,13 @@ def test_twenty_words_of_the_field_lead_to_the_right_page(site: Path) -> None:
             if not set(places.split("|")) & set(found):
                 wrong[words] = found
         assert wrong == {}
+
+
+@pytest.mark.slow
+def test_words_that_begin_with_any_digit_are_searched(site: Path) -> None:
+    with open_page() as (page, messages):
+        page.goto((site / "index.html").as_uri())
+        page.locator("input[data-md-component=search-query]").click()
+        for digit in "0123456789":
+            assert _found(page, digit), digit
+        assert not any("Invalid query" in message for message in messages)

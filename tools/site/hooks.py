@@ -37,6 +37,9 @@ BOOSTS = {"guides/": 4.0, "glossary.md": 2.0, "api/": 0.5, "results/": 0.2, "cha
 """Weights of pages in the search: tasks come before references, and these before tables."""
 
 _LINK = re.compile(r"\[([^\]]*)\]\(([^)\s]+)\)")
+_LABEL_AND_NUMBER = re.compile(
+    r"(TokenSet\.prototype\.toString=function\(\)\{[^}]*?\w\+\w\.id)(?=\})"
+)
 _CELL = re.compile(r'<div class="highlight-ipynb[^>]*"')
 _SCRIPT_FROM_ELSEWHERE = re.compile(r'<script[^>]*\bsrc="(?:https?:[^"]*)?"[^>]*></script>')
 
@@ -107,6 +110,16 @@ def on_post_page(output: str, **_: object) -> str:
     output = _SCRIPT_FROM_ELSEWHERE.sub("", output)
     output = _CELL.sub(r'\g<0> tabindex="0"', output)
     return output.replace('role="dialog"', 'role="dialog" aria-label="Search"', 1)
+
+
+def on_post_build(config: MkDocsConfig) -> None:
+    """End numbers of nodes with a comma where the search names nodes of its tree of words.
+
+    Without it a letter that is a digit runs into the number beside it, two nodes have one name,
+    and words that begin with some digit find nothing (olivernn/lunr.js#503).
+    """
+    for path in (Path(config.site_dir) / "assets/javascripts/workers").glob("search.*.js"):
+        path.write_text(_LABEL_AND_NUMBER.sub(r'\1+","', path.read_text()))
 
 
 def site_path(path: str) -> str | None:
