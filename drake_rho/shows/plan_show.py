@@ -21,7 +21,7 @@ from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.records import Grid, Scenario, State, Vehicle, Waypoint
 from drake_rho.scenario.times import steps_lasting
 from drake_rho.shows.assignment import assigned, places_of
-from drake_rho.shows.show import Scene, Show
+from drake_rho.shows.show import OFF, Scene, Show
 from drake_rho.shows.transitions import Transition
 
 LANDING = "landing"
@@ -99,11 +99,12 @@ def transitions_of(show: Show) -> Iterator[Transition]:
     """Yield the transitions of a show, to each scene and back above the pads."""
     before = show.waiting_places
     *to_scenes, to_pads = assigned(show)
-    places = [each.all[index] for each, index in zip(places_of(show), to_scenes, strict=True)]
-    for scene, goals in zip(show.scenes, places, strict=True):
-        yield Transition(show, scene.name, before, goals, scene.transition)
+    for scene, places, taken in zip(show.scenes, places_of(show), to_scenes, strict=True):
+        goals, lights = places.all[taken], [*scene.lights, *[OFF] * len(places.optional)]
+        colours = tuple(lights[place] for place in taken)
+        yield Transition(show, scene.name, before, goals, scene.transition, colours)
         before = goals
-    yield Transition(show, LANDING, before, show.waiting_places[to_pads], None)
+    yield Transition(show, LANDING, before, show.waiting_places[to_pads])
 
 
 def _check_times(show: Show, transitions: Sequence[Transition]) -> None:
@@ -170,7 +171,7 @@ def _vertical(
     """
     if show.take_off is None:
         return _Leg(np.zeros((len(starts), 0, 3)))
-    one = Transition(show, "the pads", starts[:1], goals[:1], None).planned(solver, options)
+    one = Transition(show, "the pads", starts[:1], goals[:1]).planned(solver, options)
     turns = _turns(show, starts if goals[0, 2] > starts[0, 2] else goals)
     if goals[0, 2] < starts[0, 2]:
         turns = turns.max() - turns
@@ -220,7 +221,7 @@ def _whole(
             State(transitions[-1].goals[number] + descent),
             radius=show.radius,
             waypoints=[
-                _stop(scene, time, each.goals[number])
+                _stop(scene, time, each.goals[number], each.colours[number])
                 for scene, time, each in zip(show.scenes, times, transitions, strict=False)
             ],
         )
@@ -229,8 +230,8 @@ def _whole(
     return Scenario(show.name, grid, vehicles, show.limits, show.obstacles, show.separation)
 
 
-def _stop(scene: Scene, time: float, position: FloatArray) -> Waypoint:
+def _stop(scene: Scene, time: float, position: FloatArray, colour: str) -> Waypoint:
     """Return the waypoint of one vehicle's place in a scene, at rest."""
     if scene.hold > 0.0:
-        return Waypoint(time, position, dwell=scene.hold, name=scene.name)
-    return Waypoint(time, position, velocity=np.zeros(3), name=scene.name)
+        return Waypoint(time, position, dwell=scene.hold, name=scene.name, colour=colour)
+    return Waypoint(time, position, velocity=np.zeros(3), name=scene.name, colour=colour)

@@ -14,6 +14,7 @@ from pydantic import Field, TypeAdapter, ValidationError
 from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.errors import Description, ScenarioError
 from drake_rho.scenario.fields import (
+    Colour,
     Count,
     FloatArray,
     Margin,
@@ -24,15 +25,13 @@ from drake_rho.scenario.fields import (
     record,
 )
 from drake_rho.scenario.files import yaml_content
-from drake_rho.scenario.records import Limits, Obstacles, Separation
+from drake_rho.scenario.records import Limits, Obstacle, Obstacles, Separation
 from drake_rho.scenario.refusals import scenario_error
 from drake_rho.shows.formations import AnyFormation
 from drake_rho.system.files import read_text, reason_of
 
-Colour = Annotated[str, Field(pattern="^#[0-9a-fA-F]{6}$")]
-"""Colour as #rrggbb."""
-
-WHITE = "#ffffff"
+OFF = "#000000"
+"""Colour of lights that are off."""
 
 
 @record
@@ -54,14 +53,22 @@ class Scene:
     transition: Positive | None = None
     """time of the flight to the formation [s], rounded to whole steps; the least that is found if
     not given"""
-    colours: tuple[Colour, ...] = (WHITE,)
-    """colours of the lights as #rrggbb: one for all, or one for each point"""
+    colours: tuple[Colour, ...] = ("#ffffff",)
+    """colours of the lights as #rrggbb: one for all points, or one for each; lights of vehicles that
+    wait are off"""
 
     def __post_init__(self) -> None:
         points = len(self.formation.positions)
         if len(self.colours) not in (1, points):
             expected = f"one, or one for each of the {points} points"
             raise ScenarioError("colours", Description(f"{len(self.colours)} colours"), expected)
+
+
+    @property
+    def lights(self) -> tuple[str, ...]:
+        """Colour of the light at each point."""
+        points = len(self.formation.positions)
+        return self.colours * points if len(self.colours) == 1 else self.colours
 
 
 @record
@@ -139,13 +146,9 @@ class Show:
                 expected = "pads above which enough vehicles can wait clear of the formation"
                 raise ScenarioError(f"{field}.formation", scene.name, expected)
         check_apart(self.home, self.separation, "pads")
-        if any(each.track is not None for _, each in enumerate(self._moving)):
-            raise ScenarioError("obstacles", Description("a moving one"), "obstacles at rest")
-
-    @property
-    def _moving(self) -> Sequence[Any]:
-        """Obstacles with a track."""
-        return [each for each in self.obstacles if getattr(each, "track", None) is not None]
+        for index, each in enumerate(self.obstacles):
+            if isinstance(each, Obstacle) and (each.moves or each.active or each.known_from):
+                raise ScenarioError(f"obstacles[{index}]", each, "an obstacle that is at rest")
 
     @cached_property
     def home(self) -> FloatArray:

@@ -41,8 +41,10 @@ class Transition:
     """positions at the beginning [m], shape (N, 3)"""
     goals: FloatArray
     """positions at the end [m], shape (N, 3)"""
-    duration: float | None
+    duration: float | None = None
     """given duration [s]; None for the least that is found"""
+    colours: tuple[str, ...] = ()
+    """colour of each vehicle's light in the scene, if it leads to one"""
 
     @property
     def least(self) -> float:
