@@ -69,8 +69,10 @@ def of_text(text: str, font: Path | None) -> list[FloatArray]:
         font: file of a TrueType or OpenType font; matplotlib's DejaVu Sans if not given.
 
     Raises:
-        ScenarioError: the font cannot be read, or the text has no outlines in it.
+        ScenarioError: the font cannot be read, or the text is blank.
     """
+    if not text.strip():
+        raise ScenarioError("text", text, "at least one letter")
     from matplotlib.font_manager import FontProperties  # slow to load, so only where needed
     from matplotlib.textpath import TextPath
 
@@ -82,10 +84,7 @@ def of_text(text: str, font: Path | None) -> list[FloatArray]:
     except (OSError, RuntimeError, ValueError) as error:
         expected = f"the file of a TrueType or OpenType font; {error}"
         raise ScenarioError("font", str(font), expected) from None
-    outlines = [_closed(each) for each in path.to_polygons() if len(each) > 2]
-    if not outlines:
-        raise ScenarioError("text", text, "letters that the font can draw")
-    return outlines
+    return [_closed(each) for each in path.to_polygons() if len(each) > 2]
 
 
 def of_drawing(path: Path) -> list[FloatArray]:
