@@ -66,7 +66,7 @@ def finish(
     heading = [f"wind: {wind}"] if wind is not None else []
     text = list(_text(flown, report.printed(every_row=every_row)))
     if certificate is not None:
-        document["show"] = content_of(certificate) | {"gap": certificate.gap}
+        document["show"] = certificate
         text = [*text, "", str(certificate)]
     return tell(document, *heading, *text, *written, status=_exit_status(report))
 

@@ -7,7 +7,6 @@ from typing import NamedTuple
 import numpy as np
 
 from drake_rho.scenario.fields import FloatArray
-from drake_rho.scenario.parts import Waypoint
 from drake_rho.scenario.records import Scenario, Vehicle
 
 _WHITE, _OFF = (255, 255, 255), (0, 0, 0)
@@ -24,7 +23,7 @@ class Lights(NamedTuple):
     def at(self, times: FloatArray) -> FloatArray:
         """Return whole numbers of red, green and blue at times [s], shape (len(times), 3)."""
         parts = [np.interp(times, self.times, each) for each in self.colours.T]
-        return np.rint(np.stack(parts, axis=1))
+        return np.asarray(np.rint(np.stack(parts, axis=1)))
 
 
 def lights_of(scenario: Scenario) -> list[Lights]:
@@ -51,15 +50,9 @@ def _faded(scenario: Scenario, vehicle: Vehicle) -> Lights:
     for time, waypoint in timed:
         if waypoint.colour is not None:
             times += [time, time + waypoint.dwell]
-            colours += [_numbers(waypoint)] * 2
+            red, green, blue = bytes.fromhex(waypoint.colour[1:])
+            colours += [(red, green, blue)] * 2
     return Lights(
         np.array([*times, max(lasting, times[-1])]),
         np.array([*colours, _OFF], dtype=np.float64),
     )
-
-
-def _numbers(waypoint: Waypoint) -> tuple[int, int, int]:
-    """Return the numbers of red, green and blue of a waypoint's colour, from 0 to 255."""
-    assert waypoint.colour is not None
-    red, green, blue = bytes.fromhex(waypoint.colour[1:])
-    return red, green, blue

@@ -145,7 +145,7 @@ def _points(segments: Segments, vehicle: int) -> list[list[Any]]:
 def _program(lights: Lights) -> str:
     """Return the light program of one vehicle, with times rounded to 20 ms."""
     ticks = np.rint(lights.times / _LIGHT_STEP).astype(np.int64)
-    program, before = bytearray(), None
+    program, before = bytearray(), np.full(3, -1.0)
     for lasting, colour in zip(np.diff(ticks, prepend=0), lights.colours, strict=True):
         if lasting > 0:
             command = _SET_COLOUR if np.array_equal(colour, before) else _FADE_TO_COLOUR

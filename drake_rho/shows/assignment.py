@@ -11,10 +11,11 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator, Sequence
+from itertools import pairwise
 
 import numpy as np
 
-from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
+from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.records import Limits
 from drake_rho.shows.show import Show
 
@@ -129,7 +130,7 @@ def _flown(
 ) -> Iterator[FloatArray]:
     """Yield the squared distances that vehicles fly in each transition [m²], shape (N,)."""
     at = [home, *(each.all[index] for each, index in zip(places, found, strict=True)), home]
-    for a, b in zip(at[:-1], at[1:], strict=True):
+    for a, b in pairwise(at):
         yield np.sum((b - a) ** 2, axis=1)
 
 
@@ -179,9 +180,8 @@ def _best_exchange(
         mine_on = least_times(after[first] - at, limits)
         others_to = least_times(at[first] - before, limits)
         others_on = least_times(after - at[first], limits)
-        sums = (
-            np.maximum(np.maximum(mine_to, others_to), _others(to, first))
-            + np.maximum(np.maximum(mine_on, others_on), _others(on, first))
+        sums = np.maximum(np.maximum(mine_to, others_to), _others(to, first)) + np.maximum(
+            np.maximum(mine_on, others_on), _others(on, first)
         )
         sums[everyone == first] = np.inf
         second = int(np.argmin(sums))
@@ -286,5 +286,3 @@ def _matched(costs: FloatArray) -> FloatArray:
 
     pairs: FloatArray = costs[linear_sum_assignment(costs)]
     return pairs
-
-

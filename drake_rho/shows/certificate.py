@@ -122,9 +122,7 @@ def certify_show(show: Show, plan: Plan) -> ShowCertificate:
     )
 
 
-def _times(
-    show: Show, plan: Plan, at: Sequence[FloatArray]
-) -> tuple[list[float], list[float]]:
+def _times(show: Show, plan: Plan, at: Sequence[FloatArray]) -> tuple[list[float], list[float]]:
     """Return the times at which transitions begin and end [s].
 
     Args:

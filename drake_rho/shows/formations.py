@@ -6,9 +6,10 @@ import dataclasses
 import io
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
+import numpy.typing as npt
 from pydantic import Field
 
 from drake_rho.scenario.errors import ScenarioError
@@ -81,6 +82,12 @@ class Table(Formation):
     kind: Literal["table"] = "table"
     """the kind of formation"""
 
+    if TYPE_CHECKING:
+
+        def __init__(
+            self, coordinates: npt.ArrayLike | None = None, path: str | None = None, **placed: Any
+        ) -> None: ...
+
     def __post_init__(self) -> None:
         if (self.coordinates is None) == (self.path is None):
             raise ScenarioError("coordinates", self.coordinates, "either coordinates or a path")
@@ -91,7 +98,9 @@ class Table(Formation):
         Raises:
             ScenarioError: the file cannot be read or does not hold such a table.
         """
-        return self.coordinates if self.path is None else _table(Path(self.path))
+        if self.coordinates is not None:
+            return self.coordinates
+        return _table(Path(self.path or ""))
 
 
 @record
@@ -114,6 +123,12 @@ class Grid(Formation):
     kind: Literal["grid"] = "grid"
     """the kind of formation"""
 
+    if TYPE_CHECKING:
+
+        def __init__(
+            self, columns: int, rows: int, layers: int = 1, *, spacing: float, **placed: Any
+        ) -> None: ...
+
     def points(self) -> FloatArray:
         """Return the points row by row [m], shape (M, 3)."""
         counts = self.layers, self.rows, self.columns
@@ -133,6 +148,10 @@ class Ring(Formation):
     kind: Literal["ring"] = "ring"
     """the kind of formation"""
 
+    if TYPE_CHECKING:
+
+        def __init__(self, count: int, radius: float, **placed: Any) -> None: ...
+
     def points(self) -> FloatArray:
         """Return the points [m], shape (M, 3)."""
         angles = 2.0 * np.pi * np.arange(self.count) / self.count
@@ -149,6 +168,10 @@ class Sphere(Formation):
     """radius [m]"""
     kind: Literal["sphere"] = "sphere"
     """the kind of formation"""
+
+    if TYPE_CHECKING:
+
+        def __init__(self, count: int, radius: float, **placed: Any) -> None: ...
 
     def points(self) -> FloatArray:
         """Return the points from the lowest to the highest [m], shape (M, 3)."""
@@ -173,6 +196,12 @@ class Letters(Formation):
     kind: Literal["letters"] = "letters"
     """the kind of formation"""
 
+    if TYPE_CHECKING:
+
+        def __init__(
+            self, text: str, count: int, height: float, font: str | None = None, **placed: Any
+        ) -> None: ...
+
     def points(self) -> FloatArray:
         """Return the points letter by letter [m], shape (M, 3).
 
@@ -195,6 +224,10 @@ class Drawing(Formation):
     """height of the drawing [m]"""
     kind: Literal["drawing"] = "drawing"
     """the kind of formation"""
+
+    if TYPE_CHECKING:
+
+        def __init__(self, path: str, count: int, height: float, **placed: Any) -> None: ...
 
     def points(self) -> FloatArray:
         """Return the points line by line [m], shape (M, 3).

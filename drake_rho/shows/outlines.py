@@ -84,7 +84,8 @@ def of_text(text: str, font: Path | None) -> list[FloatArray]:
     except (OSError, RuntimeError, ValueError) as error:
         expected = f"the file of a TrueType or OpenType font; {error}"
         raise ScenarioError("font", str(font), expected) from None
-    return [_closed(each) for each in path.to_polygons() if len(each) > 2]
+    polygons = [np.asarray(each, dtype=np.float64) for each in path.to_polygons()]
+    return [_closed(each) for each in polygons if len(each) > 2]
 
 
 def of_drawing(path: Path) -> list[FloatArray]:
@@ -93,7 +94,7 @@ def of_drawing(path: Path) -> list[FloatArray]:
     Raises:
         ScenarioError: the file cannot be read, declares entities, or has no paths.
     """
-    from svgelements import SVG, Shape  # an extra
+    from svgelements import SVG, Shape  # of the extra shows
     from svgelements import Path as Curve
 
     try:
@@ -125,4 +126,6 @@ def _closed(points: FloatArray) -> FloatArray:
     points = np.asarray(points, dtype=np.float64)
     keep = [True, *(not np.array_equal(a, b) for a, b in pairwise(points))]
     points = points[np.array(keep)]
-    return np.concatenate([points[:-1] if np.allclose(points[0], points[-1]) else points, points[:1]])
+    if np.allclose(points[0], points[-1]):
+        points = points[:-1]
+    return np.concatenate([points, points[:1]])

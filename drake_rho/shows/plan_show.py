@@ -138,8 +138,7 @@ def _planned(
         return [_leg(each, solver, options) for each in _told(transitions, progress)]
     futures = [executor.submit(_leg, each, solver, options) for each in transitions]
     return [
-        future.result()
-        for future, _ in zip(futures, _told(transitions, progress), strict=True)
+        future.result() for future, _ in zip(futures, _told(transitions, progress), strict=True)
     ]
 
 
@@ -172,8 +171,10 @@ def _vertical(
     if show.take_off is None:
         return _Leg(np.zeros((len(starts), 0, 3)))
     one = Transition(show, "the pads", starts[:1], goals[:1]).planned(solver, options)
-    turns = _turns(show, starts if goals[0, 2] > starts[0, 2] else goals)
-    if goals[0, 2] < starts[0, 2]:
+    rises = goals[0, 2] > starts[0, 2]
+    at_once = show.take_off.at_once or len(starts)
+    turns = _pad_numbers(show, starts if rises else goals) // at_once
+    if not rises:
         turns = turns.max() - turns
     waits = turns * steps_lasting(show.take_off.every, show.step)
     steps = one.accelerations.shape[1]
@@ -183,12 +184,10 @@ def _vertical(
     return _Leg(accelerations, one.statistics)
 
 
-def _turns(show: Show, pads: FloatArray) -> IntArray:
-    """Return the turn in which each vehicle's pad is left, from 0, shape (N,)."""
-    assert show.take_off is not None
-    order = {tuple(pad): number for number, pad in enumerate(show.home.tolist())}
-    numbers = np.array([order[tuple(pad)] for pad in pads.tolist()])
-    return numbers // (show.take_off.at_once or len(pads))
+def _pad_numbers(show: Show, pads: FloatArray) -> IntArray:
+    """Return which pad each of some positions is, shape (N,)."""
+    numbers = {tuple(pad): number for number, pad in enumerate(show.home.tolist())}
+    return np.array([numbers[tuple(pad)] for pad in pads.tolist()])
 
 
 def _joined(

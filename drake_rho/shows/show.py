@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from functools import cache, cached_property
 from importlib.resources import files
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field, TypeAdapter, ValidationError
@@ -25,8 +25,10 @@ from drake_rho.scenario.fields import (
     record,
 )
 from drake_rho.scenario.files import yaml_content
-from drake_rho.scenario.records import Limits, Obstacle, Obstacles, Separation
+from drake_rho.scenario.records import Limits, Obstacle, Separation
 from drake_rho.scenario.refusals import scenario_error
+from drake_rho.scenario.shapes.base import Solid
+from drake_rho.scenario.worlds import Obstacles
 from drake_rho.shows.formations import AnyFormation
 from drake_rho.system.files import read_text, reason_of
 
@@ -54,15 +56,25 @@ class Scene:
     """time of the flight to the formation [s], rounded to whole steps; the least that is found if
     not given"""
     colours: tuple[Colour, ...] = ("#ffffff",)
-    """colours of the lights as #rrggbb: one for all points, or one for each; lights of vehicles that
+    """colours of the lights as #rrggbb, one for all points or one for each; lights of vehicles that
     wait are off"""
+
+    if TYPE_CHECKING:
+
+        def __init__(
+            self,
+            name: str,
+            formation: AnyFormation,
+            hold: float = 0.0,
+            transition: float | None = None,
+            colours: Sequence[str] = (),
+        ) -> None: ...
 
     def __post_init__(self) -> None:
         points = len(self.formation.positions)
         if len(self.colours) not in (1, points):
             expected = f"one, or one for each of the {points} points"
             raise ScenarioError("colours", Description(f"{len(self.colours)} colours"), expected)
-
 
     @property
     def lights(self) -> tuple[str, ...]:
@@ -131,6 +143,23 @@ class Show:
     duration: Positive | None = None
     """longest time of the whole show [s]; any if not given"""
 
+    if TYPE_CHECKING:
+
+        def __init__(
+            self,
+            name: str,
+            pads: AnyFormation,
+            scenes: Sequence[Scene],
+            limits: Limits,
+            separation: Separation,
+            step: float = 0.25,
+            take_off: TakeOff | None = None,
+            landing: str = "own",
+            obstacles: Sequence[Solid | Obstacle] = (),
+            radius: float = 0.0,
+            duration: float | None = None,
+        ) -> None: ...
+
     def __post_init__(self) -> None:
         names = [scene.name for scene in self.scenes]
         for index, scene in enumerate(self.scenes):
@@ -159,7 +188,7 @@ class Show:
     def waiting_places(self) -> FloatArray:
         """Places above the pads where vehicles assemble and wait [m], shape (N, 3)."""
         height = 0.0 if self.take_off is None else self.take_off.height
-        return read_only(self.home + [0.0, 0.0, height])
+        return read_only(self.home + np.array([0.0, 0.0, height]))
 
     def waiting_for(self, scene: Scene) -> FloatArray:
         """Return the waiting places that are clear of a formation [m], shape (M, 3)."""
@@ -168,7 +197,8 @@ class Show:
         scaled = self.separation.scaled
         tree = cKDTree(scaled(scene.formation.positions))
         away, _ = tree.query(scaled(self.waiting_places))
-        return self.waiting_places[away >= self.separation.distance]
+        clear: FloatArray = self.waiting_places[away >= self.separation.distance]
+        return clear
 
     @property
     def vehicles(self) -> tuple[str, ...]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Iterator
+from typing import Any
 
 from drake_rho.motion.plan import Plan
 from drake_rho.planning.call.options import Options
@@ -14,7 +15,7 @@ from drake_rho.planning.errors import InfeasibleError, OutOfTimeError, SolverErr
 from drake_rho.planning.planners.plan import plan
 from drake_rho.planning.programs.backend import Solver, SolverName
 from drake_rho.scenario.fields import FloatArray
-from drake_rho.scenario.records import Grid, Scenario, State, Vehicle
+from drake_rho.scenario.records import Box, Grid, Limits, Scenario, State, Vehicle
 from drake_rho.scenario.times import steps_lasting
 from drake_rho.shows.assignment import least_times
 from drake_rho.shows.show import Show
@@ -27,6 +28,10 @@ _LONGER = 1.06
 
 _LONGEST = 3.0
 """Largest duration that is tried, as a multiple of the shortest."""
+
+_SPARE = 1e-6
+"""Part of every limit of speed, acceleration and jerk that transitions leave free: accepted
+violations are relative to the flight's mean acceleration, which is less over a whole show."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -62,7 +67,7 @@ class Transition:
             f"{show.name}: to {self.name}",
             Grid(show.step, steps + 1),
             vehicles,
-            show.limits,
+            _reduced(show.limits),
             show.obstacles,
             show.separation,
         )
@@ -99,3 +104,15 @@ class Transition:
             except OutOfTimeError:
                 check_time()  # raises if it was not the bound on the work
         return plan(self.scenario(tried[-1]), solver=solver, options=options)
+
+
+def _reduced(limits: Limits) -> Limits:
+    """Return limits whose bounds on speeds, accelerations and jerks are slightly smaller."""
+    smaller: dict[str, Any] = {}
+    for name in ("velocity", "acceleration", "jerk", "max_speed", "max_acceleration", "max_jerk"):
+        limit = getattr(limits, name)
+        if isinstance(limit, Box):
+            smaller[name] = Box(limit.lower * (1.0 - _SPARE), limit.upper * (1.0 - _SPARE))
+        elif limit is not None:
+            smaller[name] = limit * (1.0 - _SPARE)
+    return dataclasses.replace(limits, **smaller)

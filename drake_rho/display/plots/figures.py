@@ -26,9 +26,9 @@ from drake_rho.display.plots.formats import DOUBLE_COLUMN, check_format, check_w
 from drake_rho.display.plots.given_axes import given_axes
 from drake_rho.display.plots.legends import add_below, figure_of, vehicle_handles
 from drake_rho.display.plots.path_figure import paths_figure
-from drake_rho.display.plots.scenes_figure import scenes_figure, scenes_of
 from drake_rho.display.plots.publish import save_figures, styled
 from drake_rho.display.plots.requirements import draw_margins
+from drake_rho.display.plots.scenes_figure import scenes_figure, scenes_of
 from drake_rho.display.plots.tube_errors import LABELS, draw_errors, tube_handle
 from drake_rho.motion.flown import Flown
 from drake_rho.motion.simulation import Simulation

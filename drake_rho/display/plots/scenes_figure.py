@@ -34,7 +34,9 @@ def scenes_of(scenario: Scenario) -> list[tuple[Waypoint, ...]]:
     if len({len(vehicle.waypoints) for vehicle in scenario.vehicles}) != 1:
         return []
     stops = zip(*(vehicle.waypoints for vehicle in scenario.vehicles), strict=True)
-    return [each for each in stops if len({(one.name, one.time) for one in each}) == 1 and each[0].name]
+    return [
+        each for each in stops if len({(one.name, one.time) for one in each}) == 1 and each[0].name
+    ]
 
 
 @checked
