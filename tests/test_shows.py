@@ -83,7 +83,7 @@ def test_formations_are_scaled_turned_and_moved() -> None:
     one = forms.Table(
         [[1, 0, 0], [0, 2, 0]], scale=3.0, rotation=[0, 0, np.pi / 2], center=[5, 0, 1]
     )
-    assert np.allclose(one.positions, [[0, 3, 3], [-6, 0, 3]])
+    assert np.allclose(one.positions, [[5, 3, 1], [-1, 0, 1]])
 
 
 @pytest.mark.parametrize("header", ["", "x,y,z\n"])
