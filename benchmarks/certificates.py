@@ -43,7 +43,7 @@ def run(repetitions: int = 5) -> Table:
             "gap [%]",
         ),
         rows=tuple(rows),
-        notes=(f"{repetitions} repetitions. {_ABOUT}",),
+        notes=(f"Times are of {repetitions} repetitions.", _ABOUT),
         goals=tuple(goals),
     )
 

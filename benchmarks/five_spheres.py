@@ -68,7 +68,7 @@ def run(repetitions: int = 31) -> Table:
         title="One vehicle past five spheres, 61 knots",
         columns=COLUMNS,
         rows=tuple(_row(each, ours, cuts[each.name]) for each in ranked),
-        notes=(f"{repetitions} rounds. {_WORK}", _LIMITATIONS),
+        notes=(f"Times are of {repetitions} rounds.", _WORK, _LIMITATIONS),
         goals=(
             Goal("at the knots / IPOPT", 1.0, knots / peer),
             Goal("every instant / IPOPT at the knots", 1.0, ours / peer),
@@ -89,7 +89,7 @@ def _row(result: Result, ours: float, inside: float) -> tuple[Cell, ...]:
         result.least,
         median.wall,
         median.processor / ours,
-        result.laps[0].index,
+        f"{result.laps[0].index:.4f}",
         1e3 * inside,
         "" if result.verified else "a constraint is violated: time does not count",
     )

@@ -57,7 +57,7 @@ def run(repetitions: int = 3) -> Table:
             "peak memory of the planning process [MB]",
         ),
         rows=tuple(rows),
-        notes=(f"{repetitions} repetitions. {_ABOUT}",),
+        notes=(f"Times are of {repetitions} repetitions.", _ABOUT),
         goals=(
             Goal(f"exponent of processor time, {SIZES[0]} to {SIZES[-1]}", 1.15, exponent),
             Goal(
