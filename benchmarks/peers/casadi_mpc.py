@@ -152,8 +152,7 @@ class Programs:
         """
         times = self._scenario.grid.times[knot:]
         places = [
-            obstacle.shape.center + times[:, None] * obstacle.velocity
-            for obstacle in _balls(self._scenario)
+            ball.center + times[:, None] * velocity for ball, velocity in _balls(self._scenario)
         ]
         start = _first_guess(self._scenario) if last is None else last.shifted(self._balls)
         return self._programs[knot].solve(state, np.concatenate(places, axis=1), start)
@@ -164,8 +163,8 @@ class _Program:
 
     def __init__(self, scenario: Scenario, steps: int, method: Method) -> None:
         h, vehicle, radii = scenario.grid.step, scenario.vehicles[0], list[float]()
-        for obstacle in _balls(scenario):
-            radii.append(obstacle.shape.radius + vehicle.radius)
+        for ball, _ in _balls(scenario):
+            radii.append(ball.radius + vehicle.radius)
         self._goal = np.concatenate([vehicle.goal.position, vehicle.goal.velocity])
         x = [ca.SX.sym(f"x{k}", 6) for k in range(steps + 1)]
         a = [ca.SX.sym(f"a{k}", 3) for k in range(steps)]
@@ -216,8 +215,8 @@ class _Program:
             **self._bounds,
             **self._rows,
         )
-        solution = [found[key].full().ravel() for key in ("x", "lam_x", "lam_g")]
-        return Solution(*solution, bool(self._solver.stats()["success"]))
+        x, of_bounds, of_rows = (found[key].full().ravel() for key in ("x", "lam_x", "lam_g"))
+        return Solution(x, of_bounds, of_rows, bool(self._solver.stats()["success"]))
 
 
 def _first_guess(scenario: Scenario) -> Solution:
@@ -229,12 +228,18 @@ def _first_guess(scenario: Scenario) -> Solution:
     return Solution(variables, np.zeros(len(variables)), np.zeros(rows))
 
 
-def _balls(scenario: Scenario) -> Iterator[Obstacle]:
-    """Yield the obstacles, which have to be balls that move at constant velocities."""
+def _balls(scenario: Scenario) -> Iterator[tuple[Sphere, FloatArray]]:
+    """Yield balls at time 0 and their velocities [m/s], shape (3,).
+
+    Raises:
+        TypeError: an obstacle is no ball that moves at a constant velocity.
+    """
     for obstacle in scenario.obstacles:
-        if not (isinstance(obstacle, Obstacle) and isinstance(obstacle.shape, Sphere)):
+        shape = obstacle.shape if isinstance(obstacle, Obstacle) else obstacle
+        velocity = obstacle.velocity if isinstance(obstacle, Obstacle) else None
+        if not isinstance(shape, Sphere) or velocity is None:
             raise TypeError(f"obstacle: got {obstacle}, expected a ball that moves")
-        yield obstacle
+        yield shape, velocity
 
 
 def _bounds(scenario: Scenario, steps: int) -> FloatArray:
