@@ -50,8 +50,8 @@ def run() -> Table:
     voxels = rho.Voxels.from_points(cloud, RESOLUTION)
     found = tried(_scenario(voxels))
     near = float(f"{beyond_radius(found, voxels):.2g}") if found.plan else None
-    shown = round(found.taken.processor, 2), round(found.taken.wall, 2)
-    rows.append(("plan", len(voxels.occupied), *shown, None, found.ok, near))
+    taken = round(found.taken.processor, 2), round(found.taken.wall, 2)
+    rows.append(("plan", len(voxels.occupied), *taken, None, found.ok, near))
     return Table(
         name="map_points",
         title="Maps: a point cloud of a million points",

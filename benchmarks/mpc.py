@@ -98,7 +98,7 @@ def measured(given: rho.Scenario) -> FloatArray:
     """
     (vehicle,) = given.vehicles
     wider = dataclasses.replace(vehicle, radius=vehicle.radius + 0.05)
-    motion = rho.plan(dataclasses.replace(given, vehicles=[wider]))
+    motion = rho.plan(dataclasses.replace(given, vehicles=(wider,)))
     states = np.concatenate([motion.positions[0], motion.velocities[0]], axis=1)[: WINDOWS + 1]
     errors = np.random.default_rng(0).normal(size=states.shape)
     return np.asarray(states + errors * [2e-3, 2e-3, 2e-3, 1e-2, 1e-2, 1e-2])
