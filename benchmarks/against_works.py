@@ -60,8 +60,9 @@ def _mpc(*, disturbed: bool) -> Callable[[], float]:
 
     def windows() -> float:
         """Return the cost of the last of ten windows."""
-        settings = {"reference": rho.tail_reference, "fallback": None, "solver": "daqp"}
-        horizon = rho.RecedingHorizon(scenario, replan_every=1, **settings)
+        horizon = rho.RecedingHorizon(
+            scenario, replan_every=1, reference=rho.tail_reference, fallback=None, solver="daqp"
+        )
         for knot in range(10):
             given = horizon.planned(knot) if disturbed else states[knot : knot + 1]
             window = horizon.step(given, scenario.grid.times[knot])
