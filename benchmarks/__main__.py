@@ -219,8 +219,8 @@ def main() -> None:
         parser.error("--seeds: expected at least 1")
     console = Console()
     alone, worlds, flight = RACES + STUDIES, WORLDS, FLIGHT + FLOWN_MISSIONS
-    others = alone + EARLIER + worlds + flight + SCALE + OPEN + MAPS + TIMES + OBJECTIVE
-    others += ONLINE + MIXED + CLIENTS
+    others: tuple[str, ...] = alone + EARLIER + worlds + flight + SCALE + OPEN + MAPS + TIMES
+    others += OBJECTIVE + ONLINE + MIXED + CLIENTS
     fleets = tuple(name for name in known if name not in others)
     chosen = (fleets if arguments.fleets else ()) + (worlds if arguments.worlds else ())
     chosen += flight if arguments.flight else ()
