@@ -163,8 +163,8 @@ class _Program:
 
     def __init__(self, scenario: Scenario, steps: int, method: Method) -> None:
         h, vehicle, radii = scenario.grid.step, scenario.vehicles[0], list[float]()
-        for ball, _ in _balls(scenario):
-            radii.append(ball.radius + vehicle.radius)
+        for sphere, _ in _balls(scenario):
+            radii.append(sphere.radius + vehicle.radius)
         self._goal = np.concatenate([vehicle.goal.position, vehicle.goal.velocity])
         x = [ca.SX.sym(f"x{k}", 6) for k in range(steps + 1)]
         a = [ca.SX.sym(f"a{k}", 3) for k in range(steps)]
