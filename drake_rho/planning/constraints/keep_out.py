@@ -155,6 +155,9 @@ def side_of(offsets: FloatArray, velocities: FloatArray) -> FloatArray:
     return np.where(defined, sides / np.where(defined, lengths, 1.0), across(ahead))
 
 
+_TOUCHES = 100.0
+"""Distance beyond the required one, in tolerances, up to which a motion touches an obstacle."""
+
 _AROUND, _ZOOMS = np.linspace(-1.0, 1.0, 17), 4
 """Search for the most violated row: offsets from a worst instant, in steps and then in intervals
 between the last offsets, and the number of searches."""
@@ -176,6 +179,29 @@ class KeepOutOfObstacle(KeepOut):
     """largest penetration that counts as outside, for each vehicle [m], shape (N,)"""
     clock: Clock
     """clock by which instants are compared with the obstacle's active interval"""
+    before: Motion | None = None
+    """plan in force; a window's plan touches the obstacle at almost the same instants"""
+
+    def violated_rows(
+        self, motion: Motion, vehicles: IntArray, *, between: bool = False, neighbours: int = 0
+    ) -> HalfSpaces:
+        """Return violated rows, at the knots together with those where `before` touches."""
+        rows = super().violated_rows(motion, vehicles, between=between, neighbours=neighbours)
+        if between or self.before is None or len(rows) == 0 or len(self._touched) == 0:
+            return rows
+        touched = self._touched.select(np.isin(self._touched.vehicles, rows.vehicles))
+        violated = touched.margins(motion) < -VIOLATED * touched.tolerances
+        return rows.union(touched.select(violated)) if violated.any() else rows
+
+    @cached_property
+    def _touched(self) -> HalfSpaces:
+        """Rows at the instants between knots at which `before` touches the obstacle."""
+        assert self.before is not None  # noqa: S101  # callers check this
+        motion = self.before.subdivided(self.margins.pieces)
+        points = self.penetrations(motion, np.arange(len(self.required)), beyond=_TOUCHES)
+        k = points.times / motion.step
+        points = points.select(np.abs(k - np.rint(k)) > END_MARGIN)
+        return self.rows(points) if len(points) > 0 else self.none
 
     @property
     def obstacles(self) -> frozenset[int]:
@@ -212,11 +238,23 @@ class KeepOutOfObstacle(KeepOut):
         distances = self.distances(motion, points) - self.radius(points)
         return CloseApproaches(points.vehicles, points.partners, points.times, distances)
 
+    @abc.abstractmethod
+    def penetrations(
+        self, motion: Motion, vehicles: IntArray, *, beyond: float = -VIOLATED
+    ) -> EvaluationPoints:
+        """Return the points of a motion closer than required.
+
+        Args:
+            motion: the motion of all vehicles.
+            vehicles: the vehicles to check, as increasing indices.
+            beyond: distance beyond the required one that counts as closer, in tolerances.
+        """
+
     def deepest_instants(
-        self, motion: Motion, vehicles: IntArray
+        self, motion: Motion, vehicles: IntArray, beyond: float
     ) -> tuple[IntArray, IntArray, FloatArray]:
         """Return the parts, vehicles and times [s] of the deepest instants inside, (R,) each."""
-        below = self.required[vehicles] - VIOLATED * self.tolerances[vehicles]
+        below = self.required[vehicles] + beyond * self.tolerances[vehicles]
         within = np.maximum(below + self.margins.largest, 0.0)
         pieces = pieces_near_course(motion.of(vehicles), self._course, within)
         steps = step_at(pieces.times, motion.step)
