@@ -33,8 +33,11 @@ def in_force(plan: Plan | None) -> Iterator[None]:
 
 
 def motion_in_force(scenario: Scenario) -> Motion | None:
-    """Return the motion of the plan in force if it has a scenario's vehicles and grid."""
+    """Return the motion of the plan in force, for constraints between the knots of a scenario.
+
+    It is None without such constraints, and if the plan has other vehicles or another grid.
+    """
     plan = _PLAN.get()
-    if plan is None or plan.scenario.names != scenario.names:
+    if plan is None or not scenario.between_knots or plan.scenario.grid != scenario.grid:
         return None
-    return plan.motion() if plan.scenario.grid == scenario.grid else None
+    return plan.motion() if plan.scenario.names == scenario.names else None

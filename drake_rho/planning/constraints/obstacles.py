@@ -172,7 +172,7 @@ def obstacles_of(
                 key=("obstacle", number),
                 number=number,
                 clock=scenario.grid.clock,
-                before=before if scenario.between_knots and not obstacle.penalty else None,
+                before=None if obstacle.penalty else before,
                 name=scenario.obstacle_name(number),
                 quantity="position",
                 reference=reference,
