@@ -86,6 +86,8 @@ class KeepOut(Constraint):
 
     margins: Margins
     """margins of single vehicles, on the grid of `reference`"""
+    before: Motion | None = None
+    """plan in force; a window's plan touches S at almost the same instants, which count as knots"""
 
     @property
     def linearised(self) -> bool:
@@ -107,6 +109,8 @@ class KeepOut(Constraint):
         motion = motion.subdivided(self.margins.pieces)
         if not between:
             rows = self.violated_at_knots(motion, vehicles, neighbours)
+            if self.before is not None and len(rows) > 0:
+                rows = rows.union(self._violated_touched(motion, rows.vehicles))
             return rows if self.given_end is None else self.given_end.without(rows)
         points = self.penetrations(motion, vehicles)
         first, last = END_MARGIN, motion.accelerations.shape[1] - END_MARGIN
@@ -123,6 +127,18 @@ class KeepOut(Constraint):
             return violated
         nearby = self.worst_nearby(motion, violated)
         return violated.union(nearby) if len(nearby) > 0 else violated
+
+    def _violated_touched(self, motion: Motion, vehicles: IntArray) -> HalfSpaces:
+        """Return the violated rows of some vehicles at the instants at which `before` touches S."""
+        rows = self.touched.select(np.isin(self.touched.vehicles, vehicles))
+        if len(rows) == 0:
+            return rows
+        return rows.select(rows.margins(motion) < -VIOLATED * rows.tolerances)
+
+    @cached_property
+    def touched(self) -> HalfSpaces:
+        """Rows at the instants between knots at which `before` touches S; none by default."""
+        return self.none
 
     def worst_nearby(self, motion: Motion, rows: HalfSpaces) -> HalfSpaces:
         """Return the most violated row within a step of each row; empty if those are the worst."""
@@ -179,22 +195,9 @@ class KeepOutOfObstacle(KeepOut):
     """largest penetration that counts as outside, for each vehicle [m], shape (N,)"""
     clock: Clock
     """clock by which instants are compared with the obstacle's active interval"""
-    before: Motion | None = None
-    """plan in force; a window's plan touches the obstacle at almost the same instants"""
-
-    def violated_rows(
-        self, motion: Motion, vehicles: IntArray, *, between: bool = False, neighbours: int = 0
-    ) -> HalfSpaces:
-        """Return violated rows, at the knots together with those where `before` touches."""
-        rows = super().violated_rows(motion, vehicles, between=between, neighbours=neighbours)
-        if between or self.before is None or len(rows) == 0 or len(self._touched) == 0:
-            return rows
-        touched = self._touched.select(np.isin(self._touched.vehicles, rows.vehicles))
-        violated = touched.margins(motion) < -VIOLATED * touched.tolerances
-        return rows.union(touched.select(violated)) if violated.any() else rows
 
     @cached_property
-    def _touched(self) -> HalfSpaces:
+    def touched(self) -> HalfSpaces:
         """Rows at the instants between knots at which `before` touches the obstacle."""
         assert self.before is not None  # noqa: S101  # callers check this
         motion = self.before.subdivided(self.margins.pieces)
