@@ -57,16 +57,22 @@ class Problem:
     """true if only violations are penalised and goals may be missed"""
     accelerations: FloatArray | np.float64 = UNBOUNDED
     """largest accelerations for the margin of a smoothing, as in `margins_of`"""
+    before: Motion | None = None
+    """plan in force, at whose close approaches to obstacles rows are tried first; None for none"""
 
     @classmethod
-    def of(cls, scenario: Scenario) -> Problem:
+    def of(cls, scenario: Scenario, *, before: Motion | None = None) -> Problem:
         """Return the problem of a scenario with margins that are constant over steps.
+
+        Args:
+            scenario: to plan.
+            before: the plan in force, if a window is planned.
 
         Raises:
             ScenarioError: a waypoint has no time.
         """
         check_times(scenario.vehicles)
-        return cls(scenario)
+        return cls(scenario, before=before)
 
     def __len__(self) -> int:
         """Return the number of vehicles, N."""
@@ -125,7 +131,7 @@ class Problem:
 
     def obstacles_around(self, reference: Motion) -> list[KeepOutOfObstacle]:
         """Return constraints of known obstacles, linearised (15) around a motion."""
-        return obstacles_of(self.scenario, self.margins, reference)
+        return obstacles_of(self.scenario, self.margins, reference, self.before)
 
     def pairs_around(
         self,
