@@ -9,11 +9,12 @@ from functools import cached_property
 
 import numpy as np
 
-from drake_rho.motion.close_pairs import CloseApproaches
+from drake_rho.motion.close_pairs import CloseApproaches, PairSearch
 from drake_rho.motion.dynamics import Motion
 from drake_rho.motion.plan import Plan
 from drake_rho.planning.constraints.base import Constraint
 from drake_rho.planning.constraints.boxes import KeepInBox, boxes_of
+from drake_rho.planning.constraints.close_pairs import separation_of
 from drake_rho.planning.constraints.keep_in import KeepInSets
 from drake_rho.planning.constraints.keep_out import KeepOutOfObstacle
 from drake_rho.planning.constraints.limits import norms_of, requirements_of, waypoints_of
@@ -111,6 +112,15 @@ class Problem:
         return (*self.boxes, *self.norms_and_waypoints, *self.requirements)
 
     @cached_property
+    def pair_search(self) -> PairSearch:
+        """Search for close pairs of vehicles.
+
+        Raises:
+            ValueError: the scenario has no separation.
+        """
+        return PairSearch(separation_of(self.scenario))
+
+    @cached_property
     def linked_groups(self) -> IntArray:
         """Number of each vehicle's group, equal for vehicles that requirements link, (N,)."""
         scenario = self.scenario
@@ -145,11 +155,15 @@ class Problem:
     ) -> KeepApart:
         """Return the separation constraint of all pairs, linearised around a motion.
 
-        Arguments and errors are those of `pairs_of`.
+        Arguments are those of `pairs_of`.
+
+        Raises:
+            ValueError: the scenario has no separation.
         """
         return pairs_of(
             self.scenario,
             self.margins,
+            self.pair_search,
             reference,
             coupling,
             penalty=penalty,
