@@ -7,7 +7,7 @@ PYTEST := $(BIN)/python -m pytest -n auto -q
 SEED := $(shell od -An -N4 -tu4 /dev/urandom | tr -d ' ')
 PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check
 
-.PHONY: help reproduce animate notebooks pictures docs bench bench-fleet bench-world bench-flight bench-scale bench-open bench-map bench-time bench-mixed bench-objective bench-online bench-clients test test-all lint format clean
+.PHONY: help reproduce animate notebooks pictures docs bench bench-against bench-fleet bench-world bench-flight bench-scale bench-open bench-map bench-time bench-mixed bench-objective bench-online bench-clients test test-all lint format clean
 .DEFAULT_GOAL := help
 
 help: ## This list
@@ -30,8 +30,11 @@ docs: $(VENV)/.docs ## Build the documentation into site/, and check its links (
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict --quiet
 	$(BIN)/python -m tools.site.links site
 
-bench: $(VENV)/.bench .venv-openscvx/.ready ## Time it against others, and its growth (ten minutes, benchmarks/results)
+bench: $(VENV)/.bench .venv-openscvx/.ready ## Time it against others, and its growth (an hour, benchmarks/results)
 	$(BIN)/python -m benchmarks
+
+bench-against: $(VENV)/.bench ## Time it against an earlier version: COMMIT=48057a9; MISSIONS as for maps
+	$(BIN)/python -m benchmarks against $(if $(COMMIT),--against "$(COMMIT)") $(if $(MISSIONS),--missions "$(MISSIONS)")
 
 bench-fleet: $(VENV)/.bench ## The same for fleets (forty minutes); MISSIONS=folder of the LSC planner's
 	$(BIN)/python -m benchmarks --fleets $(if $(MISSIONS),--missions "$(MISSIONS)")

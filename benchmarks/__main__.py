@@ -11,14 +11,18 @@ from pathlib import Path
 from rich.console import Console
 from rich.markdown import Markdown
 
+from benchmarks.against import COMMIT
 from benchmarks.race import Skipped
-from benchmarks.tables import Table, to_markdown, write
+from benchmarks.tables import Table, load, to_markdown, write
 
-RACES = ("example_4", "converged")
+RACES = ("example_4", "converged", "five_spheres", "mpc")
 """Benchmarks that run every implementation in rounds: `run(repetitions) -> Table`."""
 
-STUDIES = ("growth", "import_time")
+STUDIES = ("growth", "import_time", "certificates")
 """Other benchmarks without fleets: `run() -> Table`."""
+
+EARLIER = ("against",)
+"""Benchmarks beside an earlier version: `run(repetitions, commit, folder) -> Table`."""
 
 DRAWN = {
     "fleet_b1": 50,
@@ -69,10 +73,10 @@ MISSIONS = (
 )
 """Benchmarks of missions in files: `run(folder) -> Table`."""
 
-FILES = ("clients_worlds", "clients_missions", "clients_players")
+FILES = ("clients_worlds", "clients_missions", "clients_players", "map_building")
 """Benchmarks of public files beside this repository: `run(folder) -> Table`."""
 
-SCALE = ("scale_campaigns", "scale_fleets")
+SCALE = ("scale_campaigns", "scale_fleets", "fleet_growth")
 """Benchmarks of many runs: `run() -> Table`."""
 
 SWAPS = ("fleet_b4", "fleet_b5")
@@ -114,7 +118,7 @@ OPEN = ("links_cvxpy", "links_corridors", "links_chains", "links_formation")
 """Benchmarks of what a scenario's requirements may keep in any convex set."""
 
 
-MAPS = ("map_forests", "map_office", "map_meshes", "map_points")
+MAPS = ("map_forests", "map_office", "map_building", "map_meshes", "map_points")
 """Benchmarks of maps; those that are in no `MISSIONS` need no folder: `run() -> Table`."""
 
 TIMES = (
@@ -145,7 +149,7 @@ ONLINE = (*(each for each in DRAWN if each.startswith("online_")), "online_fores
 """Benchmarks of missions in which more becomes known in flight."""
 
 
-CLIENTS = (*FILES, *(each for each in DRAWN if each.startswith("clients_")))
+CLIENTS = tuple(each for each in (*FILES, *DRAWN) if each.startswith("clients_"))
 """Benchmarks of files that other programs write or read, and of trajectories of any planner."""
 
 
@@ -160,6 +164,7 @@ def main() -> None:
         for name in (
             *RACES,
             *STUDIES,
+            *EARLIER,
             *DRAWN,
             *MISSIONS,
             *SWAPS,
@@ -167,7 +172,7 @@ def main() -> None:
             *FLOWN_MISSIONS,
             *FILES,
             *SCALE,
-            *(each for each in MAPS + TIMES + OBJECTIVE if each not in (*MISSIONS, *DRAWN)),
+            *(each for each in MAPS + TIMES + OBJECTIVE if each not in (*MISSIONS, *FILES, *DRAWN)),
         )
         if find_spec(f"benchmarks.{name}")
     ]
@@ -188,7 +193,10 @@ def main() -> None:
     )
     parser.add_argument("--mixed", action="store_true", help="benchmarks that mix everything")
     parser.add_argument("--open", action="store_true", help="all benchmarks of requirements")
-    parser.add_argument("--repetitions", type=int, default=9, help="rounds of a race (9)")
+    parser.add_argument("--repetitions", type=int, default=31, help="rounds of a race (31)")
+    parser.add_argument(
+        "--against", metavar="COMMIT", default=COMMIT, help=f"earlier version of against ({COMMIT})"
+    )
     parser.add_argument("--seeds", type=int, help="number of random fleets or worlds of each size")
     parser.add_argument(
         "--missions", type=Path, help="folder with missions of the LSC planner, or of LSC-DR"
@@ -211,8 +219,8 @@ def main() -> None:
         parser.error("--seeds: expected at least 1")
     console = Console()
     alone, worlds, flight = RACES + STUDIES, WORLDS, FLIGHT + FLOWN_MISSIONS
-    others = alone + worlds + flight + SCALE + OPEN + MAPS + TIMES + OBJECTIVE + ONLINE + MIXED
-    others += CLIENTS
+    others: tuple[str, ...] = alone + EARLIER + worlds + flight + SCALE + OPEN + MAPS + TIMES
+    others += OBJECTIVE + ONLINE + MIXED + CLIENTS
     fleets = tuple(name for name in known if name not in others)
     chosen = (fleets if arguments.fleets else ()) + (worlds if arguments.worlds else ())
     chosen += flight if arguments.flight else ()
@@ -227,13 +235,14 @@ def main() -> None:
     by_default = chosen or alone
     for name in arguments.names or by_default:
         console.rule(name)
+        before = load()
         try:
             table = _run(name, arguments)
         except Skipped as reason:
             console.print(f"skipped: {reason}")
             continue
-        written = write(table)
-        console.print(Markdown(to_markdown(table, console.width)))
+        written = write(table, before)
+        console.print(Markdown(to_markdown(table, before, console.width)))
         console.print("written:", *(path.name for path in written))
 
 
@@ -244,6 +253,8 @@ def _run(name: str, arguments: argparse.Namespace) -> Table:
     table: Table
     if name in RACES:
         table = run(arguments.repetitions)
+    elif name in EARLIER:
+        table = run(arguments.repetitions, arguments.against, arguments.missions)
     elif name in DRAWN:
         table = run(arguments.seeds or DRAWN[name])
     elif name in MISSIONS + FLOWN_MISSIONS:

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.race import Skipped
+from benchmarks.stopwatch import reported
 from drake_rho import Scenario
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.files import scenario_to_json
@@ -39,7 +40,8 @@ def accelerations_apart(peer: str, module: str, scenario: Scenario) -> FloatArra
     """Return the plan of `python -m <module>` in a peer's environment: [m/s²], shape (N, K-1, 3).
 
     The module is started once and runs as long as this process: it reads scenarios, each a line of
-    JSON, and answers each with a line, `{"accelerations": [...]}` or `{"error": "..."}`.
+    JSON, and answers each with a line, `{"accelerations": [...], "processor": ...}` or `{"error":
+    "...", "processor": ...}`, with its processor time [s].
 
     Raises:
         Skipped: the environment does not exist, or the peer does not start.
@@ -59,6 +61,7 @@ def accelerations_apart(peer: str, module: str, scenario: Scenario) -> FloatArra
             f"{peer} does not start: run `.venv-{peer}/bin/python -m {module}` for the reason"
         )
     answer = json.loads(line)
+    reported(answer["processor"])
     if "error" in answer:
         raise RuntimeError(answer["error"])
     return np.array(answer["accelerations"])

@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import partial
 
 import drake_rho as rho
-from benchmarks.apart import accelerations_apart, version
+from benchmarks.apart import accelerations_apart
 from benchmarks.peers import casadi_ipopt, drake_snopt
 from benchmarks.race import SAME_INDEX, Entry, peer, race
 from benchmarks.ranking import COLUMNS, THIS_PACKAGE, ratio, rounds, rows
@@ -39,7 +39,7 @@ compiles its program in the round that does not count; scenarios and plans are e
 process as JSON."""
 
 
-def run(repetitions: int = 9) -> Table:
+def run(repetitions: int = 31) -> Table:
     """Time all implementations."""
     entries = [
         Entry(THIS_PACKAGE, rho.plan_scp),
@@ -54,11 +54,7 @@ def run(repetitions: int = 9) -> Table:
         title="The converged problem: obstacles as they are, at the knots",
         columns=COLUMNS,
         rows=rows(results),
-        notes=(_WORK, rounds(repetitions), _TOLERANCES, _LIMITATIONS, _versions()),
+        notes=(_WORK, rounds(repetitions), _TOLERANCES, _LIMITATIONS),
         goals=(Goal("this package / the fastest non-convex peer", 1 / 10, best),),
-        packages=("drake-rho", "drake", "numpy", "casadi"),
+        packages=("drake-rho", "drake", "numpy", "scipy", "casadi", "openscvx"),
     )
-
-
-def _versions() -> str:
-    return f"OpenSCvx {version('openscvx')}, in an environment of its own."

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import time
 from typing import Literal
 
 import numpy as np
@@ -13,6 +12,7 @@ from benchmarks.clearance import clearance
 from benchmarks.fleets import TOUCHING
 from benchmarks.peers import drake_gcs
 from benchmarks.peers.bezier import Curve
+from benchmarks.stopwatch import Stopwatch, Taken
 
 GCS = "Drake's GcsTrajectoryOptimization"
 
@@ -26,8 +26,8 @@ Verdict = Literal["kept", "breaks limits", "too close", "none"]
 class Lap:
     """Result of one draw."""
 
-    seconds: float
-    """time from the scenario record to the curve, or to the failure [s]"""
+    taken: Taken
+    """time from the scenario record to the curve, or to the failure"""
     verdict: Verdict
     """verdict: every limit is satisfied, or the one that is not"""
     index: float = np.nan
@@ -41,12 +41,12 @@ class Lap:
 
 def fly(scenario: rho.Scenario, seed: int) -> Lap:
     """Find a curve and verify it."""
-    began = time.perf_counter()
+    watch = Stopwatch()
     curve = drake_gcs.solve(scenario, np.random.default_rng(seed))
-    seconds = time.perf_counter() - began
+    taken = watch.taken()
     if curve is None:
-        return Lap(seconds, "none")
-    return Lap(seconds, _verify(scenario, curve), curve.cost(scenario.grid.step))
+        return Lap(taken, "none")
+    return Lap(taken, _verify(scenario, curve), curve.cost(scenario.grid.step))
 
 
 def _verify(scenario: rho.Scenario, curve: Curve) -> Verdict:

@@ -41,8 +41,8 @@ _LIMITATIONS = """\
 Limitations. One small scenario on one machine, whose other work adds noise: trust the ratios
 rather than the times, and the least time where it is far from the median. No box is active on this
 data, which this package exploits (it adds only rows that turn out to be violated) while the peers
-carry all rows. This package solves its programs on all cores, and numpy may use them too; CVXPY,
-OSQP, DAQP and plain Drake solve one program after the other. The peers do not check solutions
+carry all rows. This package solves larger programs on all cores, whose times add up; CVXPY, OSQP,
+DAQP and plain Drake solve one program after the other. The peers do not check solutions
 before they are flown, find no reason for an infeasible program, and keep no record of windows. The
 DAQP peer is tuned beyond common use (matrices set up once a length, bounds updated, rows written
 in place); one plain call of `daqp.solve` a program with concatenated rows takes about twice as
@@ -50,7 +50,7 @@ long. The solver's own time is the one that Clarabel or DAQP reports, summed ove
 have run in parallel, so the part outside it is a lower bound."""
 
 
-def run(repetitions: int = 9) -> Table:
+def run(repetitions: int = 31) -> Table:
     """Time all implementations."""
     entries = [
         Entry(THIS_PACKAGE, lambda scenario: rho.plan_rho(scenario, replan_every=5)),

@@ -57,7 +57,7 @@ def run(seeds: int = 50, stores: Path | None = None) -> Table:
 
 def _published(method: str, count: int) -> tuple[Cell, ...]:
     success, seconds = (each[list(DURATIONS).index(count)] for each in PUBLISHED[method])
-    return (count, method, 50, success, seconds, *[None] * (len(COLUMNS) - 5))
+    return (count, method, 50, success, None, seconds, *[None] * (len(COLUMNS) - 6))
 
 
 def _goals(found: dict[int, list[Trial]]) -> tuple[Goal, ...]:
@@ -80,11 +80,11 @@ above each other, accelerations up to 1 m/s² along each axis, steps of 0.2 s. T
 which they leave open, is the one published for DMPC, rounded up to whole steps: 3.6, 4.6, 6.6, 8.6
 and 9.8 s. A fleet of seed s is `random_transitions(N, default_rng(s))`. It counts if `verify`
 finds no violation at any instant, and no two vehicles are closer than 0.35 m - 1 µm at any of 100
-samples of each step, computed independently of the package. `plan_scp` plans it; a time runs from
-the scenario record to the verified plan, without the samples. The fleets of a size are a campaign:
-planned one after another in a separate process, after a small fleet that does not count. Index,
-distance and memory (the largest of the process, of which the interpreter, Drake and the campaign
-take some 170 MB) are of this run."""
+samples of each step, computed independently of the package. `plan_scp` plans it; a wall time runs
+from the scenario record to the verified plan, without the samples, a processor time to the plan.
+The fleets of a size are a campaign: planned one after another in a separate process, after a small
+fleet that does not count. Index, distance and memory (the largest of the process, of which the
+interpreter, Drake and the campaign take some 170 MB) are of this run."""
 
 _LIMITATIONS = """\
 Limitations. The published lines are quoted: their times are of MATLAB and quadprog on another

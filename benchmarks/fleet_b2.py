@@ -84,8 +84,8 @@ def run(seeds: int = 10, stores: Path | None = None) -> Table:
 
 def _published(count: int) -> tuple[Cell, ...]:
     success = PUBLISHED[VEHICLES.index(count)]
-    nothing = [None] * (len(COLUMNS) - 5)
-    return (count, "DMPC, published", 50, success, SECONDS.get(count), *nothing)
+    nothing = [None] * (len(COLUMNS) - 6)
+    return (count, "DMPC, published", 50, success, None, SECONDS.get(count), *nothing)
 
 
 _WORK = """\

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import math
 import statistics
-import time
 from collections.abc import Callable, Sequence
 
 from rich.progress import track
@@ -14,6 +13,7 @@ import drake_rho as rho
 from benchmarks.fleet_b1 import scenario
 from benchmarks.fleets import THIS_PACKAGE
 from benchmarks.peers import joint_scp_cvxpy
+from benchmarks.stopwatch import Stopwatch, Taken, median
 from benchmarks.tables import Cell, Goal, Table
 
 VEHICLES = (4, 8, 12)
@@ -26,9 +26,10 @@ COLUMNS = (
     "method",
     "fleets",
     "success_percent",
-    "median_seconds",
-    "worst_seconds",
-    "median_part_of_joint_seconds",
+    "median_processor_s",
+    "median_wall_s",
+    "worst_processor_s",
+    "median_part_of_joint_processor",
     "median_index_above_joint_percent",
     "worst_index_above_joint_percent",
 )
@@ -38,8 +39,8 @@ COLUMNS = (
 class Lap:
     """One fleet by one method."""
 
-    seconds: float
-    """time from the scenario record to the verified plan, or to the failure [s]"""
+    taken: Taken
+    """time from the scenario record to the verified plan, or to the failure"""
     index: float
     """f (13) [m²/s⁴]; NaN without a plan that satisfies the constraints"""
     fault: str = ""
@@ -95,16 +96,16 @@ def _jointly(scenario: rho.Scenario) -> rho.Plan:
 
 
 def _lap(scenario: rho.Scenario, plan: Callable[[rho.Scenario], rho.Plan]) -> Lap:
-    began = time.perf_counter()
+    watch = Stopwatch()
     try:
         found = plan(scenario)
         report = rho.verify(found)
     except (RuntimeError, rho.DrakeRhoError) as error:
-        return Lap(time.perf_counter() - began, math.nan, str(error).splitlines()[0])
-    seconds = time.perf_counter() - began
+        return Lap(watch.taken(), math.nan, str(error).splitlines()[0])
+    taken = watch.taken()
     if not report.ok:
-        return Lap(seconds, math.nan, f"{len(report.violations)} constraints violated")
-    return Lap(seconds, found.cost)
+        return Lap(taken, math.nan, f"{len(report.violations)} constraints violated")
+    return Lap(taken, found.cost)
 
 
 def _faults(found: dict[tuple[int, str], list[Lap]]) -> str:
@@ -118,14 +119,13 @@ def _faults(found: dict[tuple[int, str], list[Lap]]) -> str:
 
 
 def _row(count: int, method: str, laps: Sequence[Lap], joint: Sequence[Lap]) -> tuple[Cell, ...]:
-    seconds = [lap.seconds for lap in laps]
     return (
         count,
         method,
         len(laps),
         100.0 * sum(not lap.fault for lap in laps) / len(laps),
-        statistics.median(seconds),
-        max(seconds),
+        *median(lap.taken for lap in laps).both,
+        max(lap.taken.processor for lap in laps),
         _times(laps, joint),
         _above(laps, joint, statistics.median),
         _above(laps, joint, max),
@@ -133,9 +133,9 @@ def _row(count: int, method: str, laps: Sequence[Lap], joint: Sequence[Lap]) -> 
 
 
 def _times(laps: Sequence[Lap], joint: Sequence[Lap]) -> float | None:
-    """Return the median time over joint SCP's, of the fleets that both planned."""
+    """Return the median processor time over joint SCP's, of the fleets that both planned."""
     both = zip(laps, joint, strict=True)
-    parts = [a.seconds / b.seconds for a, b in both if not (a.fault or b.fault)]
+    parts = [a.taken.processor / b.taken.processor for a, b in both if not (a.fault or b.fault)]
     return statistics.median(parts) if parts else None
 
 

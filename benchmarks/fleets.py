@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import statistics
-import time
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
@@ -13,6 +12,7 @@ import numpy as np
 import drake_rho as rho
 from benchmarks.campaigns import planned
 from benchmarks.sampling import Sampled, sample
+from benchmarks.stopwatch import Stopwatch, Taken
 from benchmarks.tables import Cell
 from drake_rho.campaigns.evaluation import evaluate
 from drake_rho.campaigns.memory import peak_memory
@@ -37,9 +37,11 @@ class Trial:
     vehicles: int
     """number of vehicles"""
     seconds: float
-    """time from the scenario record to the verified plan, or to the failure [s]"""
+    """wall time from the scenario record to the verified plan, or to the failure [s]"""
     megabytes: float
     """largest memory of the process until then [MB]"""
+    processor: float = np.nan
+    """processor time of planning [s]"""
     index: float = np.nan
     """f (13) [m²/s⁴]; NaN without a plan"""
     sampled: Sampled | None = None
@@ -90,30 +92,31 @@ def attempt(
         bound: lower bound on the index, computed for plans that count; not timed.
         memory: function that returns the largest memory of all planning processes so far [MB].
     """
-    began = time.perf_counter()
-    plan: rho.Plan | None = None
+    watch, plan = Stopwatch(), None
     try:
         plan = planner(scenario)
+        processor = watch.taken().processor
         broken = evaluate(plan).violated
     except (rho.InfeasibleError, rho.SolverError, TimeoutError) as error:
         plan, broken = None, f"{type(error).__name__}: {next(iter(str(error).splitlines()), '')}"
-    seconds, megabytes = time.perf_counter() - began, memory()
-    return _trial(scenario, plan, broken, seconds, megabytes, bound)
+        processor = watch.taken().processor
+    return _trial(scenario, plan, broken, Taken(watch.taken().wall, processor), memory(), bound)
 
 
 def _trial(
     scenario: rho.Scenario,
     plan: rho.Plan | None,
     broken: str,
-    seconds: float,
+    taken: Taken,
     megabytes: float,
     bound: Bound,
 ) -> Trial:
     """Return the trial of a fleet, evaluated by samples too.
 
-    `broken` is the violated constraint, or the reason why there is no plan.
+    `broken` is the violated constraint, or the reason why there is no plan; `taken` has the wall
+    time with `verify`, and the processor time without.
     """
-    reported = scenario.name, len(scenario.vehicles), seconds, megabytes
+    reported = scenario.name, len(scenario.vehicles), taken.wall, megabytes, taken.processor
     if plan is None:
         return Trial(*reported, fault=broken)
     found = sample(plan)
@@ -155,10 +158,12 @@ def attempts(
     return [_of_run(each, *found, bound) for each, found in zip(given, done, strict=True)]
 
 
-def _of_run(scenario: rho.Scenario, row: Row, plan: rho.Plan | None, bound: Bound) -> Trial:
+def _of_run(
+    scenario: rho.Scenario, row: Row, plan: rho.Plan | None, processor: float, bound: Bound
+) -> Trial:
     broken = row.reason if plan is not None else f"{row.status}: {row.reason}"
-    seconds = (row.plan_seconds or 0.0) + (row.verify_seconds or 0.0)
-    return _trial(scenario, plan, broken, seconds, row.megabytes or np.nan, bound)
+    wall = (row.plan_seconds or 0.0) + (row.verify_seconds or 0.0)
+    return _trial(scenario, plan, broken, Taken(wall, processor), row.megabytes or np.nan, bound)
 
 
 COLUMNS = (
@@ -166,13 +171,15 @@ COLUMNS = (
     "method",
     "fleets",
     "success_percent",
-    "median_seconds",
-    "worst_seconds",
+    "median_processor_s",
+    "median_wall_s",
+    "worst_wall_s",
     "mean_index",
     "mean_distance_m",
     "peak_megabytes",
 )
-"""Columns of tables with a row for each size of fleet."""
+"""Columns of tables with a row for each size of fleet. Wall times include `verify`, processor times
+are of planning alone."""
 
 
 def summary(trials: Sequence[Trial], method: str = THIS_PACKAGE) -> tuple[Cell, ...]:
@@ -184,6 +191,7 @@ def summary(trials: Sequence[Trial], method: str = THIS_PACKAGE) -> tuple[Cell, 
         method,
         len(trials),
         percent(trials),
+        statistics.median(trial.processor for trial in trials),
         statistics.median(seconds),
         max(seconds),
         statistics.fmean(trial.index for trial in good) if good else None,

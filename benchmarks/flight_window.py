@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import statistics
-import time
 
 import numpy as np
 from rich.progress import track
@@ -12,12 +10,23 @@ from rich.progress import track
 import drake_rho as rho
 from benchmarks.fleet_b1 import DURATIONS, STEP
 from benchmarks.one_core import one_core
+from benchmarks.stopwatch import Stopwatch, Taken, median
 from benchmarks.tables import Cell, Goal, Table
 
 FLIGHTS = 5
 """Number of flights of each fleet, the first of which is not timed."""
 
-COLUMNS = ("fleet", "vehicles", "steps", "windows", "median_ms", "worst_ms", "kept", "too_late")
+COLUMNS = (
+    "fleet",
+    "vehicles",
+    "steps",
+    "windows",
+    "median_processor_ms",
+    "median_wall_ms",
+    "worst_processor_ms",
+    "kept",
+    "too_late",
+)
 
 
 def run() -> Table:
@@ -26,7 +35,7 @@ def run() -> Table:
     with one_core():
         times = [windows(fleet) for fleet in track(fleets, "fleets")]
     rows = tuple(_row(fleet, each) for fleet, each in zip(fleets, times, strict=True))
-    medians = [1e3 * statistics.median(seconds for seconds, _ in each) for each in times]
+    medians = [1e3 * median(taken for taken, _ in each).processor for each in times]
     return Table(
         name="flight_window",
         title="A window, from states to the plan",
@@ -66,21 +75,21 @@ def transitions() -> rho.Scenario:
     return dataclasses.replace(drawn, limits=limits, separation=apart, disturbance=around)
 
 
-def windows(scenario: rho.Scenario) -> list[tuple[float, bool]]:
+def windows(scenario: rho.Scenario) -> list[tuple[Taken, bool]]:
     """Return times of the windows of some flights, and which of them kept the previous plan.
 
     Each begins somewhere in the tube around the plan of the one before: at an estimated error drawn
     uniformly from the balls of both radii. The first window of a flight, which is planned before it
     begins, is not timed.
     """
-    rng, found = np.random.default_rng(0), list[tuple[float, bool]]()
+    rng, found = np.random.default_rng(0), list[tuple[Taken, bool]]()
     for number in range(FLIGHTS):
         flown = _fly(scenario, rng)
         found += flown if number else []
     return found
 
 
-def _fly(scenario: rho.Scenario, rng: np.random.Generator) -> list[tuple[float, bool]]:
+def _fly(scenario: rho.Scenario, rng: np.random.Generator) -> list[tuple[Taken, bool]]:
     horizon, found = rho.RecedingHorizon(scenario), []
     horizon.step(scenario.fleet.start_states, scenario.grid.start)
     for knot in horizon.knots[1:]:
@@ -89,9 +98,9 @@ def _fly(scenario: rho.Scenario, rng: np.random.Generator) -> list[tuple[float, 
         p, v = last.plan.positions[:, k], last.plan.velocities[:, k]
         p = p + float(tube.position(now)) * _in_balls(rng, len(p))
         v = v + float(tube.velocity(now)) * _in_balls(rng, len(v))
-        began = time.perf_counter()
+        watch = Stopwatch()
         window = horizon.step(np.concatenate([p, v], axis=1), now)
-        found.append((time.perf_counter() - began, bool(window.infeasible)))
+        found.append((watch.taken(), bool(window.infeasible)))
     return found
 
 
@@ -102,18 +111,20 @@ def _in_balls(rng: np.random.Generator, count: int) -> np.ndarray:
     return np.asarray(points / lengths * np.cbrt(rng.uniform(size=(count, 1))))
 
 
-def _row(scenario: rho.Scenario, found: list[tuple[float, bool]]) -> tuple[Cell, ...]:
-    seconds = [each for each, _ in found]
+def _row(scenario: rho.Scenario, found: list[tuple[Taken, bool]]) -> tuple[Cell, ...]:
+    times = [each for each, _ in found]
+    processor, wall = median(times).both
     between = scenario.grid.step * 5.0
     return (
         scenario.name,
         len(scenario.vehicles),
         scenario.grid.knots - 1,
         len(found),
-        1e3 * statistics.median(seconds),
-        1e3 * max(seconds),
+        1e3 * processor,
+        1e3 * wall,
+        1e3 * max(each.processor for each in times),
         sum(kept for _, kept in found),
-        sum(each > between for each in seconds),
+        sum(each.wall > between for each in times),
     )
 
 

@@ -11,7 +11,6 @@ import json
 import os
 import subprocess
 import sys
-import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from statistics import median
@@ -22,6 +21,7 @@ from matplotlib.ticker import NullFormatter
 from rich.progress import track
 
 import drake_rho as rho
+from benchmarks.stopwatch import Stopwatch
 from benchmarks.tables import RESULTS, Cell, Goal, Table
 from drake_rho.campaigns.memory import peak_memory
 from drake_rho.display.common.style import COLOURS, MARKERS
@@ -60,16 +60,17 @@ def larger(vehicles: int) -> rho.Scenario:
 
 
 def measure(work: str, size: int) -> dict[str, float]:
-    """Return time [s] and peak memory [MB] of one plan, from the scenario to the verified plan."""
+    """Return times [s] and peak memory [MB] of one plan, from the scenario to the verified plan."""
     rho.plan_rho(larger(4))  # first calls do not count
     scenario = finer(size) if work == "knots" else larger(size)
-    began = time.perf_counter()
+    watch = Stopwatch()
     plan = rho.plan_convex(scenario) if work == "knots" else rho.plan_rho(scenario).plan
     if not rho.verify(plan).ok:
         raise RuntimeError(f"{scenario.name}: the plan does not hold")
-    seconds = time.perf_counter() - began
+    taken = watch.taken()
     return {
-        "seconds": seconds,
+        "processor": taken.processor,
+        "seconds": taken.wall,
         "megabytes": peak_memory(),
         "solver": plan.statistics.solver_seconds,
     }
@@ -89,27 +90,43 @@ def run() -> Table:
     vehicles = [found["vehicles", size, cores] for size in VEHICLES]
     save_figure(draw(knots, vehicles), PICTURE)
     rows: list[tuple[Cell, ...]] = [
-        (work, size, used, each["seconds"], each["megabytes"], each["solver"])
+        (
+            work,
+            size,
+            used,
+            each["processor"],
+            each["seconds"],
+            each["megabytes"],
+            each["solver"],
+        )
         for (work, size, used), each in found.items()
     ]
     alone = found["vehicles", VEHICLES[-1], 1]["seconds"]
     return Table(
         name="growth",
         title="Growth with the knots and with the vehicles",
-        columns=("work", "size", "cores", "median_seconds", "peak_megabytes", "solver_seconds"),
+        columns=(
+            "work",
+            "size",
+            "cores",
+            "median_processor_s",
+            "median_wall_s",
+            "peak_megabytes",
+            "solver_seconds",
+        ),
         rows=tuple(rows),
         notes=(_ABOUT,),
         goals=(
-            Goal("exponent of time in K, 50 to 5000 knots", 1.3, _exponent(KNOTS, knots)),
+            Goal("exponent of processor time in K, 50 to 5000 knots", 1.3, _exponent(KNOTS, knots)),
             Goal("memory at 5000 knots [MB]", 500.0, knots[-1]["megabytes"]),
             Goal(
-                "exponent of time in N, 40 to 4000 vehicles",
+                "exponent of processor time in N, 40 to 4000 vehicles",
                 1.02,
                 _exponent(VEHICLES[1:], vehicles[1:]),
             ),
             Goal("memory with 4000 vehicles [MB]", 1000.0, vehicles[-1]["megabytes"]),
             Goal(
-                "4000 vehicles: time on all cores / on one (goal: 1.6 times as fast)",
+                "4000 vehicles: wall time on all cores / on one (goal: 1.6 times as fast)",
                 1 / 1.6,
                 vehicles[-1]["seconds"] / alone,
             ),
@@ -136,7 +153,7 @@ def _in_process(work: str, size: int, cores: int) -> dict[str, float]:
 
 
 def _exponent(sizes: tuple[int, ...], found: list[dict[str, float]]) -> float:
-    seconds = [each["seconds"] for each in found]
+    seconds = [each["processor"] for each in found]
     return float(np.polyfit(np.log(sizes), np.log(seconds), 1)[0])
 
 
@@ -177,7 +194,7 @@ def redraw() -> None:
     cores = max(int(row["cores"]) for row in rows)
     found = {
         (row["work"], int(row["size"])): {
-            "seconds": float(row["median_seconds"]),
+            "seconds": float(row["median_wall_s"]),
             "megabytes": float(row["peak_megabytes"]),
         }
         for row in rows

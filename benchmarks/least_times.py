@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import statistics
 import tempfile
-import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -15,6 +13,7 @@ from numpy.typing import ArrayLike
 
 import drake_rho as rho
 from benchmarks.apart import run_apart
+from benchmarks.stopwatch import Stopwatch, Taken, median
 
 Planner = Callable[[rho.Scenario], rho.Plan]
 
@@ -25,8 +24,8 @@ class Found:
 
     plan: rho.Plan | None
     """plan, if there is one"""
-    seconds: float
-    """median time of the call [s]"""
+    taken: Taken
+    """median time of the call"""
     holds: bool = False
     """true if the plan is one of the scenario's that was given, and `rho.verify` accepts it"""
     words: str = ""
@@ -50,18 +49,18 @@ def within(limit: float) -> Planner:
 
 def found(scenario: rho.Scenario, planner: Planner = minimum_time, repetitions: int = 1) -> Found:
     """Return the plan of a scenario, and the median time of a few calls."""
-    plan, seconds, words = None, list[float](), ""
+    plan, times, words = None, list[Taken](), ""
     for _ in range(repetitions):
-        began = time.perf_counter()
+        watch = Stopwatch()
         try:
             plan = planner(scenario)
         except (rho.InfeasibleError, rho.OutOfTimeError, rho.SolverError) as error:
             words = f"{type(error).__name__}: {next(iter(str(error).splitlines()), '')}"
-        seconds.append(time.perf_counter() - began)
+        times.append(watch.taken())
         if words:
-            return Found(None, statistics.median(seconds), words=words)
+            return Found(None, median(times), words=words)
     good = plan is not None and answers(plan, scenario) and rho.verify(plan).ok
-    return Found(plan, statistics.median(seconds), good)
+    return Found(plan, median(times), good)
 
 
 def answers(plan: rho.Plan, scenario: rho.Scenario) -> bool:
@@ -92,7 +91,9 @@ class Refereed:
     time: float
     """least time that it finds [s]"""
     seconds: float
-    """from the track to the answer, in its process [s]"""
+    """wall time from the track to the answer, in its process [s]"""
+    processor: float
+    """processor time of that [s]"""
     programs: int
     """programs that it took"""
     error: float

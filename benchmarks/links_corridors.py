@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import math
 import statistics
-import time
 from collections.abc import Sequence
 
 from rich.progress import track
@@ -15,6 +14,7 @@ from benchmarks.corridor_scenes import FEWEST, LEAST_STEPS, MOST, STEP, corridor
 from benchmarks.kept import outside
 from benchmarks.linked import KEPT
 from benchmarks.peers import cvxpy_links
+from benchmarks.stopwatch import Stopwatch, Taken, median
 from benchmarks.tables import Cell, Goal, Table
 
 EQUAL = 1e-5
@@ -30,9 +30,11 @@ COLUMNS = (
     "excess_m",
     "median_cost_above_knots",
     "largest_cost_above_knots",
-    "median_seconds",
-    "slowest_seconds",
-    "median_seconds_cvxpy",
+    "median_processor_s",
+    "median_wall_s",
+    "slowest_processor_s",
+    "median_processor_s_cvxpy",
+    "median_wall_s_cvxpy",
 )
 
 
@@ -52,10 +54,10 @@ class Lap:
     """cost of the program at the knots [m²/s⁴]"""
     excess: float
     """largest distance outside of a box, at the knots or at dense samples [m]"""
-    seconds: float
-    """time from the scenario record to the verified plan, or to the failure [s]"""
-    peer_seconds: float
-    """time from the scenario record to the solution [s]"""
+    taken: Taken
+    """time from the scenario record to the verified plan, or to the failure"""
+    peer_taken: Taken
+    """time from the scenario record to the solution"""
 
     @property
     def difference(self) -> float:
@@ -94,35 +96,33 @@ def run(seeds: int = 20) -> Table:
 def laps_of(seed: int) -> list[Lap]:
     """Plan one corridor at the knots and at every instant, beside the peer's program."""
     at_knots = corridor(seed)
-    began = time.perf_counter()
+    watch = Stopwatch()
     peer = cvxpy_links.solve(at_knots).cost
-    peer_seconds = time.perf_counter() - began
+    peer_taken = watch.taken()
     return [
-        _lap(each, peer, peer_seconds, flat=seed % 2 == 0)
+        _lap(each, peer, peer_taken, flat=seed % 2 == 0)
         for each in (at_knots, corridor(seed, every_instant=True))
     ]
 
 
-def _lap(scenario: rho.Scenario, peer: float, peer_seconds: float, *, flat: bool) -> Lap:
-    cost, excess, began = math.nan, -math.inf, time.perf_counter()
+def _lap(scenario: rho.Scenario, peer: float, peer_taken: Taken, *, flat: bool) -> Lap:
+    cost, excess, watch = math.nan, -math.inf, Stopwatch()
     try:
         plan = rho.plan(scenario)
         if rho.verify(plan).ok:
             cost = plan.cost
-        seconds = time.perf_counter() - began
+        taken = watch.taken()
         excess = outside(plan)
     except rho.DrakeRhoError:
-        seconds = time.perf_counter() - began
-    return Lap(
-        scenario.name, flat, scenario.between_knots, cost, peer, excess, seconds, peer_seconds
-    )
+        taken = watch.taken()
+    return Lap(scenario.name, flat, scenario.between_knots, cost, peer, excess, taken, peer_taken)
 
 
 def _row(laps: Sequence[Lap], *, flat: bool, every_instant: bool) -> tuple[Cell, ...]:
     some = [each for each in laps if (each.flat, each.every_instant) == (flat, every_instant)]
     differences = [each.difference for each in some]
     above = [each.cost / each.peer - 1.0 for each in some]
-    seconds = [each.seconds for each in some]
+    times, peer = [each.taken for each in some], median(each.peer_taken for each in some)
     return (
         "flat" if flat else "three dimensions",
         "every instant" if every_instant else "knots",
@@ -133,9 +133,9 @@ def _row(laps: Sequence[Lap], *, flat: bool, every_instant: bool) -> tuple[Cell,
         max(each.excess for each in some),
         statistics.median(above) if every_instant else None,
         max(above) if every_instant else None,
-        statistics.median(seconds),
-        max(seconds),
-        None if every_instant else statistics.median(each.peer_seconds for each in some),
+        *median(times).both,
+        max(each.processor for each in times),
+        *((None, None) if every_instant else peer.both),
     )
 
 

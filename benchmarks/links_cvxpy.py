@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import math
 import statistics
-import time
 from collections.abc import Sequence
 
 import numpy as np
@@ -14,6 +13,7 @@ from rich.progress import track
 import drake_rho as rho
 from benchmarks.kept import outside
 from benchmarks.peers import cvxpy_links
+from benchmarks.stopwatch import Stopwatch, Taken, median
 from benchmarks.tables import Cell, Goal, Table
 from drake_rho.scenario.fields import FloatArray
 
@@ -31,10 +31,12 @@ COLUMNS = (
     "median_difference",
     "largest_difference",
     "largest_excess_of_link_m",
-    "median_seconds",
-    "slowest_seconds",
-    "median_seconds_cvxpy",
-    "slowest_seconds_cvxpy",
+    "median_processor_s",
+    "median_wall_s",
+    "slowest_processor_s",
+    "median_processor_s_cvxpy",
+    "median_wall_s_cvxpy",
+    "slowest_processor_s_cvxpy",
 )
 
 
@@ -54,10 +56,10 @@ class Lap:
     """largest length of the link at a knot beyond its limit [m]; -inf if there is no plan"""
     reached: bool
     """true if the link is at its limit at a knot"""
-    seconds: float
-    """time from the scenario record to the plan, or to the failure [s]"""
-    peer_seconds: float
-    """time from the scenario record to the solution, or to the verdict that there is none [s]"""
+    taken: Taken
+    """time from the scenario record to the plan, or to the failure"""
+    peer_taken: Taken
+    """time from the scenario record to the solution, or to the verdict that there is none"""
 
     @property
     def difference(self) -> float:
@@ -140,14 +142,14 @@ def run(seeds: int = 50) -> Table:
 
 def lap(scenario: rho.Scenario) -> Lap:
     """Plan one draw by both."""
-    began = time.perf_counter()
+    watch = Stopwatch()
     try:
         plan = rho.plan(scenario)
     except rho.InfeasibleError:
         plan = None
-    planned = time.perf_counter()
+    taken, watch = watch.taken(), Stopwatch()
     answer = cvxpy_links.solve(scenario)
-    solved = time.perf_counter()
+    peer_taken = watch.taken()
     excess = -math.inf if plan is None else outside(plan)
     link = scenario.requirements[0].set.support(np.array([1.0, 0.0, 0.0]))
     return Lap(
@@ -157,8 +159,8 @@ def lap(scenario: rho.Scenario) -> Lap:
         peer=answer.cost,
         excess=excess,
         reached=excess > -REACHED * float(link),
-        seconds=planned - began,
-        peer_seconds=solved - planned,
+        taken=taken,
+        peer_taken=peer_taken,
     )
 
 
@@ -169,7 +171,7 @@ def _same(laps: Sequence[Lap]) -> int:
 
 def _row(kind: str, laps: Sequence[Lap]) -> tuple[Cell, ...]:
     differences = [each.difference for each in laps]
-    seconds, peers = [each.seconds for each in laps], [each.peer_seconds for each in laps]
+    times, peers = [each.taken for each in laps], [each.peer_taken for each in laps]
     return (
         kind,
         len(laps),
@@ -178,10 +180,10 @@ def _row(kind: str, laps: Sequence[Lap]) -> tuple[Cell, ...]:
         statistics.median(differences),
         max(differences),
         max(each.excess for each in laps),
-        statistics.median(seconds),
-        max(seconds),
-        statistics.median(peers),
-        max(peers),
+        *median(times).both,
+        max(each.processor for each in times),
+        *median(peers).both,
+        max(each.processor for each in peers),
     )
 
 

@@ -38,7 +38,8 @@ def run() -> Table:
             near = float(f"{apart.min() - RADIUS:.2g}")
         cost = round(found.plan.cost, 4) if found.plan else None
         kind = (name, len(mesh.triangles), mesh.is_watertight, COUNT)
-        rows.append((*kind, found.ok, round(found.seconds, 2), cost, near))
+        shown = round(found.taken.processor, 2), round(found.taken.wall, 2)
+        rows.append((*kind, found.ok, *shown, cost, near))
     return Table(
         name="map_meshes",
         title="Maps: meshes",
@@ -48,7 +49,8 @@ def run() -> Table:
             "watertight",
             "vehicles",
             "planned and verified",
-            "plan [s]",
+            "plan, processor [s]",
+            "plan, wall [s]",
             "index f",
             "nearest triangle less the radius [m]",
         ),

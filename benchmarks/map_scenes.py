@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-import time
 
 import numpy as np
 import numpy.typing as npt
 from scipy.spatial import KDTree
 
 import drake_rho as rho
+from benchmarks.stopwatch import Stopwatch, Taken
 
 Array = npt.NDArray[np.float64]
 
@@ -26,7 +26,7 @@ class Tried:
 
     plan: rho.Plan | None
     """plan, if there is one"""
-    seconds: float
+    taken: Taken
     """time of `rho.plan`"""
     words: str = ""
     """error without a plan"""
@@ -46,12 +46,12 @@ class Tried:
 
 def tried(scenario: rho.Scenario) -> Tried:
     """Return the plan of a scenario with the time that it took."""
-    begun = time.perf_counter()
+    watch = Stopwatch()
     try:
         plan = rho.plan(scenario, options=rho.Options(time_limit=LIMIT))
     except (rho.InfeasibleError, rho.OutOfTimeError, rho.SolverError) as error:
-        return Tried(None, time.perf_counter() - begun, type(error).__name__)
-    return Tried(plan, time.perf_counter() - begun)
+        return Tried(None, watch.taken(), type(error).__name__)
+    return Tried(plan, watch.taken())
 
 
 def beyond_radius(found: Tried, voxels: rho.Voxels) -> float:

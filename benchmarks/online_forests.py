@@ -13,6 +13,7 @@ from benchmarks.all_cores import on_all_cores
 from benchmarks.map_scenes import Tried, beyond_radius
 from benchmarks.race import Skipped
 from benchmarks.sampling import sample
+from benchmarks.stopwatch import Taken
 from benchmarks.tables import Cell, Goal, Table
 from drake_rho.scenario.fields import FloatArray
 
@@ -133,7 +134,7 @@ def fly(folder: Path, number: int) -> Lap:
     found, separation = sample(flown.plan), mission.separation
     if separation is None:
         raise ValueError("separation: got None, expected that of the mission")
-    clear = beyond_radius(Tried(flown.plan, 0.0), voxels)
+    clear = beyond_radius(Tried(flown.plan, Taken(0.0, 0.0)), voxels)
     seconds = np.concatenate(flown.seconds)
     return Lap(found.least - separation.distance, clear, found.beyond, flown.arrivals, seconds)
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 import dataclasses
 import gc
 import statistics
-import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
 from rich.progress import track
 
+from benchmarks.stopwatch import Stopwatch, Taken, median
 from drake_rho import Flight, Plan, Scenario, verify
 from drake_rho.scenario.fields import FloatArray
 
@@ -36,14 +36,14 @@ class Entry:
 class Lap:
     """One run of one implementation."""
 
-    seconds: float
-    """time from the scenario to the verified flight [s]"""
+    taken: Taken
+    """time from the scenario to the verified flight"""
     index: float
     """f (13) [m²/s⁴]"""
     verified: bool
     """true if every constraint of the scenario holds"""
     solver_seconds: float
-    """time reported by the solver [s], summed over the programs; 0 if not recorded"""
+    """wall time reported by the solver [s], summed over the programs; 0 if not recorded"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -54,15 +54,16 @@ class Result:
     """name in the table"""
     laps: tuple[Lap, ...]
     """runs; empty if it could not run"""
-    reference: float
-    """reference index [m²/s⁴]"""
+    reference: float | None
+    """reference index [m²/s⁴]; None if implementations may differ"""
     failure: str = ""
     """reason why it could not run"""
 
     @property
     def index_error(self) -> float:
         """Largest relative difference from the reference index, with its sign."""
-        return max((lap.index / self.reference - 1.0 for lap in self.laps), key=abs)
+        reference = self.laps[0].index if self.reference is None else self.reference
+        return max((lap.index / reference - 1.0 for lap in self.laps), key=abs)
 
     @property
     def verified(self) -> bool:
@@ -75,19 +76,19 @@ class Result:
         return self.verified and abs(self.index_error) <= SAME_INDEX
 
     @property
-    def median(self) -> float:
-        """Median time [s]."""
-        return statistics.median(lap.seconds for lap in self.laps)
+    def median(self) -> Taken:
+        """Median times."""
+        return median(lap.taken for lap in self.laps)
 
     @property
     def least(self) -> float:
-        """Least time [s]."""
-        return min(lap.seconds for lap in self.laps)
+        """Least processor time [s]."""
+        return min(lap.taken.processor for lap in self.laps)
 
     @property
     def outside_solver(self) -> float:
-        """Median fraction of the time outside the solver."""
-        return statistics.median(1.0 - lap.solver_seconds / lap.seconds for lap in self.laps)
+        """Median fraction of the wall time outside the solver."""
+        return statistics.median(1.0 - lap.solver_seconds / lap.taken.wall for lap in self.laps)
 
 
 def peer(name: str, accelerations: Callable[[Scenario], FloatArray]) -> Entry:
@@ -98,7 +99,7 @@ def peer(name: str, accelerations: Callable[[Scenario], FloatArray]) -> Entry:
 def race(
     entries: Sequence[Entry],
     make_scenario: Callable[[], Scenario],
-    reference: float,
+    reference: float | None,
     repetitions: int,
 ) -> list[Result]:
     """Run every entry once a round, after one round that does not count.
@@ -106,7 +107,7 @@ def race(
     Args:
         entries: the implementations.
         make_scenario: creates the scenario anew for each run, so that no cached value is reused.
-        reference: the reference index [m²/s⁴].
+        reference: the reference index [m²/s⁴]; None if implementations may differ.
         repetitions: number of rounds.
     """
     failures: dict[str, str] = {}
@@ -131,16 +132,16 @@ def race(
 
 
 def _lap(entry: Entry, scenario: Scenario) -> Lap:
-    with _collected():
-        began = time.perf_counter()
+    with collected():
+        watch = Stopwatch()
         flown = entry.run(scenario)
         report = verify(flown)
-        seconds = time.perf_counter() - began
-    return Lap(seconds, flown.cost, report.ok, flown.statistics.solver_seconds)
+        taken = watch.taken()
+    return Lap(taken, flown.cost, report.ok, flown.statistics.solver_seconds)
 
 
 @contextmanager
-def _collected() -> Iterator[None]:
+def collected() -> Iterator[None]:
     """Collect garbage first, so that no implementation collects another's."""
     gc.collect()
     gc.disable()

@@ -10,7 +10,15 @@ from benchmarks.tables import Cell
 
 THIS_PACKAGE = "this package"
 
-COLUMNS = ("implementation", "median [s]", "least [s]", "ratio", "index error", "note")
+COLUMNS = (
+    "implementation",
+    "median, processor [s]",
+    "least, processor [s]",
+    "median, wall [s]",
+    "ratio",
+    "index error",
+    "note",
+)
 """Columns; `rounds` explains them."""
 
 
@@ -20,36 +28,38 @@ def rows(results: Sequence[Result]) -> tuple[tuple[Cell, ...], ...]:
     Times of an implementation that did not do the work are left out, and the note says why.
     """
     ours = next(result for result in results if result.name == THIS_PACKAGE)
-    ranked = sorted(results, key=lambda one: one.median if one.counts else math.inf)
+    ranked = sorted(results, key=lambda one: one.median.processor if one.counts else math.inf)
     return tuple(_row(result, ours) for result in ranked)
 
 
 def rounds(repetitions: int) -> str:
     """Explain the columns of a race with so many rounds."""
     return (
-        f"Times are of {repetitions} rounds. The ratio is that of the medians, to this package's; "
-        "the error of the index is relative, the largest of all rounds."
+        f"Times are of {repetitions} rounds. Processor times are sums over threads and processes, "
+        "and wait for no other work. The ratio is that of their medians, to this package's; the "
+        "error of the index is relative, the largest of all rounds."
     )
 
 
 def ratio(results: Sequence[Result], *names: str, ours: str = THIS_PACKAGE) -> float | None:
-    """Return the median time of `ours` over the fastest of `names`; None if one is missing."""
+    """Return the processor time of `ours` over the least of `names`; None if one is missing."""
     by_name = {result.name: result for result in results if result.counts}
-    peers = [by_name[name].median for name in names if name in by_name]
+    peers = [by_name[name].median.processor for name in names if name in by_name]
     if ours not in by_name or not peers:
         return None
-    return by_name[ours].median / min(peers)
+    return by_name[ours].median.processor / min(peers)
 
 
 def _row(result: Result, ours: Result) -> tuple[Cell, ...]:
     if not result.laps:
-        return (result.name, None, None, None, None, result.failure)
-    both_count = result.counts and ours.counts
+        return (result.name, None, None, None, None, None, result.failure)
+    both_count, median = result.counts and ours.counts, result.median
     return (
         result.name,
-        result.median if result.counts else None,
+        median.processor if result.counts else None,
         result.least if result.counts else None,
-        result.median / ours.median if both_count else None,
+        median.wall if result.counts else None,
+        median.processor / ours.median.processor if both_count else None,
         result.index_error,
         _note(result),
     )

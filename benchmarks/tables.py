@@ -12,6 +12,10 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
+from threadpoolctl import threadpool_info
+
+from benchmarks.apart import version
+
 RESULTS = Path(__file__).parent / "results"
 """Folder of the tables."""
 
@@ -57,11 +61,14 @@ class Table:
     """packages whose versions matter"""
 
 
-def write(table: Table, folder: Path = RESULTS) -> tuple[Path, Path]:
-    """Write `<name>.md` and `<name>.csv` into `folder`, and return their paths."""
+def write(table: Table, load_before: float, folder: Path = RESULTS) -> tuple[Path, Path]:
+    """Write `<name>.md` and `<name>.csv` into `folder`, and return their paths.
+
+    `load_before` is that of `to_markdown`.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     markdown, values = folder / f"{table.name}.md", folder / f"{table.name}.csv"
-    markdown.write_text(to_markdown(table), encoding="utf-8")
+    markdown.write_text(to_markdown(table, load_before), encoding="utf-8")
     with values.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(table.columns)
@@ -69,16 +76,23 @@ def write(table: Table, folder: Path = RESULTS) -> tuple[Path, Path]:
     return markdown, values
 
 
-def to_markdown(table: Table, width: int | None = None) -> str:
-    """Return the whole Markdown file: results, goals, notes, conditions.
+def load() -> float:
+    """Return the load average of the last minute."""
+    return os.getloadavg()[0]
+
+
+def to_markdown(table: Table, load_before: float, width: int | None = None) -> str:
+    """Return the whole Markdown file: conditions, results, goals, notes.
 
     Args:
         table: the result.
+        load_before: load average of the last minute before the benchmark.
         width: columns of a terminal; the rows of a table that is wider even with one word a line
             become items of a list. Unlimited if not given.
     """
     grid = partial(_grid, width=width)
-    parts = [f"# {table.title}", grid(table.columns, table.rows)]
+    parts = [f"# {table.title}", conditions(table.packages, load_before)]
+    parts.append(grid(table.columns, table.rows))
     if table.goals:
         rows = [
             (goal.work, f"at most {goal.most:.3g}", goal.measured, goal.outcome)
@@ -87,26 +101,26 @@ def to_markdown(table: Table, width: int | None = None) -> str:
         parts += ["## Goals", grid(("work", "goal", "measured", "outcome"), rows)]
     if table.notes:
         parts += ["## Notes", *table.notes]
-    parts += ["## Conditions", grid(("what", "value"), list(conditions(table.packages).items()))]
     return "\n\n".join(parts) + "\n"
 
 
-def conditions(packages: Sequence[str]) -> dict[str, str]:
-    """Return the machine, the software and the commit of a measurement."""
-    found = {
-        "processor": _processor(),
-        "cores": str(os.cpu_count()),
-        "system": f"{platform.system()} {platform.machine()}",
-        "Python": platform.python_version(),
-        "commit": commit(),
-        "load average": f"{os.getloadavg()[1]:.1f} in the last five minutes, this work included",
-    }
-    for package in packages:
-        try:
-            found[package] = importlib.metadata.version(package)
-        except importlib.metadata.PackageNotFoundError:
-            found[package] = "not installed"
-    return found
+def conditions(packages: Sequence[str], load_before: float) -> str:
+    """Return a paragraph on the commit, the machine, its load, the threads and the software."""
+    threads = {str(each["num_threads"]) for each in threadpool_info() if each["user_api"] == "blas"}
+    versions = ", ".join(f"{package} {_version(package)}" for package in packages)
+    return (
+        f"Commit {commit()}. {_processor()}, {os.cpu_count()} cores, {platform.system()} "
+        f"{platform.machine()}; load average of a minute {load_before:.1f} before, {load():.1f} "
+        f"after, this work included. Threads of BLAS: {' and '.join(sorted(threads)) or 'none'}, "
+        f"for every implementation. Python {platform.python_version()}, {versions}."
+    )
+
+
+def _version(package: str) -> str:
+    try:
+        return importlib.metadata.version(package)
+    except importlib.metadata.PackageNotFoundError:
+        return version(package)  # in an environment of its own, or not at all
 
 
 def _processor() -> str:

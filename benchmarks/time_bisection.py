@@ -30,8 +30,10 @@ COLUMNS = (
     "T by bisection [s]",
     "ratio",
     "verified",
-    "plan [s]",
-    "bisection [s]",
+    "plan, processor [s]",
+    "plan, wall [s]",
+    "bisection, processor [s]",
+    "bisection, wall [s]",
 )
 
 
@@ -81,8 +83,8 @@ def _row(scenario: rho.Scenario, mine: Found, theirs: Found, ratio: float) -> tu
         _digits(theirs.duration),
         _digits(ratio if 0.0 < ratio < math.inf else None),
         mine.holds,
-        mine.seconds,
-        theirs.seconds,
+        *mine.taken.both,
+        *theirs.taken.both,
     )
 
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import statistics
 
 from rich.progress import track
 
 import drake_rho as rho
 from benchmarks.least_times import Found, found, within
 from benchmarks.sampling import sample
+from benchmarks.stopwatch import median
 from benchmarks.tables import Cell, Goal, Table
 from benchmarks.time_fleet_scenes import APART, BESIDE, RADIUS, VEHICLES, alone, scene
 from benchmarks.time_scenes import STEPS, THRUST
@@ -31,8 +31,10 @@ COLUMNS = (
     "verified",
     "least distance of two [m]",
     "nearest sphere less the radius [m]",
-    "plan [s]",
-    "one vehicle alone, median [s]",
+    "plan, processor [s]",
+    "plan, wall [s]",
+    "one vehicle alone, median, processor [s]",
+    "one vehicle alone, median, wall [s]",
 )
 
 
@@ -72,8 +74,8 @@ class Lap:
             self.fleet.holds,
             None if sampled is None else f"{sampled.least:.6f}",
             None if sampled is None else f"{sampled.clearance:.6f}",
-            self.fleet.seconds,
-            statistics.median(one.seconds for one in self.each),
+            *self.fleet.taken.both,
+            *median(one.taken for one in self.each).both,
         )
 
 

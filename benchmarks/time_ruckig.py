@@ -9,6 +9,7 @@ import ruckig
 
 import drake_rho as rho
 from benchmarks.least_times import found
+from benchmarks.stopwatch import Taken, median
 from benchmarks.tables import Cell, Goal, Table
 
 KNOTS = 80
@@ -27,7 +28,8 @@ COLUMNS = (
     "largest",
     "T / Ruckig - 1, least",
     "without a verified plan",
-    "plan [s], median",
+    "plan, median, processor [s]",
+    "plan, median, wall [s]",
 )
 
 
@@ -97,11 +99,11 @@ def run() -> Table:
     """Plan all draws along one axis and along three."""
     rows, apart, faults = list[tuple[Cell, ...]](), list[float](), list[str]()
     for axes in (1, 3):
-        longer, alone, seconds, missing = list[float](), list[float](), list[float](), 0
+        longer, alone, times, missing = list[float](), list[float](), list[Taken](), 0
         for seed in range(DRAWS):
             hop = Hop.drawn(np.random.default_rng([axes, seed]), axes)
             mine, known = found(hop.scenario()), hop.duration
-            seconds.append(mine.seconds)
+            times.append(mine.taken)
             if mine.duration is None:
                 missing += 1
                 faults.append(f"- {axes} axes, draw {seed}: {mine.words or 'violated'}")
@@ -109,7 +111,7 @@ def run() -> Table:
             longer.append(mine.duration * KNOTS / (KNOTS - 1) / known - 1.0)
             alone.append(mine.duration / known - 1.0)
         spread = np.min(longer), np.median(longer), np.max(longer), np.min(alone)
-        rows.append((axes, DRAWS, *map(float, spread), missing, float(np.median(seconds))))
+        rows.append((axes, DRAWS, *map(float, spread), missing, *median(times).both))
         apart += np.abs(longer).tolist()
     missed = ["\n".join(["Without a verified plan:", "", *faults])] if faults else []
     return Table(

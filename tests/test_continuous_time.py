@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import drake_rho as rho
-from drake_rho.motion.close_pairs import close_pairs, close_pairs_at_knots
+from drake_rho.motion.close_pairs import PairSearch
 from drake_rho.motion.dynamics import Motion, roll_out
 from drake_rho.motion.extremes import turning_points
 from drake_rho.verification.continuous_time import Least, least_over_time
@@ -203,8 +203,8 @@ def test_a_nan_distance_does_not_affect_the_others(bad: float) -> None:
 
 def _all_pairs(motion: Motion, separation: rho.Separation, *, every_instant: bool) -> np.ndarray:
     """Return the least distance of each vehicle from any other, by a visit to every pair."""
-    find = close_pairs if every_instant else close_pairs_at_knots
-    every = find(motion, separation, 1e12)
+    search = PairSearch(separation)
+    every = (search.in_steps if every_instant else search.at_knots)(motion, 1e12)
     least = np.full(len(motion.positions), np.inf)
     np.minimum.at(least, np.concatenate([every.one, every.other]), np.tile(every.distances, 2))
     return least

@@ -15,6 +15,7 @@ from pydrake.solvers import ClarabelSolver, MathematicalProgram
 from scipy.optimize import minimize
 
 import drake_rho as rho
+from drake_rho.motion.close_pairs import PairSearch
 from drake_rho.motion.dynamics import Motion, response
 from drake_rho.planning.constraints.base import about
 from drake_rho.planning.constraints.close_pairs import pairs_within
@@ -232,7 +233,7 @@ def test_mirroring_turning_shifting_and_changing_units(
             costs.append(rho.plan_convex(each).cost / scale)
         except rho.InfeasibleError:
             costs.append(np.inf)
-    met = pairs_within(scenario.separation, _free(scenario), 1e-3 * size, between=True)
+    met = pairs_within(PairSearch(scenario.separation), _free(scenario), 1e-3 * size, between=True)
     if np.isfinite(costs[0]) and len(met) == 0:
         assert costs[1] == pytest.approx(costs[0], rel=10 * INDEX)
 

@@ -70,11 +70,9 @@ def test_vehicles_without_violation_fly_the_reference_while_others_are_separated
     assert not subproblem.holds(start)
     after = SoftRows(subproblem)(start, 1e3, 0)
     np.testing.assert_array_equal(after.accelerations[1], start.accelerations[1])
-    assert scenario.separation is not None
+    problem = Problem.of(scenario)
     close = [
-        violating_pairs(
-            scenario.separation, plan.motion(), Problem.of(scenario).margins.inner, between=True
-        )
+        violating_pairs(problem.pair_search, plan.motion(), problem.margins.inner, between=True)
         for plan in (start, after)
     ]
     gaps = [found.distances.min(initial=1.0) for found in close]

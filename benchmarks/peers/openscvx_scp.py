@@ -15,6 +15,7 @@ import contextlib
 import functools
 import json
 import sys
+import time
 from typing import Any
 
 import numpy as np
@@ -142,11 +143,13 @@ def _boxed(variable: Any, box: Box, unit: float) -> Any:
 def main() -> None:
     """Answer every scenario on standard input until it ends."""
     for line in sys.stdin:
+        began = time.process_time()
         try:
             with contextlib.redirect_stdout(sys.stderr):  # it prints its progress
                 answer: dict[str, Any] = {"accelerations": solve(scenario_from_json(line)).tolist()}
         except Exception as error:  # errors of its tools are its result
             answer = {"error": f"{type(error).__name__}: {error}"}
+        answer["processor"] = time.process_time() - began
         # read by the parent process
         print(json.dumps(answer), flush=True)  # noqa: T201
 

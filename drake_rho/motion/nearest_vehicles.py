@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from drake_rho.motion.close_pairs import CloseApproaches, close_pairs
+from drake_rho.motion.close_pairs import CloseApproaches, PairSearch
 from drake_rho.motion.dynamics import Motion
 from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.pairs import closest_two, nearest_others
@@ -50,7 +50,7 @@ def closest_over_time(motion: Motion, separation: Separation, *, per_step: int) 
         p, v = motion.positions[:, k : k + 2], motion.velocities[:, k : k + 2]
         step = Motion(h, p, v, motion.accelerations[:, k : k + 1], *ends)
         bound = least[k * per_step : (k + 1) * per_step + 1].min()
-        closer = close_pairs(step, separation, float(bound))
+        closer = PairSearch(separation).in_steps(step, float(bound))
         if len(closer) > 0:
             m = np.argmin(closer.distances)
             time = h * k + closer.times[m]

@@ -9,11 +9,12 @@ from functools import cached_property
 
 import numpy as np
 
-from drake_rho.motion.close_pairs import CloseApproaches
+from drake_rho.motion.close_pairs import CloseApproaches, PairSearch
 from drake_rho.motion.dynamics import Motion
 from drake_rho.motion.plan import Plan
 from drake_rho.planning.constraints.base import Constraint
 from drake_rho.planning.constraints.boxes import KeepInBox, boxes_of
+from drake_rho.planning.constraints.close_pairs import separation_of
 from drake_rho.planning.constraints.keep_in import KeepInSets
 from drake_rho.planning.constraints.keep_out import KeepOutOfObstacle
 from drake_rho.planning.constraints.limits import norms_of, requirements_of, waypoints_of
@@ -57,16 +58,22 @@ class Problem:
     """true if only violations are penalised and goals may be missed"""
     accelerations: FloatArray | np.float64 = UNBOUNDED
     """largest accelerations for the margin of a smoothing, as in `margins_of`"""
+    before: Motion | None = None
+    """plan in force, at whose close approaches to obstacles rows are tried first; None for none"""
 
     @classmethod
-    def of(cls, scenario: Scenario) -> Problem:
+    def of(cls, scenario: Scenario, *, before: Motion | None = None) -> Problem:
         """Return the problem of a scenario with margins that are constant over steps.
+
+        Args:
+            scenario: to plan.
+            before: the plan in force, if a window is planned.
 
         Raises:
             ScenarioError: a waypoint has no time.
         """
         check_times(scenario.vehicles)
-        return cls(scenario)
+        return cls(scenario, before=before)
 
     def __len__(self) -> int:
         """Return the number of vehicles, N."""
@@ -105,6 +112,15 @@ class Problem:
         return (*self.boxes, *self.norms_and_waypoints, *self.requirements)
 
     @cached_property
+    def pair_search(self) -> PairSearch:
+        """Search for close pairs of vehicles.
+
+        Raises:
+            ValueError: the scenario has no separation.
+        """
+        return PairSearch(separation_of(self.scenario))
+
+    @cached_property
     def linked_groups(self) -> IntArray:
         """Number of each vehicle's group, equal for vehicles that requirements link, (N,)."""
         scenario = self.scenario
@@ -125,7 +141,7 @@ class Problem:
 
     def obstacles_around(self, reference: Motion) -> list[KeepOutOfObstacle]:
         """Return constraints of known obstacles, linearised (15) around a motion."""
-        return obstacles_of(self.scenario, self.margins, reference)
+        return obstacles_of(self.scenario, self.margins, reference, self.before)
 
     def pairs_around(
         self,
@@ -139,11 +155,15 @@ class Problem:
     ) -> KeepApart:
         """Return the separation constraint of all pairs, linearised around a motion.
 
-        Arguments and errors are those of `pairs_of`.
+        Arguments are those of `pairs_of`.
+
+        Raises:
+            ValueError: the scenario has no separation.
         """
         return pairs_of(
             self.scenario,
             self.margins,
+            self.pair_search,
             reference,
             coupling,
             penalty=penalty,

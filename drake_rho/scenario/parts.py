@@ -506,4 +506,8 @@ class Separation:
         Returns:
             The scaled positions; the array itself, not a copy, if the downwash is 1.
         """
-        return positions if self.is_round else self.shape.scaled(positions)
+        if self.is_round:
+            return positions
+        scaled = np.array(positions, dtype=np.float64, order="C")
+        scaled[..., 2] *= self.shape.scales[2]  # several times as fast as a product by all scales
+        return scaled

@@ -9,7 +9,7 @@ import dataclasses
 
 import numpy as np
 
-from drake_rho.motion.close_pairs import CloseApproaches, close_pairs, close_pairs_at_knots
+from drake_rho.motion.close_pairs import CloseApproaches, PairSearch
 from drake_rho.motion.dynamics import Motion, step_at
 from drake_rho.motion.penetration import Pieces, deepest
 from drake_rho.planning.constraints.base import VIOLATED
@@ -21,7 +21,7 @@ from drake_rho.scenario.times import END_MARGIN
 
 
 def pairs_within(
-    separation: Separation,
+    search: PairSearch,
     motion: Motion,
     within: float,
     *,
@@ -32,19 +32,19 @@ def pairs_within(
     """Return pairs closer than `within` [m] after the start and before the end.
 
     Args:
-        separation: the separation, whose shape measures distances.
+        search: the search, by the separation whose shape measures distances.
         motion: the motion of all vehicles.
         within: the distance [m].
         between: whether to check every instant instead of the knots.
         of: increasing indices of vehicles; each pair includes at least one of them. All if None.
         open_end: whether the end counts too, as goals do not fix all positions there.
     """
-    find = close_pairs if between else close_pairs_at_knots
-    return _under_way(find(motion, separation, within, of=of), motion, open_end)
+    find = search.in_steps if between else search.at_knots
+    return _under_way(find(motion, within, of=of), motion, open_end)
 
 
 def violating_pairs(
-    separation: Separation,
+    search: PairSearch,
     motion: Motion,
     margins: Margins,
     *,
@@ -55,18 +55,19 @@ def violating_pairs(
     """Return pairs that violate their separation, with distances reduced by both margins.
 
     Args:
-        separation: the required separation.
+        search: the search, by the required separation.
         motion: the motion of all vehicles.
         margins: the margins that each vehicle of a pair adds to the separation.
         between: whether to check every instant instead of the knots.
         of: increasing indices of vehicles; each pair includes at least one of them. All if None.
         open_end: as for `pairs_within`.
     """
+    separation = search.separation
     least = separation.distance - VIOLATED * separation.tolerance
     if margins.largest == 0.0:
-        return pairs_within(separation, motion, least, between=between, of=of, open_end=open_end)
+        return pairs_within(search, motion, least, between=between, of=of, open_end=open_end)
     within = least + max_pair_margin(separation, margins)
-    found = pairs_within(separation, motion, within, between=between, of=of, open_end=open_end)
+    found = pairs_within(search, motion, within, between=between, of=of, open_end=open_end)
     if not separation.is_round:
         found = _measured(separation, motion, margins, found, between, open_end)
     both = 2.0 * margins.at("position", found.times)

@@ -86,6 +86,8 @@ class KeepOut(Constraint):
 
     margins: Margins
     """margins of single vehicles, on the grid of `reference`"""
+    before: Motion | None = None
+    """plan in force; a window's plan touches S at almost the same instants, which count as knots"""
 
     @property
     def linearised(self) -> bool:
@@ -107,6 +109,8 @@ class KeepOut(Constraint):
         motion = motion.subdivided(self.margins.pieces)
         if not between:
             rows = self.violated_at_knots(motion, vehicles, neighbours)
+            if self.before is not None and len(rows) > 0:
+                rows = rows.union(self._violated_touched(motion, rows.vehicles))
             return rows if self.given_end is None else self.given_end.without(rows)
         points = self.penetrations(motion, vehicles)
         first, last = END_MARGIN, motion.accelerations.shape[1] - END_MARGIN
@@ -123,6 +127,18 @@ class KeepOut(Constraint):
             return violated
         nearby = self.worst_nearby(motion, violated)
         return violated.union(nearby) if len(nearby) > 0 else violated
+
+    def _violated_touched(self, motion: Motion, vehicles: IntArray) -> HalfSpaces:
+        """Return the violated rows of some vehicles at the instants at which `before` touches S."""
+        rows = self.touched.select(np.isin(self.touched.vehicles, vehicles))
+        if len(rows) == 0:
+            return rows
+        return rows.select(rows.margins(motion) < -VIOLATED * rows.tolerances)
+
+    @cached_property
+    def touched(self) -> HalfSpaces:
+        """Rows at the instants between knots at which `before` touches S; none by default."""
+        return self.none
 
     def worst_nearby(self, motion: Motion, rows: HalfSpaces) -> HalfSpaces:
         """Return the most violated row within a step of each row; empty if those are the worst."""
@@ -155,6 +171,9 @@ def side_of(offsets: FloatArray, velocities: FloatArray) -> FloatArray:
     return np.where(defined, sides / np.where(defined, lengths, 1.0), across(ahead))
 
 
+_TOUCHES = 100.0
+"""Distance beyond the required one, in tolerances, up to which a motion touches an obstacle."""
+
 _AROUND, _ZOOMS = np.linspace(-1.0, 1.0, 17), 4
 """Search for the most violated row: offsets from a worst instant, in steps and then in intervals
 between the last offsets, and the number of searches."""
@@ -176,6 +195,16 @@ class KeepOutOfObstacle(KeepOut):
     """largest penetration that counts as outside, for each vehicle [m], shape (N,)"""
     clock: Clock
     """clock by which instants are compared with the obstacle's active interval"""
+
+    @cached_property
+    def touched(self) -> HalfSpaces:
+        """Rows at the instants between knots at which `before` touches the obstacle."""
+        assert self.before is not None  # noqa: S101  # callers check this
+        motion = self.before.subdivided(self.margins.pieces)
+        points = self.penetrations(motion, np.arange(len(self.required)), beyond=_TOUCHES)
+        k = points.times / motion.step
+        points = points.select(np.abs(k - np.rint(k)) > END_MARGIN)
+        return self.rows(points) if len(points) > 0 else self.none
 
     @property
     def obstacles(self) -> frozenset[int]:
@@ -212,11 +241,23 @@ class KeepOutOfObstacle(KeepOut):
         distances = self.distances(motion, points) - self.radius(points)
         return CloseApproaches(points.vehicles, points.partners, points.times, distances)
 
+    @abc.abstractmethod
+    def penetrations(
+        self, motion: Motion, vehicles: IntArray, *, beyond: float = -VIOLATED
+    ) -> EvaluationPoints:
+        """Return the points of a motion closer than required.
+
+        Args:
+            motion: the motion of all vehicles.
+            vehicles: the vehicles to check, as increasing indices.
+            beyond: distance beyond the required one that counts as closer, in tolerances.
+        """
+
     def deepest_instants(
-        self, motion: Motion, vehicles: IntArray
+        self, motion: Motion, vehicles: IntArray, beyond: float
     ) -> tuple[IntArray, IntArray, FloatArray]:
         """Return the parts, vehicles and times [s] of the deepest instants inside, (R,) each."""
-        below = self.required[vehicles] - VIOLATED * self.tolerances[vehicles]
+        below = self.required[vehicles] + beyond * self.tolerances[vehicles]
         within = np.maximum(below + self.margins.largest, 0.0)
         pieces = pieces_near_course(motion.of(vehicles), self._course, within)
         steps = step_at(pieces.times, motion.step)

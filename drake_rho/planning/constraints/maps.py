@@ -75,7 +75,9 @@ class KeepOutOfMap(KeepOutOfObstacle):
             tolerances=self.tolerances[points.vehicles],
         )
 
-    def penetrations(self, motion: Motion, vehicles: IntArray) -> EvaluationPoints:
+    def penetrations(
+        self, motion: Motion, vehicles: IntArray, *, beyond: float = -VIOLATED
+    ) -> EvaluationPoints:
         """Return the deepest instant of each penetrating step, with its part.
 
         A mesh may have hundreds of triangles near one step. Violations of the others are found in
@@ -83,7 +85,7 @@ class KeepOutOfMap(KeepOutOfObstacle):
         """
         if not self.every_instant:
             return self._penetrating_knots(motion, vehicles)
-        parts, whose, times = self.deepest_instants(motion, vehicles)
+        parts, whose, times = self.deepest_instants(motion, vehicles, beyond)
         points = _sorted(whose, parts, times)
         depths = self.distances(motion, points) - self.radius(points)
         steps = step_at(points.times, motion.step)

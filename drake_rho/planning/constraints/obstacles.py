@@ -68,11 +68,13 @@ class KeepOutOfShape(KeepOutOfObstacle):
             tolerances=self.tolerances[points.vehicles],
         )
 
-    def penetrations(self, motion: Motion, vehicles: IntArray) -> EvaluationPoints:
+    def penetrations(
+        self, motion: Motion, vehicles: IntArray, *, beyond: float = -VIOLATED
+    ) -> EvaluationPoints:
         """Return the deepest instant of each penetrating step, without duplicates."""
         if not self.every_instant:
             return self._penetrating_knots(motion, vehicles)
-        _, whose, times = self.deepest_instants(motion, vehicles)
+        _, whose, times = self.deepest_instants(motion, vehicles, beyond)
         repeated = (np.diff(whose, prepend=-1) == 0) & (np.diff(times, prepend=-1.0) == 0.0)
         return EvaluationPoints(whose[~repeated], whose[~repeated], times[~repeated])
 
@@ -143,9 +145,16 @@ class KeepOutOfShape(KeepOutOfObstacle):
 
 
 def obstacles_of(
-    scenario: Scenario, margins: PlanMargins, reference: Motion
+    scenario: Scenario, margins: PlanMargins, reference: Motion, before: Motion | None = None
 ) -> list[KeepOutOfObstacle]:
-    """Return constraints of the obstacles known at the start, linearised (15) around a motion."""
+    """Return constraints of the obstacles known at the start, linearised (15) around a motion.
+
+    Args:
+        scenario: the scenario to plan.
+        margins: margins for errors.
+        reference: the motion of all vehicles.
+        before: the plan in force, whose instants at obstacles are tried first; None for none.
+    """
     known = scenario.avoided
     if not known:
         return []
@@ -163,6 +172,7 @@ def obstacles_of(
                 key=("obstacle", number),
                 number=number,
                 clock=scenario.grid.clock,
+                before=None if obstacle.penalty else before,
                 name=scenario.obstacle_name(number),
                 quantity="position",
                 reference=reference,

@@ -14,13 +14,12 @@ from typing import Literal
 
 import numpy as np
 
-from drake_rho.motion.close_pairs import CloseApproaches
+from drake_rho.motion.close_pairs import CloseApproaches, PairSearch
 from drake_rho.motion.dynamics import Motion
 from drake_rho.planning.constraints.base import VIOLATED, GivenEnd, HalfSpaces, Quadratic
 from drake_rho.planning.constraints.close_pairs import (
     max_pair_margin,
     pairs_within,
-    separation_of,
     violating_pairs,
 )
 from drake_rho.planning.constraints.keep_out import EvaluationPoints, KeepOut, side_of
@@ -94,6 +93,8 @@ class KeepApart(KeepOut):
     """ellipsoid S around the partner of a vehicle"""
     required: Separation
     """required separation; `shape` may be larger"""
+    search: PairSearch
+    """search for close pairs, by the required separation"""
     points: EvaluationPoints
     """points that always have rows, sorted by pair and time"""
     responsibility: float
@@ -131,7 +132,7 @@ class KeepApart(KeepOut):
         """Return points of violating pairs that include at least one of the vehicles."""
         between = self.every_instant
         pairs = violating_pairs(
-            self.required,
+            self.search,
             motion,
             self.margins,
             between=between,
@@ -267,6 +268,7 @@ class KeepApart(KeepOut):
 def pairs_of(
     scenario: Scenario,
     margins: PlanMargins,
+    search: PairSearch,
     reference: Motion,
     coupling: Coupling,
     *,
@@ -281,6 +283,7 @@ def pairs_of(
     Args:
         scenario: a scenario with a separation.
         margins: the margins of plans.
+        search: the search for close pairs, by the separation of the scenario.
         reference: the reference motion q of all vehicles.
         coupling: the form of the rows.
         penalty: the cost per metre of violation of a row; infinite if rows must hold.
@@ -289,22 +292,15 @@ def pairs_of(
         of: increasing indices of vehicles; each pair includes at least one of them. All if None.
         close: the violating approaches of the reference, if known. They suffice between knots if
             rows are soft. None to search for them.
-
-    Raises:
-        ValueError: the scenario has no separation.
     """
-    separation, soft = separation_of(scenario), np.isfinite(penalty)
+    separation, soft = search.separation, np.isfinite(penalty)
     reference = reference.subdivided(margins.inner.pieces)
     required = separation.distance + max_pair_margin(separation, margins.inner)
     open_end = scenario.fleet.open_end
-    near = pairs_within(
-        separation, reference, NEAR * required, between=False, of=of, open_end=open_end
-    )
+    near = pairs_within(search, reference, NEAR * required, between=False, of=of, open_end=open_end)
     if close is None:
         within, between = required * (1.0 if soft else GRAZING), scenario.between_knots
-        close = pairs_within(
-            separation, reference, within, between=between, of=of, open_end=open_end
-        )
+        close = pairs_within(search, reference, within, between=between, of=of, open_end=open_end)
     shape = separation.shape
     if soft:
         shape = Ellipsoid(shape.center, SOFT_ENLARGEMENT * shape.semi_axes)
@@ -318,6 +314,7 @@ def pairs_of(
         coupled=coupling.together,
         shape=shape,
         required=separation,
+        search=search,
         margins=margins.inner,
         responsibility=coupling.responsibility,
         one_normal=one_normal,

@@ -12,6 +12,7 @@ import dataclasses
 
 from drake_rho.motion.flight import Window
 from drake_rho.motion.plan import Plan
+from drake_rho.planning.call.plan_in_force import in_force
 from drake_rho.planning.constraints.tightening import NO_SLACK, missing_slack
 from drake_rho.planning.errors import InfeasibleError, OutOfTimeError, SolverError
 from drake_rho.planning.horizon.contingencies import as_part_of, contingency
@@ -109,7 +110,8 @@ class WindowPlanner:
         """
         scenario, previous = start.scenario, start.reference
         window: Window | Failure | None = self._lack_of_slack(start)
-        window = window or self._planned(scenario, start.knot, previous)
+        with in_force(start.remaining):
+            window = window or self._planned(scenario, start.knot, previous)
         if isinstance(window, Window):
             free = start.has_new_orders or self._is_cheap(window.plan, previous)
             if free or not self.still_holds(start):

@@ -8,6 +8,7 @@ from collections.abc import Iterable
 from drake_rho.motion.plan import Plan
 from drake_rho.motion.statistics import Statistics
 from drake_rho.planning.call.options import Options
+from drake_rho.planning.call.plan_in_force import motion_in_force
 from drake_rho.planning.call.time_limit import with_time_limit
 from drake_rho.planning.call.wall_time import with_wall_time
 from drake_rho.planning.errors import InfeasibleError
@@ -74,7 +75,8 @@ def plan_convex(
         steps_tried += (grid.step,)
         try:
             plan = with_finer_margins(
-                lambda problem: linearised_once(problem, reference, backend), Problem.of(tried)
+                lambda problem: linearised_once(problem, reference, backend),
+                Problem.of(tried, before=motion_in_force(tried)),
             )
         except InfeasibleError as error:
             failures.append(error)

@@ -14,7 +14,7 @@ import numpy as np
 from drake_rho.motion.close_pairs import NO_APPROACHES, CloseApproaches
 from drake_rho.motion.dynamics import Motion
 from drake_rho.motion.plan import Plan
-from drake_rho.planning.constraints.close_pairs import max_pair_margin, pairs_within, separation_of
+from drake_rho.planning.constraints.close_pairs import max_pair_margin, pairs_within
 from drake_rho.planning.errors import InfeasibleError, SolverError
 from drake_rho.planning.scp.group_references import InGroups
 from drake_rho.planning.scp.restoration import SoftRows
@@ -55,7 +55,7 @@ class FleetSteps:
     def __init__(self, subproblem: Subproblem) -> None:
         self._subproblem, self._soft = subproblem, SoftRows(subproblem)
         problem = subproblem.problem
-        separation = separation_of(problem.scenario)
+        separation = problem.pair_search.separation
         margin = max_pair_margin(separation, problem.margins.inner)
         self._required = separation.distance + margin
         self._groups = InGroups(problem, _GROUP, subproblem.backend)
@@ -114,9 +114,10 @@ class FleetSteps:
         """Return the close approaches of infeasible vehicles and their neighbours."""
         if len(infeasible) == 0:
             return NO_APPROACHES
-        scenario = self._subproblem.problem.scenario
+        problem = self._subproblem.problem
+        scenario = problem.scenario
         return pairs_within(
-            separation_of(scenario),
+            problem.pair_search,
             motion,
             _NEIGHBOURHOOD * self._required,
             between=scenario.between_knots,

@@ -141,7 +141,7 @@ def violations_of(
     if required is not None:
         finer = motion.subdivided(margins.inner.pieces)
         pairs = violating_pairs(
-            required,
+            problem.pair_search,
             finer,
             margins.inner,
             between=between,
