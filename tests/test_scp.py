@@ -212,6 +212,51 @@ def test_a_linearisation_that_fails_by_rounding_returns_the_plan_before_it(
     assert not plan.statistics.converged
 
 
+class Creeping(Subproblem):
+    """Linearisations around accelerations y that return 1 + 0.98 abs(y - 1) [m/s²].
+
+    Args:
+        start: first plan.
+        refuses: whether references that are not the latest plan have no solution.
+    """
+
+    def __init__(self, start: rho.Plan, *, refuses: bool) -> None:
+        super().__init__(Problem.of(start.scenario))
+        self.last, self.refuses, self.refused = start, refuses, 0
+
+    def solve_around(self, reference: rho.Plan, vehicles: IntArray | None = None) -> rho.Plan:
+        """Return the plan of the next linearisation."""
+        if self.refuses and reference is not self.last:
+            self.refused += 1
+            raise rho.InfeasibleError({})
+        y = reference.accelerations[:, 0, 0]
+        self.last = flown(reference.scenario, (1.0 + 0.98 * np.abs(y - 1.0)).tolist())
+        return self.last
+
+
+def test_references_are_ahead_of_plans_that_creep(two: rho.Scenario) -> None:
+    """Around each latest plan, the cost would fall by less than the tolerance after 580 of them."""
+    costs = list[float]()
+    subproblem, start = Creeping(flown(two, [4.0, 4.0]), refuses=False), flown(two, [4.0, 4.0])
+    plan = sequential_convex(
+        subproblem, start, 1e-6, progress=lambda text: costs.append(float(text.split()[-2]))
+    )
+    assert plan.statistics.converged
+    assert plan.statistics.linearisations < 150
+    assert plan.accelerations[:, 0, 0] == pytest.approx(1.0, abs=1e-4)
+    assert plan.cost == pytest.approx(min(costs), rel=1e-5)
+
+
+def test_a_reference_ahead_without_a_solution_is_replaced_by_the_plan(two: rho.Scenario) -> None:
+    start = flown(two, [4.0, 4.0])
+    subproblem = Creeping(start, refuses=True)
+    plan = sequential_convex(subproblem, start, 1e-6, most=60)
+    taken = plan.statistics.linearisations - 1
+    assert subproblem.refused > 0
+    assert subproblem.refused + taken == 60
+    assert plan.accelerations[:, 0, 0] == pytest.approx(1.0 + 3.0 * 0.98**taken)
+
+
 def _colliding_and_separated() -> tuple[rho.Plan, rho.Plan]:
     """Return a motion of two vehicles that collide, and their plan; each was linearised once."""
     scenario, once = through_the_middle(2), rho.Statistics(linearisations=1)

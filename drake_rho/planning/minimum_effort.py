@@ -14,7 +14,7 @@ from collections.abc import Callable
 from functools import cached_property, lru_cache
 
 import numpy as np
-from scipy.linalg import solve_triangular
+import scipy  # its parts load when first used
 
 from drake_rho.motion.dynamics import Motion, response
 from drake_rho.planning.cost_terms import CostTerms, terms_by_class
@@ -145,7 +145,7 @@ def _smooth_cost(matrix: FloatArray) -> float:
 def _inverse_factor(matrix: FloatArray) -> FloatArray:
     """Return the inverse of the triangular factor of a matrix, (K-1, K-1)."""
     factor = np.linalg.qr(matrix, mode="r")
-    inverse: FloatArray = solve_triangular(factor, np.eye(len(factor)))
+    inverse: FloatArray = scipy.linalg.solve_triangular(factor, np.eye(len(factor)))
     return inverse
 
 

@@ -16,8 +16,8 @@ from itertools import pairwise
 from typing import NamedTuple, Self
 
 import numpy as np
+import scipy  # its parts load when first used
 from pydrake.solvers import MathematicalProgram
-from scipy.sparse import bsr_array, csc_array, csc_matrix, eye_array, hstack, kron
 
 from drake_rho.motion.dynamics import Motion
 from drake_rho.planning.constraints.base import HalfSpaces, about
@@ -277,7 +277,7 @@ class Cones:
         self,
         program: MathematicalProgram,
         x: np.ndarray,
-        matrix: csc_array,
+        matrix: scipy.sparse.csc_array,
         needed: FloatArray,
         penalties: FloatArray,
         scale: float,
@@ -295,17 +295,20 @@ class Cones:
         values = program.NewContinuousVariables(len(self), 4)
         identity, zero = np.eye(4), np.zeros(4)
         each = np.arange(len(self) + 1)
-        transform = bsr_array((self.matrices, each[:-1], each))  # block-diagonal
+        transform = scipy.sparse.bsr_array((self.matrices, each[:-1], each))  # block-diagonal
         offsets = -(transform @ needed).reshape(-1, 4)
         offsets[:, 0] += self.constants / scale
-        parts, variables = [transform @ matrix, -eye_array(values.size)], [x, values.reshape(-1)]
+        parts, variables = (
+            [transform @ matrix, -scipy.sparse.eye_array(values.size)],
+            [x, values.reshape(-1)],
+        )
         if np.isfinite(self.constraint.penalty):
             slacks = program.NewContinuousVariables(len(self))
             program.AddBoundingBoxConstraint(0.0, np.inf, slacks)
             program.AddLinearCost(penalties[::3], slacks)
-            parts.append(kron(eye_array(len(self)), np.eye(4, 1)))
+            parts.append(scipy.sparse.kron(scipy.sparse.eye_array(len(self)), np.eye(4, 1)))
             variables.append(slacks)
-        equations = csc_matrix(hstack(parts, format="csc"))
+        equations = scipy.sparse.csc_matrix(scipy.sparse.hstack(parts, format="csc"))
         program.AddLinearEqualityConstraint(
             equations, -offsets.reshape(-1), np.concatenate(variables)
         )

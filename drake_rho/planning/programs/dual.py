@@ -16,7 +16,7 @@ from collections.abc import Iterator
 from contextlib import suppress
 
 import numpy as np
-from scipy.linalg.lapack import dposv, dpotrf, dtrtrs
+import scipy  # its parts load when first used
 
 from drake_rho.planning.errors import SolverError
 from drake_rho.planning.programs import daqp
@@ -109,7 +109,7 @@ def _bounded(
         rows = free.nonzero()[0]
         z, failed = np.zeros(0), 0
         if len(rows) > 0:
-            _, z, failed = dposv(gram[rows[:, None], rows], remaining[rows])
+            _, z, failed = scipy.linalg.lapack.dposv(gram[rows[:, None], rows], remaining[rows])
         if failed:
             break
         out = ((z <= 0.0) | (z >= most[rows])).nonzero()[0]
@@ -142,10 +142,12 @@ def _unbounded(gram: FloatArray, needed: FloatArray) -> FloatArray | None:
     """Return y by non-negative least squares, without upper bounds; None if this fails."""
     from scipy.optimize import nnls  # slow to load, so only where needed
 
-    factor, failed = dpotrf(gram, lower=True, clean=True)
+    factor, failed = scipy.linalg.lapack.dpotrf(gram, lower=True, clean=True)
     if not failed:
         with suppress(RuntimeError):  # too many iterations
-            y: FloatArray = nnls(factor.T, dtrtrs(factor, needed, lower=True)[0])[0]
+            y: FloatArray = nnls(
+                factor.T, scipy.linalg.lapack.dtrtrs(factor, needed, lower=True)[0]
+            )[0]
             return y
     return None
 

@@ -7,18 +7,8 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
+import scipy  # its parts load when first used
 from pydrake.solvers import MathematicalProgram
-from scipy.sparse import (
-    block_diag,
-    bsr_array,
-    csc_array,
-    csc_matrix,
-    diags_array,
-    eye_array,
-    hstack,
-    kron,
-    vstack,
-)
 
 from drake_rho.planning.constraints.base import HalfSpaces, about
 from drake_rho.planning.constraints.rows import Rows
@@ -85,9 +75,9 @@ class FreeTimeProgram:
         self._about = effort.motion.accelerations.reshape(-1) / unit
         add_goal(self.program, changes, group, self._x[:count])
         powers = np.repeat(float(self._steps) ** np.arange(3), count)
-        self._scales = diags_array(powers[: len(self._x)])
+        self._scales = scipy.sparse.diags_array(powers[: len(self._x)])
         for order, equations in enumerate(sparse.dynamics()):
-            scaled = csc_matrix(equations @ self._scales) / float(self._steps) ** order
+            scaled = scipy.sparse.csc_matrix(equations @ self._scales) / float(self._steps) ** order
             self.program.AddLinearEqualityConstraint(scaled, np.zeros(count), self._x)
         by_time = [*map(self._by_time, halves), self._passing_by_time(velocities)]
         self._matrix, self._needed = self._in_time(parts, np.concatenate(by_time))
@@ -177,7 +167,9 @@ class FreeTimeProgram:
         own = self._unit * scale_of(quantity, self._effort.grid.step)
         return own / self._unit_of(quantity)
 
-    def _in_time(self, parts: Sequence[Rows], by_time: FloatArray) -> tuple[csc_array, FloatArray]:
+    def _in_time(
+        self, parts: Sequence[Rows], by_time: FloatArray
+    ) -> tuple[scipy.sparse.csc_array, FloatArray]:
         """Return rows as matrix @ (x, y, s) >= needed, in the units of this program.
 
         Args:
@@ -188,8 +180,10 @@ class FreeTimeProgram:
         matrix, needed, _, _ = sparse.matrix()
         finer = [np.full(len(each), self._finer(each.form.quantity)) for each in parts]
         unit = np.concatenate(finer)
-        matrix = diags_array(unit) @ matrix @ self._scales
-        both = csc_array(hstack([matrix, csc_array(-by_time)], format="csc"))
+        matrix = scipy.sparse.diags_array(unit) @ matrix @ self._scales
+        both = scipy.sparse.csc_array(
+            scipy.sparse.hstack([matrix, scipy.sparse.csc_array(-by_time)], format="csc")
+        )
         return both, needed * unit - by_time.sum(axis=1)
 
     def _by_time(self, rows: HalfSpaces) -> FloatArray:
@@ -223,15 +217,21 @@ class FreeTimeProgram:
         above, variables = np.full(first, np.inf), self._variables
         matrix = self._matrix[:first]
         if any(np.any(at >= 0) for at, _ in moves):
-            matrix = hstack([matrix, vstack(list(map(self._moved, self._limits, moves)))])
+            matrix = scipy.sparse.hstack(
+                [matrix, scipy.sparse.vstack(list(map(self._moved, self._limits, moves)))]
+            )
             variables = np.concatenate([variables, self._changes])
-        self.program.AddLinearConstraint(csc_matrix(matrix), self._needed[:first], above, variables)
+        self.program.AddLinearConstraint(
+            scipy.sparse.csc_matrix(matrix), self._needed[:first], above, variables
+        )
 
-    def _moved(self, rows: HalfSpaces, moves: Moves) -> csc_array:
+    def _moved(self, rows: HalfSpaces, moves: Moves) -> scipy.sparse.csc_array:
         """Return the coefficients of changes of times of waypoints in rows, shape (R, W)."""
         (at, along), unit = moves, self._unit_of(rows.constraint.quantity)
         r = np.flatnonzero(at >= 0)
-        return csc_array((along[r] / unit, (r, at[r])), (len(rows), len(self._changes)))
+        return scipy.sparse.csc_array(
+            (along[r] / unit, (r, at[r])), (len(rows), len(self._changes))
+        )
 
     def add_cones(self, number: int, moves: Moves | None = None) -> None:
         """Add the limits of a norm, norm(B z) <= a · z + c, with c scaled by y or s.
@@ -246,52 +246,68 @@ class FreeTimeProgram:
         each = np.arange(count + 1)
         matrix, variables = self._matrix[own], self._variables
         if moves is not None:
-            matrix = csc_array(hstack([matrix, self._moved(cones.axes, moves)], format="csc"))
+            matrix = scipy.sparse.csc_array(
+                scipy.sparse.hstack([matrix, self._moved(cones.axes, moves)], format="csc")
+            )
             variables = np.concatenate([variables, self._changes])
         if cones.are_points:
             needed = self._needed[own]
-            self.program.AddLinearEqualityConstraint(csc_matrix(matrix), needed, variables)
+            self.program.AddLinearEqualityConstraint(
+                scipy.sparse.csc_matrix(matrix), needed, variables
+            )
             return
-        transform = bsr_array((cones.matrices, each[:-1], each))  # block-diagonal
+        transform = scipy.sparse.bsr_array((cones.matrices, each[:-1], each))  # block-diagonal
         offsets = np.zeros((count, 4))
         offsets[:, 0] = cones.constants / unit
         grown = np.outer(offsets.reshape(-1), self._scaling.growth_of(cones.constraint))
         constant = offsets.reshape(-1) - grown.sum(axis=1) - transform @ self._needed[own]
         empty = (
-            csc_array((4 * count, len(self._x))),
-            csc_array((4 * count, len(variables) - len(self._variables))),
+            scipy.sparse.csc_array((4 * count, len(self._x))),
+            scipy.sparse.csc_array((4 * count, len(variables) - len(self._variables))),
         )
         matrix = transform @ matrix
-        matrix = matrix + csc_array(hstack([empty[0], grown, empty[1]]))
-        boosts = bsr_array((boosts_of(cones), each[:-1], each))
+        matrix = matrix + scipy.sparse.csc_array(scipy.sparse.hstack([empty[0], grown, empty[1]]))
+        boosts = scipy.sparse.bsr_array((boosts_of(cones), each[:-1], each))
         self._add_lorentz(boosts @ matrix, boosts @ constant, variables)
 
     def add_passing(self) -> None:
         """Add the waypoint constraints."""
         passing, program, d = self._passing, self.program, self._changes
         unit = self._unit_of("position")
-        moves = block_diag([each[:, None] / unit for each in self._velocities], format="csc")
-        matrix = csc_array(hstack([self._matrix[self._parts[-1]], moves], format="csc"))
+        moves = scipy.sparse.block_diag(
+            [each[:, None] / unit for each in self._velocities], format="csc"
+        )
+        matrix = scipy.sparse.csc_array(
+            scipy.sparse.hstack([self._matrix[self._parts[-1]], moves], format="csc")
+        )
         needed, variables = self._needed[self._parts[-1]], np.concatenate([self._variables, d])
         exact = passing.within == 0.0
         exact[self._soft] = False
         axes = np.repeat(exact, 3)
         if exact.any():
-            program.AddLinearEqualityConstraint(csc_matrix(matrix[axes]), needed[axes], variables)
+            program.AddLinearEqualityConstraint(
+                scipy.sparse.csc_matrix(matrix[axes]), needed[axes], variables
+            )
         if not exact.all():
             count = int(np.count_nonzero(~exact))
-            shifted = kron(eye_array(count), np.eye(4, 3, -1)).tocsc()
+            shifted = scipy.sparse.kron(scipy.sparse.eye_array(count), np.eye(4, 3, -1)).tocsc()
             constant = -(shifted @ needed[~axes])
             constant[::4] = passing.within[~exact] / unit
-            balls = csc_array(shifted @ matrix[~axes])
+            balls = scipy.sparse.csc_array(shifted @ matrix[~axes])
             if len(self._soft) > 0:
                 numbers = np.searchsorted(np.flatnonzero(~exact), self._soft)
                 more = (np.ones(len(numbers)), (4 * numbers, np.arange(len(numbers))))
-                balls = csc_array(hstack([balls, csc_array(more, (4 * count, len(numbers)))]))
+                balls = scipy.sparse.csc_array(
+                    scipy.sparse.hstack(
+                        [balls, scipy.sparse.csc_array(more, (4 * count, len(numbers)))]
+                    )
+                )
                 variables = np.concatenate([variables, self._misses])
             self._add_lorentz(balls, constant, variables)
 
-    def _add_lorentz(self, matrix: csc_array, constant: FloatArray, variables: np.ndarray) -> None:
+    def _add_lorentz(
+        self, matrix: scipy.sparse.csc_array, constant: FloatArray, variables: np.ndarray
+    ) -> None:
         """Add a Lorentz cone for every four values of matrix @ variables + constant."""
         rows = matrix.tocsr()
         number = np.repeat(np.arange(len(constant)), np.diff(rows.indptr))

@@ -7,8 +7,8 @@ from collections.abc import Callable, Sequence
 from functools import cached_property, lru_cache, partial
 
 import numpy as np
+import scipy  # its parts load when first used
 from pydrake.solvers import Binding, LinearConstraint, MathematicalProgram
-from scipy.sparse import coo_array, csc_array, csc_matrix, hstack
 
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 
@@ -83,7 +83,7 @@ def _sum_of_squares(size: int) -> tuple[FloatArray, FloatArray]:
 
 def add_rows(
     to: MathematicalProgram,
-    matrix: FloatArray | csc_array,
+    matrix: FloatArray | scipy.sparse.csc_array,
     needed: FloatArray,
     penalties: FloatArray,
     slacks: IntArray,
@@ -93,7 +93,7 @@ def add_rows(
     if penalties.min(initial=np.inf) < np.inf:
         matrix, x = _with_slack(to, matrix, penalties, slacks, x)
     if not isinstance(matrix, np.ndarray):
-        matrix = csc_matrix(matrix)  # the type that Drake accepts
+        matrix = scipy.sparse.csc_matrix(matrix)  # the type that Drake accepts
     return to.AddLinearConstraint(matrix, needed, _infinite(len(needed)), x)
 
 
@@ -112,11 +112,11 @@ def slack_columns(
 
 def _with_slack(
     to: MathematicalProgram,
-    matrix: FloatArray | csc_array,
+    matrix: FloatArray | scipy.sparse.csc_array,
     penalties: FloatArray,
     slacks: IntArray,
     x: np.ndarray,
-) -> tuple[FloatArray | csc_array, np.ndarray]:
+) -> tuple[FloatArray | scipy.sparse.csc_array, np.ndarray]:
     """Return rows and variables with slacks of the soft rows, and add their penalties."""
     rows, columns, coefficients, costs = slack_columns(penalties, slacks)
     slack = to.NewContinuousVariables(len(costs))
@@ -128,8 +128,8 @@ def _with_slack(
         ones[rows, columns] = coefficients
         return np.hstack([matrix, ones]), x
     shape = len(penalties), len(costs)
-    ones = coo_array((coefficients, (rows, columns)), shape=shape)
-    return hstack([csc_array(matrix), ones], format="csc"), x
+    ones = scipy.sparse.coo_array((coefficients, (rows, columns)), shape=shape)
+    return scipy.sparse.hstack([scipy.sparse.csc_array(matrix), ones], format="csc"), x
 
 
 @lru_cache(maxsize=64)

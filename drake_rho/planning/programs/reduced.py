@@ -25,8 +25,8 @@ import dataclasses
 from collections.abc import Iterator, Sequence
 
 import numpy as np
+import scipy  # its parts load when first used
 from pydrake.solvers import MathematicalProgram
-from scipy.sparse import coo_array, csc_array, csr_array
 
 from drake_rho.motion.dynamics import sparse_response
 from drake_rho.planning.constraints.rows import Rows, each_of, groups_of, slacks_of
@@ -210,19 +210,19 @@ def _reduced_group(changes: Changes, group: IntArray, rows: Sequence[Rows], dens
     return _in_span(group[None], stack, needed[None], penalties[None], slacks, changes, dense)
 
 
-def _sparse_responses(changes: Changes, rows: Rows, vehicles: IntArray) -> csr_array:
+def _sparse_responses(changes: Changes, rows: Rows, vehicles: IntArray) -> scipy.sparse.csr_array:
     """Return the responses of rows about z of vehicles (R,) as a sparse array, shape (R, K-1)."""
     grid = changes.grid
     if not changes.plain:
-        return csr_array(changes.whitened(rows.responses(grid), vehicles))
+        return scipy.sparse.csr_array(changes.whitened(rows.responses(grid), vehicles))
     if rows.form.averaged is not None:
-        return csr_array(rows.responses(grid))
+        return scipy.sparse.csr_array(rows.responses(grid))
     return sparse_response(rows.form.quantity, grid.step, grid.knots, rows.times)
 
 
 def rows_of(
     changes: Changes, group: IntArray, rows: Sequence[Rows]
-) -> tuple[csc_array, FloatArray, FloatArray]:
+) -> tuple[scipy.sparse.csc_array, FloatArray, FloatArray]:
     """Return rows as M @ z >= b of length one, for the coordinates z of a group in its unit.
 
     Returns:
@@ -252,11 +252,13 @@ def rows_of(
         penalties.append(part.penalties * lengths / unit)
         first += len(part)
     shape = (first, 3 * (knots - 1) * len(group))
-    matrix = coo_array((np.concatenate(entries), tuple(np.concatenate(where, axis=1))), shape=shape)
+    matrix = scipy.sparse.coo_array(
+        (np.concatenate(entries), tuple(np.concatenate(where, axis=1))), shape=shape
+    )
     return matrix.tocsc(), np.concatenate(needed), np.concatenate(penalties)
 
 
-def _lengths(changes: Changes, rows: Rows, sides: Sequence[csr_array]) -> FloatArray:
+def _lengths(changes: Changes, rows: Rows, sides: Sequence[scipy.sparse.csr_array]) -> FloatArray:
     """Return the lengths of rows, shape (R,), with the responses of their one or two sides."""
     sizes = [np.sqrt(each.power(2).sum(axis=1)) for each in sides]
     if len(sides) == 1:

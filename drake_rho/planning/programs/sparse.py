@@ -14,8 +14,8 @@ from collections.abc import Iterator, Sequence
 from functools import lru_cache
 
 import numpy as np
+import scipy  # its parts load when first used
 from pydrake.solvers import MathematicalProgram
-from scipy.sparse import coo_array, csc_array, csc_matrix, diags_array, eye_array, hstack, kron
 
 from drake_rho.motion.dynamics import step_at
 from drake_rho.motion.smooth import steps_around
@@ -68,13 +68,13 @@ class SparseRows:
         """Number of variables."""
         return 3 * self.steps * len(self.group) * (1 + self._velocities + self._positions)
 
-    def dynamics(self) -> Iterator[csc_matrix]:
+    def dynamics(self) -> Iterator[scipy.sparse.csc_matrix]:
         """Yield (1) and (2) for the states among the variables: matrices with matrix @ x = 0."""
         blocks = 1 + self._velocities + self._positions
         for order in range(1, blocks):
             yield _dynamics(self.steps, len(self.group), order, blocks)
 
-    def matrix(self) -> tuple[csc_array, FloatArray, FloatArray, FloatArray]:
+    def matrix(self) -> tuple[scipy.sparse.csc_array, FloatArray, FloatArray, FloatArray]:
         """Return the rows.
 
         Returns:
@@ -100,9 +100,11 @@ class SparseRows:
             first += len(part)
         if first == 0:
             none = np.zeros(0)
-            return csc_array((0, self.columns)), none, none, none
+            return scipy.sparse.csc_array((0, self.columns)), none, none, none
         values, (rows, columns) = np.concatenate(entries), np.concatenate(places, axis=1)
-        matrix = coo_array((values, (rows, columns)), shape=(first, self.columns)).tocsc()
+        matrix = scipy.sparse.coo_array(
+            (values, (rows, columns)), shape=(first, self.columns)
+        ).tocsc()
         matrix.eliminate_zeros()
         return matrix, np.concatenate(needed), np.concatenate(penalties), np.concatenate(lengths)
 
@@ -227,7 +229,7 @@ def add_goal(to: MathematicalProgram, changes: Changes, group: IntArray, u: np.n
 
 
 @lru_cache(maxsize=16)
-def _dynamics(steps: int, vehicles: int, order: int, blocks: int) -> csc_matrix:
+def _dynamics(steps: int, vehicles: int, order: int, blocks: int) -> scipy.sparse.csc_matrix:
     """Return (1), for order 1, or (2), for order 2, of all vehicles and axes.
 
     Args:
@@ -236,10 +238,12 @@ def _dynamics(steps: int, vehicles: int, order: int, blocks: int) -> csc_matrix:
         order: 1 or 2.
         blocks: the number of kinds of variables: accelerations, velocities, positions.
     """
-    one = eye_array(steps)
-    before = diags_array([np.ones(steps - 1)], offsets=[-1], shape=(steps, steps))
+    one = scipy.sparse.eye_array(steps)
+    before = scipy.sparse.diags_array([np.ones(steps - 1)], offsets=[-1], shape=(steps, steps))
     parts = [-one, one - before] if order == 1 else [-one / 2, -before, one - before]
-    every, axes = eye_array(vehicles), eye_array(3)
-    whole = hstack([kron(kron(every, part), axes) for part in parts], format="csc")
+    every, axes = scipy.sparse.eye_array(vehicles), scipy.sparse.eye_array(3)
+    whole = scipy.sparse.hstack(
+        [scipy.sparse.kron(scipy.sparse.kron(every, part), axes) for part in parts], format="csc"
+    )
     whole.resize((whole.shape[0], 3 * steps * vehicles * blocks))
-    return csc_matrix(whole)
+    return scipy.sparse.csc_matrix(whole)

@@ -20,6 +20,7 @@ from drake_rho.planning.constraints.separation import coupled
 from drake_rho.planning.errors import InfeasibleError, OutOfTimeError, SolverError
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs.backend import Backend, Solver, SolverName
+from drake_rho.planning.scp.momentum import Momentum
 from drake_rho.planning.scp.subproblem import Subproblem
 from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.fields import FloatArray, IntArray
@@ -55,6 +56,9 @@ def sequential_convex(
 ) -> Plan:
     """Linearise obstacles and pairs around the latest plan until the cost converges.
 
+    Where this takes long, references are ahead of the latest plan (`momentum`). A vehicle has
+    converged only if a linearisation around its plan lowers the cost by less than the tolerance.
+
     Args:
         subproblem: the convex subproblem of each iteration.
         plan: the initial plan, which satisfies every constraint.
@@ -74,15 +78,20 @@ def sequential_convex(
     problem, converged, cut = subproblem.problem, False, False
     paid, priced = problem.prices(plan), bool(problem.scenario.penalties)
     fall: float | None = None
+    momentum = Momentum(len(plan.accelerations))
     for _ in range(most):
         try:
             check_time()
             if improve is None:
-                after, converged = subproblem.solve_around(plan, falling), False
+                reference = momentum.reference(plan, falling, fall)
+                after, converged = subproblem.solve_around(reference, falling), False
             else:
                 after, converged = improve(plan, falling, tolerance)
         except (InfeasibleError, SolverError):  # rounding errors, where constraints lack slack
-            break
+            if not momentum.ahead.any():
+                break
+            momentum.restart(falling)
+            continue
         except OutOfTimeError:
             cut = True
             break
@@ -92,7 +101,10 @@ def sequential_convex(
         price = problem.prices(after) if priced else paid
         cost, less = plan.cost + sum(paid.tolist()), after.cost + sum(price.tolist())
         fall = max(0.0, 1.0 - less / cost) if cost > 0.0 else 0.0
-        plan, falling = _better(plan, after, paid - price, labels, falling, tolerance * cost)
+        plan, fell = _better(plan, after, paid - price, labels, falling, tolerance * cost)
+        stalled = np.setdiff1d(falling, fell)
+        momentum.restart(stalled)
+        falling = np.union1d(fell, stalled[momentum.ahead[stalled]])
         paid = price if plan is after else problem.prices(plan)
         if converged := len(falling) == 0 or converged:
             break
