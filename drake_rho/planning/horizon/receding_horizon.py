@@ -339,7 +339,7 @@ class RecedingHorizon:
         self._situation = proposal.situation
 
     @with_wall_time
-    @single_threaded_blas()
+    @single_threaded_blas
     def _window(self, situation: Situation, states: npt.ArrayLike, time: float) -> Window:
         """Return the next window; see `step`."""
         measured = checked_states(situation.scenario, states)
