@@ -23,9 +23,11 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator, Sequence
+from functools import lru_cache
 
 import numpy as np
 from pydrake.solvers import MathematicalProgram
+from scipy.linalg.lapack import dgeqrf, dorgqr
 from scipy.sparse import coo_array, csc_array, csr_array
 
 from drake_rho.motion.dynamics import sparse_response
@@ -290,12 +292,30 @@ def _in_span(
         dense: as in `programs_of`.
     """
     basis: FloatArray | None = None
+    own: Sequence[FloatArray] = matrices
     if not dense:
-        basis, triangles = np.linalg.qr(matrices.swapaxes(1, 2))
-        matrices = triangles.swapaxes(1, 2)
-    rows = zip(matrices, needed, penalties, slacks, strict=True)
+        factors = list(map(_factors, matrices))
+        own, basis = [each for each, _ in factors], np.array([each for _, each in factors])
+    rows = zip(own, needed, penalties, slacks, strict=True)
     programs = [DenseProgram(*each, changes.free) for each in rows]
     return Batch(groups, programs, basis, np.ones(needed.shape), None if changes.plain else changes)
+
+
+def _factors(rows: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the factors of rows (R, M) = triangle @ basis.T: (R, V), and orthonormal (M, V).
+
+    LAPACK is called directly: a program is factorised in a third of the time of `np.linalg.qr`.
+    """
+    factors, scales, *_ = dgeqrf(rows.T)
+    size = len(scales)
+    basis, *_ = dorgqr(factors[:, :size], scales)
+    return factors[:size].T * _below(len(rows), size), basis
+
+
+@lru_cache(maxsize=64)
+def _below(rows: int, size: int) -> FloatArray:
+    """Return ones on and below the diagonal of a matrix, and zeros above."""
+    return np.tri(rows, size)
 
 
 def _sparse(changes: Changes, group: IntArray, rows: Sequence[Rows], templates: Templates) -> Batch:
