@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, get_args
@@ -297,7 +298,7 @@ class Fleet:
                 T * self.goal_velocities,
                 T**2 * self.accelerations_before,
                 T**2 * self.accelerations_after,
-                *(each.positions - self.start_positions for each in self.waypoints),
+                *[each.positions - self.start_positions for each in self.waypoints],
             ]
         )
         # fmax ignores NaN, which stands for unknown accelerations and waypoints that are not given
@@ -305,15 +306,16 @@ class Fleet:
         lengths = np.maximum(np.maximum(lengths, self._separation), self._evasion_lengths())
         lengths = np.maximum(lengths, self._reaches)
         lengths[lengths == 0.0] = 1.0
-        nowhere = ~self.given_positions & (lengths <= self.summed_errors)
+        errors = self.summed_errors
+        nowhere = ~self.given_positions & (lengths <= errors)
         lengths[nowhere] = 1.0  # a free goal at the start but for rounding
-        return np.maximum(lengths, self.summed_errors / TOLERANCE)
+        return np.maximum(lengths, errors / TOLERANCE)
 
     @cached_property
     def coordinate_errors(self) -> FloatArray:
         """Upper bound of the rounding errors of a position's coordinates [m], shape (N,)."""
         coordinates = np.maximum(np.abs(self.start_positions), np.abs(self.goal_positions))
-        errors: FloatArray = _ROUNDINGS * np.finfo(np.float64).eps * coordinates.max(axis=1)
+        errors: FloatArray = _ROUNDINGS * sys.float_info.epsilon * coordinates.max(axis=1)
         return errors
 
     @property

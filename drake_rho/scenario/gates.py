@@ -33,7 +33,7 @@ _POINT = Sphere(np.zeros(3), 1.0)
 def have_gates(vehicles: Sequence[Vehicle]) -> bool:
     """Return whether a waypoint of some vehicles has a velocity or a dwell."""
     ways = [way for vehicle in vehicles for way in vehicle.waypoints]
-    return any([way.velocity is not None or way.dwell > 0.0 for way in ways])
+    return any(way.velocity is not None or way.dwell > 0.0 for way in ways)
 
 
 def required_of(

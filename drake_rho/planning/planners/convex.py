@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterable
 
 from drake_rho.motion.plan import Plan
@@ -17,6 +16,7 @@ from drake_rho.planning.scp.cutting_planes import CuttingPlanes
 from drake_rho.planning.scp.subproblem import Subproblem, coupling_for
 from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.errors import ScenarioError
+from drake_rho.scenario.fields import unchecked
 from drake_rho.scenario.records import Grid, Scenario
 
 
@@ -80,7 +80,7 @@ def plan_convex(
             failures.append(error)
             statistics += error.statistics
         else:
-            statistics = dataclasses.replace(statistics + plan.statistics, steps_tried=steps_tried)
+            statistics = unchecked(statistics + plan.statistics, steps_tried=steps_tried)
             return plan.with_statistics(statistics)
     first = failures[0]
     if first.bearable is not None:

@@ -18,7 +18,7 @@ from drake_rho.planning.programs.program import Answers
 from drake_rho.planning.programs.solve import solve_all
 from drake_rho.planning.scp.curved_sets import CurvedSets
 from drake_rho.planning.scp.working_set import RowKeys, WorkingSet
-from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
+from drake_rho.scenario.fields import FloatArray, IntArray, unchecked
 
 _MAX_INEXACT = 3
 """Largest number of consecutive rounds that may continue from an inexact solution."""
@@ -43,7 +43,7 @@ class GroupPrograms:
         self._problem, self._curved = problem, curved
         # smaller fleets are solved to full accuracy at once
         accuracy: Accuracy = "quick" if len(problem) > SMALL_FLEET else "full"
-        self._backend = dataclasses.replace(backend, accuracy=accuracy)
+        self._backend = unchecked(backend, accuracy=accuracy)
         self._inexact = np.zeros(len(problem), dtype=int)
         self._unsatisfied, self._retried = list[HalfSpaces](), False
         self._solved, self._solver_name, self._solver_seconds = 0, "", 0.0
