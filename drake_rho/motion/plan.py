@@ -144,7 +144,7 @@ class Plan(ShownInNotebooks, metaclass=Described):
 
     def lasting(self, seconds: float) -> Plan:
         """Return the plan with another wall time of planning [s]."""
-        return self.with_statistics(unchecked(self.statistics, seconds=seconds))
+        return unchecked(self, statistics=unchecked(self.statistics, seconds=seconds))
 
     def found_around(self, reference: Plan) -> Plan:
         """Return the plan with a reference, stored as its motion alone."""

@@ -108,14 +108,13 @@ def linearised_once(
 def _plan(problem: Problem, reference: Plan | None, backend: Backend | None) -> Plan:
     """Return a plan by steps 1 and 2 for one h, where limits leave tightening slack."""
     scenario = problem.scenario
-    subproblem = Subproblem(problem, coupling_for(scenario), backend)
     if reference is not None:
-        return subproblem.solve_around(reference)
+        return Subproblem(problem, coupling_for(scenario), backend).solve_around(reference)
     planes = CuttingPlanes(problem, backend)
     planes.keep_to(problem.convex)
     free = planes.plan()
     if scenario.separation is not None:
-        plan = subproblem.solve_around(free)
+        plan = Subproblem(problem, coupling_for(scenario), backend).solve_around(free)
         return plan.with_statistics(free.statistics + plan.statistics)
     obstacles = problem.obstacles_around(free.motion())
     if not obstacles:

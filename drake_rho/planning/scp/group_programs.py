@@ -38,13 +38,14 @@ class GroupPrograms:
     """
 
     def __init__(self, problem: Problem, backend: Backend, curved: CurvedSets) -> None:
+        count = len(problem)
         self.motion = problem.effort.motion
-        self.working = WorkingSet(RowKeys(len(problem), problem.scenario.grid))
+        self.working = WorkingSet(RowKeys(count, problem.scenario.grid))
         self._problem, self._curved = problem, curved
         # smaller fleets are solved to full accuracy at once
-        accuracy: Accuracy = "quick" if len(problem) > SMALL_FLEET else "full"
+        accuracy: Accuracy = "quick" if count > SMALL_FLEET else "full"
         self._backend = unchecked(backend, accuracy=accuracy)
-        self._inexact = np.zeros(len(problem), dtype=int)
+        self._inexact = np.zeros(count, dtype=int)
         self._unsatisfied, self._retried = list[HalfSpaces](), False
         self._solved, self._solver_name, self._solver_seconds = 0, "", 0.0
 
