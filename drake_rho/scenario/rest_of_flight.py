@@ -49,13 +49,12 @@ def from_states(
     disturbance = scenario.disturbance and unchecked(scenario.disturbance, tracking=tracking)
     at_rest = ~velocities.any(axis=1, keepdims=True)
     before = np.where(np.isnan(before) & at_rest, 0.0, before)
-    states = {
+    unknown: list[bool] = np.isnan(before).any(axis=1).tolist()
+    accelerations = zip(read_only(before), unknown, strict=True)
+    states: dict[str, Iterable[object]] = {
         "position": read_only(positions),
         "velocity": read_only(velocities),
-        "acceleration": [
-            None if no else each
-            for each, no in zip(read_only(before), np.isnan(before).any(axis=1), strict=True)
-        ],
+        "acceleration": [None if is_unknown else each for each, is_unknown in accelerations],
         "flown": [None] * len(before) if flown is None else read_only(flown),
         "jerk_before": [each.start.jerk_before for each in scenario.vehicles]
         if jerks is None

@@ -122,9 +122,11 @@ def least_over_time(
         if len(which) == 0:
             break
         width /= parts
-        blocks = [slice(first, first + _BLOCK) for first in range(0, len(which), _BLOCK)]
-        parted = [search.split(which[block], start[block], width, parts) for block in blocks]
-        which, start = (np.concatenate(each) for each in zip(*parted, strict=True))
+        parted = [
+            search.split(which[first : first + _BLOCK], start[first : first + _BLOCK], width, parts)
+            for first in range(0, len(which), _BLOCK)
+        ]
+        which, start = map(np.concatenate, zip(*parted, strict=True))
     search.interpolate()
     return least
 
