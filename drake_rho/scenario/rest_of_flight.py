@@ -49,7 +49,7 @@ def from_states(
     disturbance = scenario.disturbance and unchecked(scenario.disturbance, tracking=tracking)
     at_rest = ~velocities.any(axis=1, keepdims=True)
     before = np.where(np.isnan(before) & at_rest, 0.0, before)
-    unknown: list[bool] = np.isnan(before).any(axis=1).tolist()
+    unknown = np.asarray(np.isnan(before).any(axis=1))
     accelerations = zip(read_only(before), unknown, strict=True)
     states: dict[str, Iterable[object]] = {
         "position": read_only(positions),

@@ -19,7 +19,7 @@ from drake_rho.planning.constraints.base import (
 from drake_rho.planning.constraints.keep_out import EvaluationPoints, KeepOutOfObstacle, side_of
 from drake_rho.planning.constraints.maps import KeepOutOfMap
 from drake_rho.planning.constraints.margins import PlanMargins
-from drake_rho.scenario.fields import FloatArray, IntArray
+from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.maps.parts import Parts
 from drake_rho.scenario.records import Scenario
 from drake_rho.scenario.shapes.base import Shape, Solid
@@ -93,7 +93,7 @@ class KeepOutOfShape(KeepOutOfObstacle):
         inner = slice(1, 1 + self._clearances.shape[1])
         moved = motion.positions[checked, inner] - self.reference.positions[checked, inner]
         far = np.sqrt(np.vecdot(moved, moved)) >= self._clearances[checked]
-        every = np.zeros(self._clearances.shape, dtype=bool)
+        every: BoolArray = np.zeros(self._clearances.shape, dtype=bool)
         every[checked] = far
         which = every.reshape(-1).nonzero()[0]
         if len(which) == 0:

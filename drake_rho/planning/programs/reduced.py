@@ -22,7 +22,7 @@ forms; the cheaper one is used:
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -292,7 +292,7 @@ def _in_span(
         dense: as in `programs_of`.
     """
     basis: FloatArray | None = None
-    own: Sequence[FloatArray] = matrices
+    own: Iterable[FloatArray] = matrices
     if not dense:
         factors = list(map(_factors, matrices))
         own, basis = [each for each, _ in factors], np.array([each for _, each in factors])
