@@ -355,7 +355,7 @@ class RecedingHorizon:
         window = self._planner.with_contingency(window)
         if self._planner.bounded_cost:
             notes["cost_bound"] = cost_bound(window.plan, self.replan_every, self.latency)
-        unseen = np.isnan(measured).any(axis=1).nonzero()[0]
+        unseen = np.isnan(measured[:, 0]).nonzero()[0]  # whole rows of NaN
         notes["unseen"] = tuple([situation.scenario.names[i] for i in unseen])
         window = unchecked(window, **notes)
         return _with_sightings(window, situation.last or window)
