@@ -12,8 +12,8 @@ import pytest
 import drake_rho as rho
 
 MOST: dict[Callable[[rho.Scenario], rho.Plan | rho.Flight], int] = {
-    rho.plan: 4900,
-    rho.plan_rho: 8000,
+    rho.plan: 4800,
+    rho.plan_rho: 7900,
 }
 """Largest numbers of Python calls for Example 4, planned as a whole or in windows, and verified.
 Half of its time is theirs, since its programs are small."""

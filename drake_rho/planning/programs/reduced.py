@@ -304,7 +304,7 @@ def _in_span(
 def _factors(rows: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the factors of rows (R, M) = triangle @ basis.T: (R, V), and orthonormal (M, V).
 
-    LAPACK is called directly: a program is factorised in a third of the time of `np.linalg.qr`.
+    LAPACK is called directly, which takes less than half the time of `np.linalg.qr`.
     """
     factors, scales, *_ = dgeqrf(rows.T)
     size = len(scales)
