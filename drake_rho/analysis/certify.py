@@ -59,7 +59,7 @@ _MAX_POLISHINGS = 30
 
 @checked
 @with_time_limit
-@single_threaded_blas()
+@single_threaded_blas
 def certify(
     flown: Plan | Flight,
     *,

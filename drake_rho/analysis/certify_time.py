@@ -27,7 +27,7 @@ _MOST = 1000
 
 @checked
 @with_time_limit
-@single_threaded_blas()
+@single_threaded_blas
 def certify_time(
     plan: Plan,
     *,

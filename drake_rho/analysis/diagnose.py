@@ -53,7 +53,7 @@ def diagnose(
 
 @checked
 @with_time_limit
-@single_threaded_blas()
+@single_threaded_blas
 def diagnose(
     scenario: Scenario | Plan | InfeasibleError,
     *,

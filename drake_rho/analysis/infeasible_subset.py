@@ -25,7 +25,7 @@ _NEGLIGIBLE = 1e-6
 
 
 @checked
-@single_threaded_blas()
+@single_threaded_blas
 def infeasible_subset(
     error: InfeasibleError, *, solver: Solver | SolverName | None = None
 ) -> dict[str, Names]:

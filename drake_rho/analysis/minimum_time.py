@@ -40,7 +40,7 @@ def shortest_plan(
 @checked
 @with_wall_time
 @with_time_limit
-@single_threaded_blas()
+@single_threaded_blas
 def plan_minimum_time(
     scenario: Scenario,
     *,

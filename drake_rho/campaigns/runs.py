@@ -144,6 +144,7 @@ def generators(seed: tuple[int, int, int]) -> tuple[np.random.Generator, np.rand
     return np.random.default_rng(first), np.random.default_rng(second)
 
 
+@single_threaded_blas
 def do_all(runs: Sequence[Run], attempt: int = 0) -> list[Done]:
     """Carry out runs sequentially, with one thread for the arithmetic.
 
@@ -151,8 +152,7 @@ def do_all(runs: Sequence[Run], attempt: int = 0) -> list[Done]:
         runs: the runs.
         attempt: number of earlier attempts, which keeps executors from merging equal tasks.
     """
-    with single_threaded_blas():
-        return [do(run) for run in runs]
+    return [do(run) for run in runs]
 
 
 def do(run: Run) -> Done:

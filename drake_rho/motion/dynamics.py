@@ -206,7 +206,7 @@ class Motion:
             expected = f"one of {', '.join(_QUANTITIES)}"
             raise ValueError(f"quantity: got {quantity!r}, expected {expected}")
         last = self.accelerations.shape[-2] - 1
-        k = np.maximum(step_at(times, self.step), 0)
+        k = np.maximum(steps_begun(times, self.step), 0)
         if quantity == "jerk":
             return pick(self.jerks(), np.minimum(k, last + 1))
         k = np.minimum(k, last)

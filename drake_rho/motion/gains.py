@@ -71,7 +71,7 @@ class Loop(NamedTuple):
 
 
 @lru_cache(maxsize=256)
-@single_threaded_blas()
+@single_threaded_blas
 def best_gains(loop: Loop) -> tuple[float, float]:
     """Return the gains that minimise the largest position radius, with feedback within its limit.
 
@@ -104,7 +104,7 @@ def prediction_is_better(loop: Loop) -> bool:
 
 
 @lru_cache(maxsize=256)
-@single_threaded_blas()
+@single_threaded_blas
 def largest_wind(loop: Loop, radius: float) -> float:
     """Return the largest wind [m/s²] that keeps the position's radius and feedback within limits.
 

@@ -86,7 +86,8 @@ class Plan(ShownInNotebooks, metaclass=Described):
                 value = array[vehicle, knot, axis]
                 raise ValueError(f"{name}: got {value} for {where}, expected finite numbers")
             object.__setattr__(self, name, array)
-        if not all(a < b for a, b in pairwise([-1, *self.jumps, knots - 1])):
+        ends = [-1, *self.jumps, knots - 1]
+        if self.jumps and not all(a < b for a, b in pairwise(ends)):
             increasing = f"increasing knots from 0 to {knots - 2}"
             raise ValueError(f"jumps: got {self.jumps}, expected {increasing}")
 
@@ -143,7 +144,7 @@ class Plan(ShownInNotebooks, metaclass=Described):
 
     def lasting(self, seconds: float) -> Plan:
         """Return the plan with another wall time of planning [s]."""
-        return self.with_statistics(unchecked(self.statistics, seconds=seconds))
+        return unchecked(self, statistics=unchecked(self.statistics, seconds=seconds))
 
     def found_around(self, reference: Plan) -> Plan:
         """Return the plan with a reference, stored as its motion alone."""

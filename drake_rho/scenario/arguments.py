@@ -191,7 +191,7 @@ def _kind_of(hint: Any) -> _Kind | None:
     if hint is None or hint is type(None):
         return _Kind("None", lambda value: value is None, types.NoneType)
     if hint in (int, float):
-        return _Kind("a number", _is_number)
+        return _Kind("a number", _is_number, float)
     if hint is bool:
         return _Kind("True or False", lambda value: isinstance(value, bool | np.bool_))
     open_protocol = _is_protocol(hint) and not getattr(hint, "_is_runtime_protocol", False)

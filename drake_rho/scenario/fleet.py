@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property, partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, get_args
 
 import numpy as np
 
@@ -70,9 +71,6 @@ class Fleet:
         self._separation, self._bodies = separation, bodies
         self._missed, self._reaches = missed, reaches
         self._whole_flight: Fleet | None = None
-        self._sides: dict[Quantity, tuple[FloatArray, FloatArray] | None] = {}
-        self._bounds: dict[Quantity, Bounds | None] = {}
-        self._largest: dict[Norm, FloatArray] | None = None
 
     @cached_property
     def radii(self) -> FloatArray:
@@ -300,7 +298,7 @@ class Fleet:
                 T * self.goal_velocities,
                 T**2 * self.accelerations_before,
                 T**2 * self.accelerations_after,
-                *(each.positions - self.start_positions for each in self.waypoints),
+                *[each.positions - self.start_positions for each in self.waypoints],
             ]
         )
         # fmax ignores NaN, which stands for unknown accelerations and waypoints that are not given
@@ -308,15 +306,16 @@ class Fleet:
         lengths = np.maximum(np.maximum(lengths, self._separation), self._evasion_lengths())
         lengths = np.maximum(lengths, self._reaches)
         lengths[lengths == 0.0] = 1.0
-        nowhere = ~self.given_positions & (lengths <= self.summed_errors)
+        errors = self.summed_errors
+        nowhere = ~self.given_positions & (lengths <= errors)
         lengths[nowhere] = 1.0  # a free goal at the start but for rounding
-        return np.maximum(lengths, self.summed_errors / TOLERANCE)
+        return np.maximum(lengths, errors / TOLERANCE)
 
     @cached_property
     def coordinate_errors(self) -> FloatArray:
         """Upper bound of the rounding errors of a position's coordinates [m], shape (N,)."""
         coordinates = np.maximum(np.abs(self.start_positions), np.abs(self.goal_positions))
-        errors: FloatArray = _ROUNDINGS * np.finfo(np.float64).eps * coordinates.max(axis=1)
+        errors: FloatArray = _ROUNDINGS * sys.float_info.epsilon * coordinates.max(axis=1)
         return errors
 
     @property
@@ -407,11 +406,21 @@ class Fleet:
         It is L, L/T, L/T² or L/(T² h) with the motion's length scale L; for the remainder of a
         flight it is at most that of the whole flight.
         """
-        h, T = self._grid.step, self._grid.duration
-        powers = {"position": 1.0, "velocity": T, "acceleration": T**2, "jerk": T**2 * h}
-        scale: FloatArray = self.lengths / powers[quantity]
-        whole = self._whole_flight
-        return scale if whole is None else np.minimum(scale, whole.scale(quantity))
+        return self._scales[quantity]
+
+    @cached_property
+    def _scales(self) -> dict[Quantity, FloatArray]:
+        h, T, L = self._grid.step, self._grid.duration, self.lengths
+        own: dict[Quantity, FloatArray] = {
+            "position": L,
+            "velocity": L / T,
+            "acceleration": L / T**2,
+            "jerk": L / (T**2 * h),
+        }
+        if self._whole_flight is None:
+            return own
+        whole = self._whole_flight._scales
+        return {each: np.minimum(scale, whole[each]) for each, scale in own.items()}
 
     @property
     def units(self) -> FloatArray:
@@ -425,40 +434,40 @@ class Fleet:
         scale, so that a distant bound that stands for no limit does not loosen the opposite one,
         and at least a thousandth of it, which a solver can still resolve.
         """
-        if quantity not in self._bounds:
-            self._bounds[quantity] = self._make_bounds(quantity)
-        return self._bounds[quantity]
+        return self._bounds.get(quantity)
 
-    def _make_bounds(self, quantity: Quantity) -> Bounds | None:
-        sides = self.sides(quantity)
-        if sides is None:
-            return None
-        lower, upper = sides
-        scale = self.scale(quantity)[:, None]
-        width = np.minimum(np.maximum(upper - lower, 1e-3 * scale), scale)
-        return Bounds(lower, upper, TOLERANCE * width)
+    @cached_property
+    def _bounds(self) -> dict[Quantity, Bounds]:
+        bounds = dict[Quantity, Bounds]()
+        for quantity, (lower, upper) in self._sides.items():
+            scale = self._scales[quantity][:, None]
+            width = np.minimum(np.maximum(upper - lower, 1e-3 * scale), scale)
+            bounds[quantity] = Bounds(lower, upper, TOLERANCE * width)
+        return bounds
 
     def sides(self, quantity: Quantity) -> tuple[FloatArray, FloatArray] | None:
         """Return the corners of the boxes of a quantity, (N, 3) each; None if no vehicle has one.
 
         They need no scales, unlike `bounds`.
         """
-        if quantity not in self._sides:
-            self._sides[quantity] = self._make_sides(quantity)
-        return self._sides[quantity]
+        return self._sides.get(quantity)
 
-    def _make_sides(self, quantity: Quantity) -> tuple[FloatArray, FloatArray] | None:
-        """Return lower and upper bounds, each of shape (N, 3), or None if there are none."""
-        count = len(self._vehicles)
-        lower, upper = np.full((count, 3), -np.inf), np.full((count, 3), np.inf)
-        common: Box | None = getattr(self._limits, quantity)
-        if common is not None:
-            lower[:], upper[:] = common.lower, common.upper
-        for index, vehicle in enumerate(self._vehicles):
-            own: Box | None = getattr(vehicle.limits, quantity, None)
-            if own is not None:
-                lower[index], upper[index] = own.lower, own.upper
-        return (lower, upper) if np.any(np.isfinite(lower)) else None
+    @cached_property
+    def _sides(self) -> dict[Quantity, tuple[FloatArray, FloatArray]]:
+        """Lower and upper bounds, (N, 3) each, of the quantities that any vehicle limits."""
+        sides, count = dict[Quantity, tuple[FloatArray, FloatArray]](), len(self._vehicles)
+        own = [(i, each.limits) for i, each in enumerate(self._vehicles) if each.limits]
+        for quantity in get_args(Quantity):
+            lower, upper = np.full((count, 3), -np.inf), np.full((count, 3), np.inf)
+            box: Box | None = getattr(self._limits, quantity)
+            if box is not None:
+                lower[:], upper[:] = box.lower, box.upper
+            for index, limits in own:
+                if (box := getattr(limits, quantity)) is not None:
+                    lower[index], upper[index] = box.lower, box.upper
+            if np.isfinite(lower).any():
+                sides[quantity] = lower, upper
+        return sides
 
     @cached_property
     def norms(self) -> dict[Norm, NormLimit]:
@@ -469,15 +478,9 @@ class Fleet:
             limits[norm] = NormLimit(norm, kind, most, kind.sets(most, self.scale(kind.quantity)))
         return limits
 
-    @property
+    @cached_property
     def largest_norms(self) -> dict[Norm, FloatArray]:
         """Limits (N,) of each norm that any vehicle limits; they need no scales, unlike `norms`."""
-        if self._largest is None:
-            self._largest = self._make_largest()
-        return self._largest
-
-    def _make_largest(self) -> dict[Norm, FloatArray]:
-        """Return the limits (N,) of each norm that any vehicle limits."""
         owns = [(i, each.limits) for i, each in enumerate(self._vehicles) if each.limits]
         found = {}
         for norm in NORMS:
@@ -501,7 +504,7 @@ class Fleet:
         fleet.start_positions, fleet.start_velocities = self.start_positions, self.start_velocities
         fleet.accelerations_before, fleet.weights = self.accelerations_before, self.weights
         fleet._whole_flight = self._whole_flight
-        fleet._sides, fleet._largest = self._sides, self._largest
+        fleet._sides, fleet.largest_norms = self._sides, self.largest_norms
         return fleet
 
     def started_at(
@@ -531,6 +534,6 @@ class Fleet:
         else:
             fleet.goal_positions = read_only(rests)
             fleet.goal_velocities = fleet.accelerations_after = np.zeros(rests.shape)
-        fleet._sides, fleet._largest = self._sides, self._largest
+        fleet._sides, fleet.largest_norms = self._sides, self.largest_norms
         fleet.weights = self.weights
         return fleet

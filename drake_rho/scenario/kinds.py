@@ -56,5 +56,5 @@ def kinds_of(scenario: Scenario) -> set[str]:
         "smoothing": scenario.smoothing is not None,
     }
     given = [scenario.limits, *(each.limits for each in scenario.vehicles if each.limits)]
-    limits = {kind for kind in LIMITS if any(getattr(each, kind) is not None for each in given)}
+    limits = {kind for each in given for kind in LIMITS if getattr(each, kind) is not None}
     return {"dynamics", "goals", *limits, *(kind for kind in has if has[kind])}

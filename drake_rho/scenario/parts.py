@@ -102,7 +102,7 @@ class Grid:
         steps = round(duration / step)
         return cls(duration / steps, steps + 1, start)
 
-    @property
+    @cached_property
     def duration(self) -> float:
         """Duration T = (K - 1) h [s]."""
         return self.step * (self.knots - 1)
@@ -112,12 +112,12 @@ class Grid:
         """Time of the last knot on the scenario's clock [s]."""
         return self.start + self.duration
 
-    @property
+    @cached_property
     def times(self) -> FloatArray:
         """Times of the knots on the scenario's clock [s], shape (K,)."""
         return read_only(self.start + self.elapsed)
 
-    @property
+    @cached_property
     def elapsed(self) -> FloatArray:
         """Times of the knots since the first one [s], shape (K,)."""
         return read_only(self.step * np.arange(self.knots))

@@ -6,6 +6,7 @@ These are not checked: a flight may have left the limits, and the previous plan 
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from drake_rho.scenario.fields import FloatArray, read_only, unchecked
 from drake_rho.scenario.gates import bound_to_vehicles
 from drake_rho.scenario.known_obstacles import active_during, known_at_start
 from drake_rho.scenario.obstacles import AnyObstacle, Obstacle
-from drake_rho.scenario.parts import Grid
+from drake_rho.scenario.parts import Grid, Vehicle
 from drake_rho.scenario.records import Scenario
 from drake_rho.scenario.waypoints import is_ahead
 
@@ -46,35 +47,28 @@ def from_states(
             given.
     """
     disturbance = scenario.disturbance and unchecked(scenario.disturbance, tracking=tracking)
-    at_rest = ~np.any(velocities, axis=1, keepdims=True)
+    at_rest = ~velocities.any(axis=1, keepdims=True)
     before = np.where(np.isnan(before) & at_rest, 0.0, before)
-    states = zip(read_only(positions), read_only(velocities), read_only(before), strict=True)
-    earlier = [None] * len(scenario.vehicles) if flown is None else read_only(flown)
-    before_that = [None] * len(scenario.vehicles) if jerks is None else read_only(jerks)
-    lead = scenario.lead
-    vehicles = tuple(
-        unchecked(
-            vehicle,
-            start=unchecked(
-                vehicle.start,
-                position=p,
-                velocity=v,
-                acceleration=_known(a),
-                flown=reached,
-                jerk_before=vehicle.start.jerk_before if jerk is None else jerk,
-            ),
-            waypoints=tuple(each for each in vehicle.waypoints if is_ahead(each, grid, lead)),
-        )
-        for vehicle, (p, v, a), reached, jerk in zip(
-            scenario.vehicles, states, earlier, before_that, strict=True
-        )
-    )
+    unknown = np.asarray(np.isnan(before).any(axis=1))
+    accelerations = zip(read_only(before), unknown, strict=True)
+    states: dict[str, Iterable[object]] = {
+        "position": read_only(positions),
+        "velocity": read_only(velocities),
+        "acceleration": [None if is_unknown else each for each, is_unknown in accelerations],
+        "flown": [None] * len(before) if flown is None else read_only(flown),
+        "jerk_before": [each.start.jerk_before for each in scenario.vehicles]
+        if jerks is None
+        else read_only(jerks),
+    }
+    vehicles = _started_at(scenario, grid, states)
     passed = grid.step * round((grid.start - scenario.grid.start) / grid.step)
     since = grid.beginning_at(passed)
-    bodies = tuple(each.since(since) for each in scenario.bodies_in_flight)
+    bodies = tuple([each.since(since) for each in scenario.bodies_in_flight])
     known = known_at_start(scenario.bodies, bodies, grid)
-    avoided = [body for _, body in active_during(known, grid)]
-    fleet = scenario.fleet.started_at(grid, vehicles, positions, velocities, before, avoided)
+    avoided = active_during(known, grid)
+    fleet = scenario.fleet.started_at(
+        grid, vehicles, positions, velocities, before, [body for _, body in avoided]
+    )
     return scenario.derived(
         grid=grid,
         vehicles=vehicles,
@@ -83,8 +77,30 @@ def from_states(
         disturbance=disturbance,
         bodies_in_flight=bodies,
         known=known,
+        avoided=avoided,
         under_way=True,
     )
+
+
+def _started_at(
+    scenario: Scenario, grid: Grid, states: Mapping[str, Iterable[object]]
+) -> tuple[Vehicle, ...]:
+    """Return a scenario's vehicles with other starts, without the waypoints before a grid.
+
+    Args:
+        scenario: of a flight, or of its remainder.
+        grid: remainder of the flight.
+        states: fields of the starts, each with one value for every vehicle.
+    """
+    lead, names = scenario.lead, tuple(states)
+    vehicles = list[Vehicle]()
+    for vehicle, values in zip(scenario.vehicles, zip(*states.values(), strict=True), strict=True):
+        start = unchecked(vehicle.start, **dict(zip(names, values, strict=True)))
+        ahead = vehicle.waypoints and tuple(
+            each for each in vehicle.waypoints if is_ahead(each, grid, lead)
+        )
+        vehicles.append(unchecked(vehicle, start=start, waypoints=ahead))
+    return tuple(vehicles)
 
 
 def going_on(scenario: Scenario, flown: FloatArray) -> Scenario:
@@ -177,8 +193,3 @@ def within_flight(scenario: Scenario) -> Scenario:
 def _clipped(active: tuple[float, float], grid: Grid) -> tuple[float, float]:
     first, last = np.clip(active, grid.start, grid.end).tolist()
     return first, last
-
-
-def _known(acceleration: FloatArray) -> FloatArray | None:
-    """Return an acceleration before the start, or None if it is NaN, as where there was none."""
-    return None if np.isnan(acceleration).any() else acceleration

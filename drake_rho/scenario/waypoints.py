@@ -70,7 +70,7 @@ def waypoints_of(vehicles: Sequence[Vehicle], grid: Grid) -> list[Waypoints]:
         grid: first and last knot.
     """
     found = list[Waypoints]()
-    for index in range(max(len(vehicle.waypoints) for vehicle in vehicles)):
+    for index in range(max([len(vehicle.waypoints) for vehicle in vehicles])):
         own = [_numbered(vehicle, index, grid) for vehicle in vehicles]
         for name in dict.fromkeys(each.name for each in own if each is not None):
             of_name = [each if each and each.name == name else None for each in own]

@@ -43,7 +43,9 @@ class Table:
 
     @classmethod
     def joined(cls, parts: Sequence[Self]) -> Self:
-        """Return the rows of all parts, in their order."""
+        """Return the rows of all parts, in their order; a single part itself."""
+        if len(parts) == 1:
+            return parts[0]
         values, is_column = _fields_of(cls)
         every = zip(*map(values, parts), strict=True)
         pairs = zip(every, is_column, strict=True)

@@ -3,28 +3,41 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from contextvars import ContextVar
-from functools import lru_cache
+from functools import lru_cache, wraps
+from typing import ParamSpec, TypeVar
 
 from threadpoolctl import ThreadpoolController
 
 _limited = ContextVar("limited", default=False)
 
+_Arguments = ParamSpec("_Arguments")
+_Result = TypeVar("_Result")
 
-@contextmanager
-def single_threaded_blas() -> Iterator[None]:
-    """Limit BLAS and LAPACK to one thread within the context.
+
+def single_threaded_blas(function: Callable[_Arguments, _Result]) -> Callable[_Arguments, _Result]:
+    """Return a function during which BLAS and LAPACK use one thread.
 
     For matrices of some hundred rows, threads of BLAS wait for each other longer than they work,
-    and a hundred times as long if a core is busy otherwise. A nested context does nothing, because
+    and a hundred times as long if a core is busy otherwise. A nested call sets nothing, because
     setting the limit takes as long as solving a small program.
     """
-    if _limited.get():
-        yield
-        return
+
+    @wraps(function)
+    def run(*args: _Arguments.args, **kwargs: _Arguments.kwargs) -> _Result:
+        if _limited.get():
+            return function(*args, **kwargs)
+        with _one_thread():
+            return function(*args, **kwargs)
+
+    return run
+
+
+@contextmanager
+def _one_thread() -> Iterator[None]:
     token = _limited.set(True)
     try:
         with _blas().limit(limits=1):

@@ -57,7 +57,7 @@ _SIDES = np.array([-1.0, 1.0])[:, None]
 
 def _sides(who: IntArray, x: FloatArray, times: FloatArray) -> FloatArray:
     """Return values (R, 3) towards the lower and the upper sides, shape (R, 2, 3)."""
-    return np.stack([-x, x], axis=1)
+    return _SIDES * x[:, None]
 
 
 def _greatest_sides(curves: Curves, measure: Measure, precision: FloatArray) -> Highest:
@@ -96,11 +96,11 @@ def _near_sides(curves: Curves, vehicles: int) -> tuple[IntArray, IntArray, IntA
     """
     every, ends = np.arange(len(curves.owners)), np.array([[0.0, 1.0]])
     at = _SIDES * curves.steps.at(every, ends)[:, :, None]
-    most = np.max(at + curves.errors.radii(every, ends)[..., None, None], axis=1)
+    most = (at + curves.errors.radii(every, ends)[..., None, None]).max(axis=1)
     known = most.reshape(vehicles, -1, 2, 3).max(axis=1)
     bend = curves.steps.acceleration_norms + curves.errors.curvatures
     less = most + bend[:, None, None] / 8.0 < known[curves.owners]
-    which, side, axis = np.nonzero(~less)  # NaN is near too
+    which, side, axis = (~less).nonzero()  # NaN is near too
     return which, side, axis
 
 
@@ -111,7 +111,7 @@ def box_column(
     values, errors = _SIDES * greatest.values, greatest.errors
     lower = np.where(errors[:, 0] > 0.0, bounds.lower + errors[:, 0], bounds.lower)
     upper = np.where(errors[:, 1] > 0.0, bounds.upper - errors[:, 1], bounds.upper)
-    excess = np.stack([lower - values[:, 0], values[:, 1] - upper], axis=1)
+    excess = np.array([lower - values[:, 0], values[:, 1] - upper]).swapaxes(0, 1)
     side, axis = _worst_side(excess, bounds.tolerances[:, None])
     i = np.arange(len(values))
     # every knot was skipped; of a vehicle at rest, rounding may swap the two values
@@ -146,7 +146,6 @@ def _worst_side(excess: FloatArray, tolerances: FloatArray) -> tuple[IntArray, I
         Indices, each of shape (N,).
     """
     excess = np.where(np.isnan(excess), np.inf, excess)
-    violated = np.any(excess > tolerances, axis=(1, 2), keepdims=True)
+    violated = (excess > tolerances).any(axis=(1, 2), keepdims=True)
     order = np.where(violated, excess / tolerances, excess).reshape(len(excess), -1)
-    side, axis = np.unravel_index(np.argmax(order, axis=1), excess.shape[1:])
-    return side, axis
+    return np.divmod(order.argmax(axis=1), excess.shape[2])

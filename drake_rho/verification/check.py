@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Self
 
 import numpy as np
@@ -156,10 +156,11 @@ class Column:
         beyond = not self.excess[vehicle] <= part * self.tolerances[vehicle]  # true for NaN as well
         return beyond and bool(self.concerned[vehicle])
 
-    def checks(self, names: Sequence[str]) -> Iterator[Check | None]:
-        """Yield the check of each vehicle; None for a vehicle without this constraint."""
+    def checks(self, names: Sequence[str]) -> list[Check | None]:
+        """Return the check of each vehicle; None for a vehicle without this constraint."""
         numbers = (self.times, self.values, self.limits, self.excess, self.tolerances, self.errors)
-        rows = zip(*(each.tolist() for each in numbers), strict=True)
+        rows = zip(*[each.tolist() for each in numbers], strict=True)
+        checks = list[Check | None]()
         prices = [None] * len(names) if self.penalties is None else self.penalties.tolist()
         rates = [np.nan] * len(names) if self.rates is None else self.rates.tolist()
         for has_it, name, part, (
@@ -173,9 +174,9 @@ class Column:
             self.concerned.tolist(), names, self.parts, rows, prices, rates, strict=True
         ):
             if not has_it:
-                yield None
+                checks.append(None)
                 continue
-            yield Check(
+            own = Check(
                 vehicle=name,
                 kind=self.kind,
                 constraint=self.constraint,
@@ -191,3 +192,5 @@ class Column:
                 penalty=penalty,
                 deciding_rate=None if np.isnan(rate) else rate,
             )
+            checks.append(own)
+        return checks

@@ -122,9 +122,11 @@ def least_over_time(
         if len(which) == 0:
             break
         width /= parts
-        blocks = [slice(first, first + _BLOCK) for first in range(0, len(which), _BLOCK)]
-        parted = [search.split(which[block], start[block], width, parts) for block in blocks]
-        which, start = (np.concatenate(each) for each in zip(*parted, strict=True))
+        parted = [
+            search.split(which[first : first + _BLOCK], start[first : first + _BLOCK], width, parts)
+            for first in range(0, len(which), _BLOCK)
+        ]
+        which, start = map(np.concatenate, zip(*parted, strict=True))
     search.interpolate()
     return least
 
@@ -175,7 +177,7 @@ class _Search:
     def interpolate(self) -> None:
         """Refine each least sample by the minimum of a parabola through it and its neighbours."""
         least = self.least
-        found = np.flatnonzero(least.steps >= 0)
+        found = (least.steps >= 0).nonzero()[0]
         if len(found) == 0:
             return
         which, w = least.steps[found], least.widths[found][:, None]
@@ -203,6 +205,10 @@ def _offer_samples(
         least.offer(owner, found, which, at, width)
 
 
+_TINY = float(np.finfo(float).tiny)
+"""Smallest normal number, in place of differences of zero."""
+
+
 def _lower_bounds(
     d: FloatArray, travel: FloatArray, bend: FloatArray, radii: FloatArray
 ) -> FloatArray:
@@ -224,6 +230,6 @@ def _lower_bounds(
     climbs = np.concatenate([np.minimum(rises[:, 1:] + bend, travel), travel], axis=1)
     falls, climbs = np.minimum(falls - grows, 0.0), np.maximum(climbs - grows, 0.0)
     d, rises = d - radii, rises - grows
-    meet = (climbs - rises) / np.maximum(climbs - falls, np.finfo(float).tiny)
-    bounds: FloatArray = d[:, :-1] + falls * np.clip(meet, 0.0, 1.0)
+    meet = (climbs - rises) / np.maximum(climbs - falls, _TINY)
+    bounds: FloatArray = d[:, :-1] + falls * np.minimum(np.maximum(meet, 0.0), 1.0)
     return bounds

@@ -43,9 +43,9 @@ class Highest:
         """Return the greatest of measures (M, T, ...) at times (T,), with error radii (T,)."""
         count, shape = len(values), (len(values), *values.shape[2:])
         values = values.reshape(count, len(times), -1)
-        k = np.argmax(values + errors[:, None], axis=1)  # the first NaN, if there is one
+        k = (values + errors[:, None]).argmax(axis=1)  # the first NaN, if there is one
         picked = values[np.arange(count)[:, None], k, np.arange(values.shape[2])]
-        return cls(*(each.reshape(shape) for each in (times[k], picked, errors[k])))
+        return cls(times[k].reshape(shape), picked.reshape(shape), errors[k].reshape(shape))
 
     def or_greater(self, other: Highest) -> Highest:
         """Return the greater of two, element by element; NaN is above all."""

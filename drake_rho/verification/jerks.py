@@ -91,7 +91,7 @@ def notes_on_free_jerks(scenario: Scenario) -> tuple[str, ...]:
     for end, time, free in zip(
         ("start", "goal"), (grid.start, grid.end), _unknown(scenario), strict=True
     ):
-        found = np.flatnonzero(free & _limited_at(scenario, time))
+        found = (free & _limited_at(scenario, time)).nonzero()[0]
         if len(found) > 0:
             names = [scenario.names[vehicle] for vehicle in found[:_NAMED]]
             more = f" and {len(found) - _NAMED} more" if len(found) > _NAMED else ""

@@ -17,6 +17,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable
 from functools import cached_property
+from typing import TypeVar
 
 import numpy as np
 
@@ -170,8 +171,8 @@ class Constrained:
         own = values[self.members]
         if self.partner is not None:
             own = own - values[self.partner]
-        who, at = np.repeat(self.members, len(times)), np.broadcast_to(times, own.shape[:2])
-        measured = self.measure(who, own.reshape(-1, 3), at.reshape(-1))
+        who, at = self.members.repeat(len(times)), _repeated(times, len(own))
+        measured = self.measure(who, own.reshape(-1, 3), at)
         return np.asarray(measured.reshape(*own.shape[:2], *measured.shape[1:]))
 
     def _at(self, instants: BoolArray) -> Highest:
@@ -248,7 +249,7 @@ class Constrained:
     def _during(self) -> IntArray:
         """Indices of the pieces of time inside the interval."""
         elapsed = self.trajectory.elapsed
-        return np.flatnonzero(self._active((elapsed[:-1] + elapsed[1:]) / 2.0))
+        return self._active((elapsed[:-1] + elapsed[1:]) / 2.0).nonzero()[0]
 
     def _at_every_instant(self) -> Highest:
         """Return the greatest measure of curves over the interval."""
@@ -272,8 +273,8 @@ class Constrained:
     def _curves(self, pieces: IntArray) -> Curves:
         """Return the quantity, less that of any partner, in pieces of time (P,)."""
         trajectory, order = self.trajectory, _ORDERS[self.quantity]
-        count, each = len(trajectory.durations), np.tile(pieces, len(self.members))
-        owners = np.repeat(np.arange(len(self.members)), len(pieces))
+        count, each = len(trajectory.durations), _repeated(pieces, len(self.members))
+        owners = np.arange(len(self.members)).repeat(len(pieces))
         every = trajectory.derivatives(order) if order > 0 else trajectory.steps
         steps = every.select(count * self.members[owners] + each)
         if self.partner is not None:
@@ -285,6 +286,14 @@ class Constrained:
             errors = errors.plus_linear(*2 * [np.full(len(each), self.deviation)])
         begins, durations = trajectory.elapsed[each], trajectory.durations[each]
         return Curves(steps, owners, self.members[owners], begins, durations, errors)
+
+
+_Array = TypeVar("_Array", FloatArray, IntArray)
+
+
+def _repeated(values: _Array, times: int) -> _Array:
+    """Return values (M,) a number of times one after another."""
+    return values[None].repeat(times, axis=0).reshape(-1)
 
 
 def _samples_inside(trajectory: PiecewiseTrajectory) -> FloatArray:

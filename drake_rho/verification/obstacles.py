@@ -64,7 +64,7 @@ def distance_from_box(x: FloatArray, extent: FloatArray) -> FloatArray:
             shape of x; may be infinite.
     """
     beyond = np.abs(x) - extent
-    outside = np.sqrt(np.sum(np.maximum(beyond, 0.0) ** 2, axis=-1))
+    outside = np.sqrt((np.maximum(beyond, 0.0) ** 2).sum(axis=-1))
     distance: FloatArray = outside + np.minimum(beyond.max(axis=-1), 0.0)
     return distance
 
@@ -298,7 +298,7 @@ class RelativeMotion:
             Least.unknown(values),
             subtracted,
         )
-        found = np.flatnonzero(least.steps >= 0)
+        found = (least.steps >= 0).nonzero()[0]
         always, off, at = np.array(times), np.array(off), least.steps[found]
         always[found] = trajectory.moments(piece[at], least.moments[found])
         off[found] = error_radii.radii(at, least.moments[found, None])[:, 0]

@@ -48,7 +48,7 @@ class Report(metaclass=Described):
     @property
     def ok(self) -> bool:
         """True if every required constraint holds."""
-        return all(check.holds for check in self.checks if check.asked)
+        return not self._unmet
 
     @property
     def violations(self) -> tuple[Check, ...]:
@@ -70,7 +70,7 @@ class Report(metaclass=Described):
     @property
     def _unmet(self) -> list[Check]:
         """Required checks that do not hold, by their excess over the tolerance."""
-        unmet = (check for check in self.checks if check.asked and not check.holds)
+        unmet = [check for check in self.checks if check.asked and not check.holds]
         return sorted(unmet, key=_relative_excess, reverse=True)
 
     @property

@@ -89,8 +89,7 @@ def check_flown(
     )
     for quantity, own, flown in pairs:
         differences = np.linalg.norm(own - flown, axis=2)
-        k = np.argmax(differences, axis=1)
-        largest = np.take_along_axis(differences, k[:, None], axis=1)[:, 0]
+        k, largest = differences.argmax(axis=1), differences.max(axis=1)
         yield _difference(
             trajectory.scenario, "dynamics", quantity, trajectory.times[k], largest, 0.0
         )
@@ -144,7 +143,7 @@ def _difference(
     concerned: BoolArray | None = None,
 ) -> Column:
     """Return the checks of differences, which may not exceed `most`, of some or all vehicles."""
-    limits = np.full(len(values), most)
+    limits = most + np.zeros(len(values))
     return Column(
         kind="goals" if constraint == "goal" else "dynamics",
         constraint=constraint,

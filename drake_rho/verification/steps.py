@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from functools import cached_property, reduce
+from functools import cached_property
 from math import comb, perm
 from typing import Self
 
@@ -101,8 +101,7 @@ class Steps(Table):
     @property
     def _coefficients(self) -> list[FloatArray]:
         """Coefficients of the powers of u, from the lowest up, shape (M, D) each."""
-        higher = (self.higher[:, m] for m in range(self.higher.shape[1]))
-        return [self.p, self.v, self.a / 2.0, *higher]
+        return [self.p, self.v, self.a / 2.0, *self.higher.swapaxes(0, 1)]
 
     def _greatest_derivative(self, order: int) -> FloatArray:
         """Return an upper bound of a derivative's norm in each step, by u, shape (M,).
@@ -110,13 +109,13 @@ class Steps(Table):
         A polynomial is in the convex hull of its Bézier control points.
         """
         c = [perm(m, order) * each for m, each in enumerate(self._coefficients)][order:]
-        degree = len(c) - 1
-        points = (
-            sum((comb(i, m) / comb(degree, m) * c[m] for m in range(1, i + 1)), start=c[0])
-            for i in range(len(c))
-        )
-        norms = (np.sqrt(np.einsum("md,md->m", each, each)) for each in points)
-        return np.asarray(reduce(np.maximum, norms))
+        degree, greatest = len(c) - 1, np.zeros(len(self.p))
+        for i in range(len(c)):
+            point = c[0]
+            for m in range(1, i + 1):
+                point = point + comb(i, m) / comb(degree, m) * c[m]
+            greatest = np.maximum(greatest, np.sqrt(np.vecdot(point, point)))
+        return greatest
 
     @cached_property
     def coordinate_bounds(self) -> FloatArray:

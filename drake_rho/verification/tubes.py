@@ -145,7 +145,7 @@ class ConstantTubes(Tubes):
 
     def at(self, quantity: Quantity, times: FloatArray) -> FloatArray:
         """Return the constant radius at all times."""
-        return np.full(times.shape, self.radii[quantity])
+        return self.radii[quantity] + np.zeros(times.shape)
 
     def before(self, quantity: Quantity, times: FloatArray) -> FloatArray:
         """Return the constant radius at all times."""
@@ -164,7 +164,7 @@ class ConstantTubes(Tubes):
     ) -> ErrorRadii:
         """Return the constant position radius in all pieces."""
         radius = vehicles * self.radii["position"]
-        return ErrorRadii(lambda _, u: np.full(u.shape, radius), np.zeros(len(pieces)))
+        return ErrorRadii(lambda _, u: radius + np.zeros(u.shape), np.zeros(len(pieces)))
 
 
 NO_ERRORS: Final = ConstantTubes.with_radii(dict.fromkeys(get_args(Quantity), 0.0))

@@ -204,8 +204,8 @@ def _report(
     """Return the report of all columns, with what became of the sighted obstacles of a flight."""
     scenario = trajectory.scenario
     names = [vehicle.name for vehicle in scenario.vehicles]
-    by_vehicle = zip(*(column.checks(names) for column in columns), strict=True)
-    checks = tuple(check for checks in by_vehicle for check in checks if check is not None)
+    by_vehicle = zip(*[column.checks(names) for column in columns], strict=True)
+    checks = tuple([check for checks in by_vehicle for check in checks if check is not None])
     hit = {
         each.constraint
         for each in checks
@@ -228,6 +228,8 @@ def _beginnings(flown: Planned) -> dict[int, FloatArray]:
     A plan without windows, such as that of a flight, has them itself.
     """
     plan = flown.plan
+    if not plan.jumps:
+        return {}
     begins = {each.first_knot: each.plan.scenario.fleet.start_states for each in flown.windows}
     return {knot: begins.get(knot, plan.states(knot)) for knot in plan.jumps}
 

@@ -9,7 +9,7 @@ import functools
 import math
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from contextvars import ContextVar
 from typing import Any, ParamSpec, TypeVar
 
@@ -57,8 +57,7 @@ def check_time() -> None:
         raise OutOfTimeError
 
 
-@contextmanager
-def within_time(seconds: float | None) -> Iterator[None]:
+def within_time(seconds: float | None) -> AbstractContextManager[None]:
     """Set a deadline for the block; an earlier one that is in force stays.
 
     An `OutOfTimeError` that the block raises contains the time limit.
@@ -66,9 +65,14 @@ def within_time(seconds: float | None) -> Iterator[None]:
     Args:
         seconds: duration until the deadline [s]; None for no further deadline.
     """
-    if seconds is None:
-        yield
-        return
+    return _NO_DEADLINE if seconds is None else _deadline(seconds)
+
+
+_NO_DEADLINE = nullcontext()
+
+
+@contextmanager
+def _deadline(seconds: float) -> Iterator[None]:
     before = _ENDS.set(min(_ENDS.get(), time.perf_counter() + seconds))
     try:
         yield

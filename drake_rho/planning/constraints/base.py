@@ -286,9 +286,9 @@ def worst_of_pieces(follows: BoolArray, margins: FloatArray, pieces: int) -> Int
         margins: the margins of all violated rows, sorted by stretch, shape (R,).
         pieces: the number of pieces of each stretch.
     """
-    begins = np.ones(len(margins), dtype=bool)
-    begins[1:] = ~follows
-    stretch = np.cumsum(begins) - 1
+    begins = np.zeros(len(margins), dtype=bool)
+    begins[0], begins[1:] = True, ~follows
+    stretch = begins.cumsum() - 1
     place = np.arange(len(margins)) - begins.nonzero()[0][stretch]
     piece = stretch * pieces + place * pieces // np.maximum(np.bincount(stretch)[stretch], pieces)
     order = np.lexsort((margins, piece))

@@ -50,7 +50,8 @@ class KeepInBox(Constraint):
         self, motion: Motion, vehicles: IntArray, *, between: bool = False, neighbours: int = 0
     ) -> HalfSpaces:
         """Return rows of violated sides at the knots, or at extrema of a coordinate."""
-        motion = motion.subdivided(self.margins.pieces)
+        if self.margins.pieces > 1:
+            motion = motion.subdivided(self.margins.pieces)
         if between:
             return self._violated_between(motion, vehicles)
         values = motion.values(self.quantity)[:, self.first : self.first + len(self.times)]

@@ -106,7 +106,8 @@ class KeepOut(Constraint):
         self, motion: Motion, vehicles: IntArray, *, between: bool = False, neighbours: int = 0
     ) -> HalfSpaces:
         """Return violated rows at the knots or, if `between`, where the motion is inside S."""
-        motion = motion.subdivided(self.margins.pieces)
+        if self.margins.pieces > 1:
+            motion = motion.subdivided(self.margins.pieces)
         if not between:
             rows = self.violated_at_knots(motion, vehicles, neighbours)
             if self.before is not None and len(rows) > 0:

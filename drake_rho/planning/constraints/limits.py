@@ -76,6 +76,8 @@ def waypoints_of(scenario: Scenario, margins: PlanMargins) -> list[KeepInSets]:
     their own.
     """
     fleet, clock = scenario.fleet, scenario.grid.clock
+    if not fleet.waypoints:
+        return []
     everyone = np.arange(len(scenario.vehicles))
     scale = fleet.scale("position")
     late = clock.tick * _FASTEST * fleet.scale("velocity")  # by the rounding of times
@@ -111,6 +113,8 @@ def waypoints_of(scenario: Scenario, margins: PlanMargins) -> list[KeepInSets]:
 
 def requirements_of(scenario: Scenario, margins: PlanMargins) -> list[KeepInSets]:
     """Return the constraints of all requirements that have not ended."""
+    if not scenario.required:
+        return []
     found, names, grid = list[KeepInSets](), scenario.names, scenario.grid
     open_end = scenario.fleet.open_end
     local = grid.beginning_at(0.0)

@@ -19,7 +19,7 @@ from drake_rho.planning.constraints.base import (
 from drake_rho.planning.constraints.keep_out import EvaluationPoints, KeepOutOfObstacle, side_of
 from drake_rho.planning.constraints.maps import KeepOutOfMap
 from drake_rho.planning.constraints.margins import PlanMargins
-from drake_rho.scenario.fields import FloatArray, IntArray
+from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.maps.parts import Parts
 from drake_rho.scenario.records import Scenario
 from drake_rho.scenario.shapes.base import Shape, Solid
@@ -61,7 +61,7 @@ class KeepOutOfShape(KeepOutOfObstacle):
             self,
             points.vehicles,
             points.partners,
-            sides=np.zeros(len(points), dtype=int),
+            sides=np.zeros(points.times.shape, dtype=int),
             times=points.times,
             normals=normals,
             bounds=beyond + np.vecdot(normals, centers),
@@ -95,11 +95,11 @@ class KeepOutOfShape(KeepOutOfObstacle):
         inner = slice(1, 1 + self._clearances.shape[1])
         moved = motion.positions[checked, inner] - self.reference.positions[checked, inner]
         far = np.sqrt(np.vecdot(moved, moved)) >= self._clearances[checked]
-        if not far.any():
-            return self.none
-        every = np.zeros_like(self._clearances, dtype=bool)
+        every: BoolArray = np.zeros(self._clearances.shape, dtype=bool)
         every[checked] = far
         which = every.reshape(-1).nonzero()[0]
+        if len(which) == 0:
+            return self.none
         rows, knots = self._knot_rows.select(which), 1 + which % every.shape[1]
         violated = rows.margins_at(motion, knots) < -VIOLATED * rows.tolerances
         if neighbours == 0 or not violated.any():
@@ -122,7 +122,8 @@ class KeepOutOfShape(KeepOutOfObstacle):
         inside = self.margins.knots["position"][1 : 1 + len(times)]
         inside = inside + self.obstacle.uncertainty(times)
         clearances: FloatArray = distances - self.required[:, None] - inside
-        clearances[:, ~self.holds_at(times)] = np.inf
+        if self.obstacle.active is not None:
+            clearances[:, ~self.holds_at(times)] = np.inf
         return clearances
 
     def quadratics(self, rows: HalfSpaces) -> Quadratic | None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterator, Sequence
 from functools import cached_property
+from operator import attrgetter
 
 import numpy as np
 
@@ -41,7 +42,11 @@ class Form:
     @cached_property
     def form(self) -> Form:
         """The form alone, which is picklable."""
-        return Form(**{each.name: getattr(self, each.name) for each in dataclasses.fields(Form)})
+        return Form(**dict(zip(_FIELDS, _values(self), strict=True)))
+
+
+_FIELDS = [each.name for each in dataclasses.fields(Form)]
+_values = attrgetter(*_FIELDS)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

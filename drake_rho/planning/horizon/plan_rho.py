@@ -17,7 +17,7 @@ from drake_rho.system.threads import single_threaded_blas
 @checked
 @with_wall_time
 @with_time_limit
-@single_threaded_blas()
+@single_threaded_blas
 @takes_windows
 def plan_rho(scenario: Scenario, **windows: Unpack[Windows]) -> Flight:
     """Fly with a receding horizon that shrinks towards the goals and the arrival time.

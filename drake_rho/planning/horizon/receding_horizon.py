@@ -46,7 +46,7 @@ from drake_rho.planning.programs.backend import Backend, Solver, SolverName
 from drake_rho.planning.scp.violations import violations_of
 from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.errors import ScenarioError
-from drake_rho.scenario.fields import FloatArray
+from drake_rho.scenario.fields import FloatArray, unchecked
 from drake_rho.scenario.objective import check_only_effort
 from drake_rho.scenario.penalties import NO_BOUND, NO_COST, check_no_penalties
 from drake_rho.scenario.records import Scenario
@@ -339,7 +339,7 @@ class RecedingHorizon:
         self._situation = proposal.situation
 
     @with_wall_time
-    @single_threaded_blas()
+    @single_threaded_blas
     def _window(self, situation: Situation, states: npt.ArrayLike, time: float) -> Window:
         """Return the next window; see `step`."""
         measured = checked_states(situation.scenario, states)
@@ -355,9 +355,9 @@ class RecedingHorizon:
         window = self._planner.with_contingency(window)
         if self._planner.bounded_cost:
             notes["cost_bound"] = cost_bound(window.plan, self.replan_every, self.latency)
-        unseen = np.flatnonzero(np.isnan(measured).any(axis=1))
-        notes["unseen"] = tuple(situation.scenario.names[i] for i in unseen)
-        window = dataclasses.replace(window, **notes)
+        unseen = np.isnan(measured[:, 0]).nonzero()[0]  # whole rows of NaN
+        notes["unseen"] = tuple([situation.scenario.names[i] for i in unseen])
+        window = unchecked(window, **notes)
         return _with_sightings(window, situation.last or window)
 
     def _next(

@@ -172,7 +172,7 @@ class Situation:
         if any(map(any, self.free)) and not of_others:
             scenario = timed_as(scenario, window.plan.scenario)
         known = known.with_flight(scenario)
-        return dataclasses.replace(self, known=known, last=window, is_begun=False)
+        return unchecked(self, known=known, last=window, is_begun=False)
 
     @property
     def at_start(self) -> Scenario:
@@ -234,7 +234,7 @@ class Situation:
         remaining = self._rest(last.plan, knot - last.first_knot)
         planned = remaining.scenario
         measured = Measured.of(states, _states_at(remaining, 0))
-        off = np.flatnonzero(off_tube(planned, measured, self.latency))
+        off = off_tube(planned, measured, self.latency).nonzero()[0]
         scenario = self._known_rest(planned)
         return WindowStart(
             knot,
@@ -242,7 +242,7 @@ class Situation:
             remaining,
             last,
             stop=last.contingency and self._rest(last.contingency, knot - last.first_knot),
-            off=tuple(scenario.names[i] for i in off),
+            off=tuple([scenario.names[i] for i in off]),
             free=free_ahead(self.free, self.scenario, scenario.grid),
             has_news=self.known.has_news,
             is_new=self.known.is_new,

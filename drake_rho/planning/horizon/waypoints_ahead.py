@@ -32,12 +32,15 @@ def free_ahead(free: Free, whole: Scenario, grid: Grid) -> Free:
         grid: grid of the rest.
     """
     return tuple(
-        tuple(
-            one
-            for one, each in zip(own, vehicle.waypoints, strict=True)
-            if is_ahead(each, grid, whole.lead)
-        )
-        for own, vehicle in zip(free, whole.vehicles, strict=True)
+        [
+            own
+            and tuple(
+                one
+                for one, each in zip(own, vehicle.waypoints, strict=True)
+                if is_ahead(each, grid, whole.lead)
+            )
+            for own, vehicle in zip(free, whole.vehicles, strict=True)
+        ]
     )
 
 

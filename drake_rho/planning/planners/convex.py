@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterable
 
 from drake_rho.motion.plan import Plan
@@ -18,6 +17,7 @@ from drake_rho.planning.scp.cutting_planes import CuttingPlanes
 from drake_rho.planning.scp.subproblem import Subproblem, coupling_for
 from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.errors import ScenarioError
+from drake_rho.scenario.fields import unchecked
 from drake_rho.scenario.records import Grid, Scenario
 
 
@@ -82,7 +82,7 @@ def plan_convex(
             failures.append(error)
             statistics += error.statistics
         else:
-            statistics = dataclasses.replace(statistics + plan.statistics, steps_tried=steps_tried)
+            statistics = unchecked(statistics + plan.statistics, steps_tried=steps_tried)
             return plan.with_statistics(statistics)
     first = failures[0]
     if first.bearable is not None:
@@ -110,14 +110,13 @@ def linearised_once(
 def _plan(problem: Problem, reference: Plan | None, backend: Backend | None) -> Plan:
     """Return a plan by steps 1 and 2 for one h, where limits leave tightening slack."""
     scenario = problem.scenario
-    subproblem = Subproblem(problem, coupling_for(scenario), backend)
     if reference is not None:
-        return subproblem.solve_around(reference)
+        return Subproblem(problem, coupling_for(scenario), backend).solve_around(reference)
     planes = CuttingPlanes(problem, backend)
     planes.keep_to(problem.convex)
     free = planes.plan()
     if scenario.separation is not None:
-        plan = subproblem.solve_around(free)
+        plan = Subproblem(problem, coupling_for(scenario), backend).solve_around(free)
         return plan.with_statistics(free.statistics + plan.statistics)
     obstacles = problem.obstacles_around(free.motion())
     if not obstacles:

@@ -64,7 +64,7 @@ class PathResult:
     """numbers of the obstacles among them, 0 for other vehicles"""
 
 
-@single_threaded_blas()
+@single_threaded_blas
 def plan_along_paths(
     problem: Problem,
     backend: Backend | None = None,

@@ -38,7 +38,7 @@ from drake_rho.system.threads import single_threaded_blas
 @checked
 @with_wall_time
 @with_time_limit
-@single_threaded_blas()
+@single_threaded_blas
 def plan(
     scenario: Scenario,
     *,
@@ -271,7 +271,7 @@ def _iterated(problem: Problem, first: Plan, coupling: Coupling, search: FirstPl
 
 @checked
 @with_wall_time
-@single_threaded_blas()
+@single_threaded_blas
 def plan_scp(
     scenario: Scenario,
     *,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
+from functools import cached_property
 from typing import Literal, TypeAlias
 
 import numpy as np
@@ -85,7 +86,7 @@ class Backend:
         """The solver, or the default one."""
         return self.solver or DEFAULT()
 
-    @property
+    @cached_property
     def is_dense(self) -> bool:
         """Whether the solver is for dense programs, which have their own form."""
         return self.reduced or isinstance(self.first, Daqp)

@@ -75,7 +75,7 @@ class Duals(Table):
     multipliers: FloatArray
     """initial guess of the multipliers, shape (R,)"""
 
-    @single_threaded_blas()
+    @single_threaded_blas
     def solved(self) -> tuple[FloatArray, IntArray, FloatArray]:
         """Return multipliers, vehicles, and changes of their accelerations, shape (V, K-1, 3).
 

@@ -35,17 +35,19 @@ class DenseProgram:
     linear: bool = False
     """whether only slacks have a cost"""
 
-    @property
+    @cached_property
     def soft(self) -> bool:
         """Whether any row may be violated."""
-        return bool(self.penalties.min(initial=np.inf) < np.inf)
+        return min(self.penalties.tolist(), default=np.inf) < np.inf
 
     @cached_property
     def written(self) -> MathematicalProgram:
         """The program as Drake's type; its variables are x, then the slacks."""
         common, x = _common(self.matrix.shape[1], self.linear)
-        program = common.Clone()
-        add_rows(program, self.matrix, self.needed, self.penalties, self.slacks, x)
+        program, matrix = common.Clone(), self.matrix
+        if self.soft:
+            matrix, x = _with_slack(program, matrix, self.penalties, self.slacks, x)
+        program.AddLinearConstraint(matrix, self.needed, _infinite(len(self.needed)), x)
         return program
 
 

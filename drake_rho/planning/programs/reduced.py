@@ -140,7 +140,8 @@ def _reduced(changes: Changes, rows: Sequence[Rows], dense: bool) -> Iterator[Ba
     """
     if not rows:
         return
-    vehicles = np.concatenate([part.vehicles for part in rows])
+    every = Rows.joined(rows)
+    vehicles = every.vehicles
     sizes = np.bincount(vehicles)[vehicles]
     order = np.lexsort((vehicles, sizes))  # by size, then by vehicle, and stable
     responses, whose, which = _responses(changes, rows)
@@ -150,8 +151,7 @@ def _reduced(changes: Changes, rows: Sequence[Rows], dense: bool) -> Iterator[Ba
         responses = changes.alike.projected(responses)
     else:
         responses = changes.projected(responses, whose)
-    normals = np.concatenate([part.normals for part in rows])[order]
-    needed = np.concatenate([part.bounds for part in rows])[order]
+    normals, needed = every.normals[order], every.bounds[order]
     penalties = np.concatenate([part.penalties for part in rows])[order]
     slacks = slacks_of(rows)[order]
     vehicles, sizes = vehicles[order], sizes[order]

@@ -111,11 +111,9 @@ def solve(programs: Sequence[Program], backend: Backend | None = None) -> list[S
         if len(solutions) == len(programs):
             break
         check_time()
-        pending = [
-            index
-            for index, program in enumerate(programs)
-            if index not in solutions and _accepts(name, program)
-        ]
+        pending = [index for index in range(len(programs)) if index not in solutions]
+        if name != "Clarabel":  # which accepts every program
+            pending = [index for index in pending if _accepts(name, programs[index])]
         if not pending:
             continue
         answers = _solve_with(attempt, name, options, [programs[index] for index in pending])
@@ -150,9 +148,10 @@ def solve_side_by_side(
     sizes, tasks, chunk, work = list[int](), list[Future[list[Solution]]](), [], 0
     for programs in batches:
         sizes.append(len(programs))
+        size = _work(programs[0], dense) if programs else 0  # programs of a batch are as large
         for program in programs:
             chunk.append(program)
-            work += _work(program, dense)
+            work += size
             if work > _CHUNK:
                 tasks.append(thread_pool().submit(copy_context().run, task, chunk))
                 chunk, work = [], 0
@@ -190,12 +189,13 @@ def _with_options(
 def _accepts(name: str, program: Program) -> bool:
     """Return whether the solver of a name accepts a program.
 
-    OSQP accepts no linear programs, CLP no others. DAQP accepts dense quadratic programs only,
-    least squares those of them without soft rows, and only Clarabel accepts cones.
+    Clarabel accepts all, and is the only one for cones. OSQP accepts no linear programs, CLP no
+    others. DAQP accepts dense quadratic programs only, least squares those of them without soft
+    rows.
     """
     dense = isinstance(program, DenseProgram)
     if not dense and program.lorentz_cone_constraints():
-        return name == "Clarabel"
+        return False
     linear = program.linear if dense else not program.quadratic_costs()
     if name == dual.NAME:
         return dense and not linear and bool(np.isinf(program.penalties).all())
@@ -305,7 +305,7 @@ class _Block:
         dense = self.backend.is_dense and not self.changes.free  # DAQP: no linear ones
         return programs_of(self.changes, self.rows, dense=dense)
 
-    @single_threaded_blas()
+    @single_threaded_blas
     def solved(self) -> list[Answers]:
         """Solve all programs of the block in sequence."""
         answers = list[Answers]()
@@ -339,10 +339,9 @@ def solve_all(
     batches = list[Batch]()
 
     def written() -> Iterator[Sequence[Program]]:
-        for block in blocks:
-            for batch in block.batches():
-                batches.append(batch)
-                yield batch.programs
+        for batch in chain.from_iterable(map(_Block.batches, blocks)):
+            batches.append(batch)
+            yield batch.programs
 
     answers = solve_side_by_side(written(), here)
     steps = changes.grid.knots - 1
@@ -373,5 +372,5 @@ def _answers(batch: Batch, solutions: list[Solution], steps: int) -> Answers:
         [solution.multipliers for solution in solutions],
         batch.lengths,
         solutions[-1].solver,
-        sum(solution.seconds for solution in solutions),
+        sum([solution.seconds for solution in solutions]),
     )

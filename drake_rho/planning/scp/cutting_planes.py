@@ -83,6 +83,7 @@ class CuttingPlanes:
         """Working set of rows, with their multipliers."""
         return self._programs.working
 
+    @single_threaded_blas
     def keep_to(
         self,
         constraints: Sequence[Constraint],
@@ -101,9 +102,7 @@ class CuttingPlanes:
             InfeasibleError: a vehicle's program has no solution, or its goal is unreachable.
             SolverError: the solvers fail numerically.
         """
-        with single_threaded_blas():
-            infeasible = self._add_constraints(constraints, warm)
-        if infeasible:
+        if infeasible := self._add_constraints(constraints, warm):
             raise self._error(infeasible, reference)
 
     def plan(self, reference: Plan | None = None) -> Plan:
@@ -120,28 +119,30 @@ class CuttingPlanes:
             self._planned = np.setdiff1d(self._planned, infeasible)
         self._constraints += more
         self._curved.add(more)
-        violating = self._add([self._rows_of_planned(rows) for rows in warm])
-        programs.forget_unsatisfied()
         unchecked, moved = self._planned, self._mask(self._planned)
+        violating = unchecked[:0]
+        if warm:
+            violating = programs.add([self._rows_of_planned(rows) for rows in warm])
+            programs.forget_unsatisfied()
         # earlier constraints hold already: the first search covers the new ones only
         constraints, number, searches = more, 0, 0
-        if not violating.any():
+        if len(violating) == 0:
             violating, unchecked = self._add_violated(more, unchecked, 0), unchecked[:0]
 
         def search() -> bool:
             nonlocal violating, number, searches
-            if violating.any():
+            if len(violating) > 0:
                 return True
             if infeasible and self.problem.scenario.separation is not None:
                 return False  # pairs between the knots cannot make the fleet feasible
             changed = moved.nonzero()[0]
             violating = self._add_violated(constraints, changed, searches, between=True)
             moved[:], number, searches = False, 0, searches + 1
-            return bool(violating.any())
+            return len(violating) > 0
 
         def solve() -> None:
             nonlocal violating, unchecked, constraints, number
-            pending = programs.with_groups(violating.nonzero()[0])
+            pending = programs.with_groups(violating)
             failed = programs.solve(pending)
             moved[pending] = True
             if failed:
@@ -166,10 +167,10 @@ class CuttingPlanes:
 
     def _add_violated(
         self, among: Sequence[Constraint], vehicles: IntArray, number: int, *, between: bool = False
-    ) -> BoolArray:
-        """Add the rows that some vehicles violate; return flags of these vehicles, shape (N,)."""
+    ) -> IntArray:
+        """Add the rows that some vehicles violate; return those of them with rows to satisfy."""
         # a round of a large group is expensive
-        patience = 0 if self._programs.are_coupled else _PATIENCE
+        patience = 0 if self.working.coupled else _PATIENCE
         nearby = 2 ** max(0, number - patience) // 2
         gap = np.inf if between else 1.5 * self.problem.scenario.grid.step
         motion = self.motion
@@ -191,15 +192,7 @@ class CuttingPlanes:
                 found.append(self._rows_of_planned(rows))
         if cut:
             self._curved.count_round(np.unique(np.concatenate(cut)))
-        return self._add(found)
-
-    def _add(self, rows: Sequence[HalfSpaces]) -> BoolArray:
-        """Add rows; return flags of vehicles with new or still unsatisfied rows, shape (N,)."""
-        affected = np.zeros(self._count, dtype=bool)
-        self._programs.forget_unsatisfied()
-        for part in rows:
-            affected |= self._programs.add(part)
-        return affected
+        return self._programs.add(found)
 
     def _rows_of_planned(self, rows: HalfSpaces) -> HalfSpaces:
         """Return the rows of planned vehicles; omit those of fixed or infeasible ones."""

@@ -18,7 +18,7 @@ from drake_rho.planning.programs.program import Answers
 from drake_rho.planning.programs.solve import solve_all
 from drake_rho.planning.scp.curved_sets import CurvedSets
 from drake_rho.planning.scp.working_set import RowKeys, WorkingSet
-from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
+from drake_rho.scenario.fields import FloatArray, IntArray, unchecked
 
 _MAX_INEXACT = 3
 """Largest number of consecutive rounds that may continue from an inexact solution."""
@@ -38,13 +38,14 @@ class GroupPrograms:
     """
 
     def __init__(self, problem: Problem, backend: Backend, curved: CurvedSets) -> None:
+        count = len(problem)
         self.motion = problem.effort.motion
-        self.working = WorkingSet(RowKeys(len(problem), problem.scenario.grid))
+        self.working = WorkingSet(RowKeys(count, problem.scenario.grid))
         self._problem, self._curved = problem, curved
         # smaller fleets are solved to full accuracy at once
-        accuracy: Accuracy = "quick" if len(problem) > SMALL_FLEET else "full"
-        self._backend = dataclasses.replace(backend, accuracy=accuracy)
-        self._inexact = np.zeros(len(problem), dtype=int)
+        accuracy: Accuracy = "quick" if count > SMALL_FLEET else "full"
+        self._backend = unchecked(backend, accuracy=accuracy)
+        self._inexact = np.zeros(count, dtype=int)
         self._unsatisfied, self._retried = list[HalfSpaces](), False
         self._solved, self._solver_name, self._solver_seconds = 0, "", 0.0
 
@@ -62,27 +63,25 @@ class GroupPrograms:
             solver_seconds=self._solver_seconds,
         )
 
-    @property
-    def are_coupled(self) -> bool:
-        """Whether any row in the working set couples vehicles."""
-        return self.working.coupled
-
     def with_groups(self, vehicles: IntArray) -> IntArray:
         """Return the vehicles of all groups to which the given vehicles belong."""
-        if not self.are_coupled:
+        if not self.working.coupled:
             return vehicles
         labels = self._labels()
         return np.flatnonzero(np.isin(labels, labels[vehicles]))
 
-    def add(self, rows: HalfSpaces) -> BoolArray:
-        """Add rows; return flags of vehicles with new or still unsatisfied rows, shape (N,)."""
-        affected = np.zeros(len(self._problem), dtype=bool)
-        new, unsatisfied = self.working.enter(rows, self.motion)
-        if len(unsatisfied) > 0:
-            unsatisfied = unsatisfied.select(self._inexact[unsatisfied.vehicles] == 0)
-            self._unsatisfied += [unsatisfied] * (len(unsatisfied) > 0)
-        affected[new.vehicles] = affected[unsatisfied.vehicles] = True
-        return affected
+    def add(self, parts: Sequence[HalfSpaces]) -> IntArray:
+        """Add rows; return the vehicles with new or still unsatisfied rows, increasing."""
+        self._unsatisfied = []
+        affected = np.zeros(len(self._inexact), dtype=bool)
+        for rows in parts:
+            new, unsatisfied = self.working.enter(rows, self.motion)
+            affected[new.vehicles] = True
+            if len(unsatisfied) > 0:
+                unsatisfied = unsatisfied.select(self._inexact[unsatisfied.vehicles] == 0)
+                self._unsatisfied += [unsatisfied] * (len(unsatisfied) > 0)
+                affected[unsatisfied.vehicles] = True
+        return affected.nonzero()[0]
 
     def forget_unsatisfied(self) -> None:
         """Forget the unsatisfied rows; rows may be violated until a solve includes them."""
@@ -171,7 +170,7 @@ class GroupPrograms:
             answers.append(found.answers(group, self.working.of(group, len(labels))))
         return answers
 
-    def check_inexact(self, solved: IntArray, violating: BoolArray) -> None:
+    def check_inexact(self, solved: IntArray, violating: IntArray) -> None:
         """Check that every vehicle with an inexact solution has new rows to be solved with.
 
         The solutions of an infeasible program grow with every round until infeasibility can be
@@ -184,7 +183,7 @@ class GroupPrograms:
         rounds = self._inexact[solved]
         if not rounds.any():
             return
-        stuck = np.setdiff1d(solved[rounds > 0], self.with_groups(np.flatnonzero(violating)))
+        stuck = np.setdiff1d(solved[rounds > 0], self.with_groups(violating))
         if len(stuck) > 0 or rounds.max() > _MAX_INEXACT:
             raise SolverError("all solvers failed numerically", self.statistics())
 
