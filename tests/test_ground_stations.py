@@ -540,3 +540,51 @@ def test_scouts_that_join_a_mission_with_zones_find_their_ways(tmp_path: Path) -
     vehicles = (*mission.vehicles, *scouts)
     fleet = dataclasses.replace(mission, vehicles=vehicles, separation=rho.Separation(2.0))
     assert rho.verify(rho.plan(fleet)).ok
+
+
+def homed(path: Path, *home: float | None) -> Path:
+    """Write another home into a plan file."""
+    content = json.loads(path.read_text())
+    content["mission"]["plannedHomePosition"] = home
+    path.write_text(json.dumps(content))
+    return path
+
+
+def test_a_home_without_an_altitude_is_told_or_refused(tmp_path: Path) -> None:
+    relative, above_sea = item(22, 0, 0, 15), item(16, 40, 0, 15, frame=0)
+    here = HOME.latitude, HOME.longitude
+    with pytest.warns(rho.MissionWarning, match=r"HomePosition\[2\] is missing.* altitude 0"):
+        rho.load_mission(homed(plan_file(tmp_path, [relative]), *here, None))
+    path = homed(plan_file(tmp_path, [relative, above_sea]), *here, None)
+    words = r"survey\.plan: mission\.plannedHomePosition\[2\]: got nothing, .*item 2 \(NAV_WAYPOINT"
+    with pytest.raises(rho.ScenarioError, match=words):
+        rho.load_mission(path)
+    found = places_of(rho.load_mission(path, home=HOME))
+    np.testing.assert_allclose(found, [[0, 0, 15], [40, 0, 15]], atol=MILLIMETRE)
+
+
+def test_a_home_that_is_not_set_is_that_of_the_first_item(tmp_path: Path) -> None:
+    path = homed(plan_file(tmp_path, ITEMS[:2]), 0, 0, 0)
+    with pytest.warns(rho.MissionWarning, match=r"no home, so that of item 1 \(NAV_TAKEOFF\)"):
+        scenario = rho.load_mission(path)
+    np.testing.assert_allclose(places_of(scenario), PLACES[:2], atol=5e-3)  # at altitude 0
+
+
+def test_places_below_home_are_told_and_takeoffs_refused(tmp_path: Path) -> None:
+    items = [ITEMS[0], item(16, 40, 0, -20), item(21, 40, 30, -0.8)]
+    words = r"below home.*: item 2 \(NAV_WAYPOINT\) by 20 m$"
+    with pytest.warns(rho.MissionWarning, match=words) as told:
+        rho.load_mission(plan_file(tmp_path, items))
+    assert len(told) == 1
+    assert told[0].filename == __file__
+    for frame, deep in ((0, "473"), (3, "20")):
+        low = item(22, 0, 0, -float(deep), frame=frame)
+        with pytest.raises(rho.ScenarioError, match=rf"item 1 \(NAV_TAKEOFF\).* {deep} m below"):
+            rho.load_mission(plan_file(tmp_path, [low, *items[1:]]))
+
+
+def test_a_takeoff_without_a_climb_is_told(tmp_path: Path) -> None:
+    up = item(22, 0, 0, 15)
+    up["params"][6] = None
+    with pytest.warns(rho.MissionWarning, match=r"the climb of item 1 \(NAV_TAKEOFF\)"):
+        rho.load_mission(plan_file(tmp_path, [up, *ITEMS[1:]]))
