@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import re
 import sys
 import warnings
 from collections.abc import Callable
@@ -664,3 +665,22 @@ def test_the_distance_that_may_be_violated_is_named(tmp_path: Path) -> None:
     assert str(written).endswith(words)
     assert written.spare is not None
     assert (written.spare.closest, written.spare.lost) == ("requirement 1 (fence)", "separation")
+
+
+@pytest.mark.parametrize(
+    ("content", "found"),
+    [("", "empty"), ("hello", "not JSON"), ("[1, 2]", "a JSON list"), ("5", "a JSON value")],
+)
+def test_other_files_are_described(content: str, found: str, tmp_path: Path) -> None:
+    (tmp_path / "m.plan").write_text(content)
+    with pytest.raises(
+        rho.ScenarioError, match=rf"m\.plan: got another file \({found}\), expected a"
+    ):
+        rho.load_mission(tmp_path / "m.plan")
+
+
+def test_errors_of_places_have_few_digits(tmp_path: Path) -> None:
+    fence = polygon(True, (-20, -20), (30, -20), (30, 30), (-20, 30))
+    with pytest.raises(rho.ScenarioError, match=r"item 2: got \[40\.0, ") as caught:
+        rho.load_mission(plan_file(tmp_path, ITEMS, polygons=[fence]))
+    assert re.search(r"\d\.\d{5}", str(caught.value)) is None

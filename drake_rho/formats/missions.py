@@ -16,9 +16,9 @@ from drake_rho.formats.mission_items import AMSL, Item, MissionFile
 from drake_rho.formats.qgroundcontrol import parse_plan
 from drake_rho.formats.routes import PLACED, Route, Stop, route_of
 from drake_rho.formats.schedules import Pace, arrivals, step_for
-from drake_rho.formats.texts import in_file, text_of, text_or_none
+from drake_rho.formats.texts import another_file, in_file, text_of, text_or_none
 from drake_rho.scenario.arguments import checked
-from drake_rho.scenario.errors import Description, MissionWarning, ScenarioError
+from drake_rho.scenario.errors import Description, MissionWarning, ScenarioError, shorten
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.frame import EARTH_RADIUS, Frame
 from drake_rho.scenario.obstacles import Obstacle
@@ -48,6 +48,7 @@ _ABOVE = 50.0
 """Distance of the ceiling above the highest place [m], since zones have no end in height."""
 _ON_LEG = np.linspace(0.0, 1.0, 101)[:, None]
 """Fractions of a leg at which it is compared with zones."""
+_ENDINGS = ".plan", ".waypoints"
 _PLAN = re.compile(r'"fileType"\s*:\s*"Plan"')
 
 
@@ -114,7 +115,12 @@ def load_mission(
 
 
 def is_mission(path: str | Path) -> bool:
-    """Return whether a file holds a mission of a ground station; it may be malformed."""
+    """Return whether a file holds a mission of a ground station, or ends like one that does.
+
+    It may be malformed, or missing.
+    """
+    if Path(path).suffix.lower() in _ENDINGS:
+        return True
     text = text_or_none(path) or ""
     return text.startswith(HEADER) or (
         text.lstrip().startswith("{") and _PLAN.search(text) is not None
@@ -161,7 +167,7 @@ def _read(path: Path) -> MissionFile:
         if text.lstrip().startswith("{"):
             return parse_plan(text)
         expected = "a plan of QGroundControl (JSON) or a mission of MAVLink (QGC WPL 110)"
-        raise ScenarioError("", Description("another file"), expected)
+        raise ScenarioError("", another_file(text), expected)
 
 
 def _home(path: Path, mission: MissionFile, given: Frame | None) -> Frame:
@@ -179,7 +185,8 @@ def _home(path: Path, mission: MissionFile, given: Frame | None) -> Frame:
         return found
     if (first := _first_placed(mission)) is not None:
         return Frame(*first.params[4:6])
-    raise ScenarioError(str(path), Description("no home"), "home=Frame(latitude, longitude, ...)")
+    expected = "one in the file, or home=Frame(latitude, longitude, ...)"
+    raise ScenarioError(str(path), Description("no home"), expected)
 
 
 def _first_placed(mission: MissionFile) -> Item | None:
@@ -338,6 +345,8 @@ def _requirements(flight: _Flight, pace: Pace, count: int) -> Iterator[KeepIn]:
 
 
 _PART = re.compile(r"^(?:scenario\.)?vehicles\[(\d+)\]\.(start|goal|waypoints\[(\d+)\])")
+_LONG = re.compile(r"-?\d+\.\d{5,}")
+"""Numbers with digits that say nothing: metres of a projection."""
 
 
 def _at_item(flights: Sequence[_Flight], error: ScenarioError) -> ScenarioError:
@@ -347,4 +356,8 @@ def _at_item(flights: Sequence[_Flight], error: ScenarioError) -> ScenarioError:
     flight = flights[int(found[1])]
     index = -1 if found[2] == "goal" else int(found[3] or 0)
     item = "home" if found[2] == "start" else flight.route.stops[index].name
-    return ScenarioError(f"{flight.file}: {item}", error.value, error.expected)
+    got, expected = (
+        _LONG.sub(lambda digits: str(float(f"{float(digits[0]):.4g}")), text)
+        for text in (shorten(error.value), error.expected)
+    )
+    return ScenarioError(f"{flight.file}: {item}", Description(got), expected)

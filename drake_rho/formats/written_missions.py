@@ -64,7 +64,8 @@ class MissionFormat(Format):
         plan = planned(flown, self.name)
         scenario = plan.scenario
         if scenario.frame is None:
-            expected = f"Scenario(frame=Frame(latitude, longitude, altitude)) with {self.name}"
+            expected = "Scenario(frame=Frame(latitude, longitude, altitude)), or frame: {latitude: "
+            expected += f"..., longitude: ..., altitude: ...}} in its file, with {self.name}"
             raise ValueError(f"frame: got none, expected {expected}")
         legs = [_upright(each) for each in legs_of(plan, timed=False)]
         speeds = np.linalg.norm(plan.velocities, axis=-1).max(axis=-1)
