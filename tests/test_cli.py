@@ -126,7 +126,12 @@ def test_a_plan_that_violates_a_constraint_exits_1(
         (["show", "paper", "--world", "w.csv"], "--world"),
         (["plan", "nowhere.json"], "'nowhere.json'"),
         (["import", "nowhere.plan", "-o", "s.yaml"], "nowhere.plan: got no text, expected a"),
-        (["import", __file__, "-o", "s.yaml"], "got another file, expected a mission of QGround"),
+        (
+            ["import", __file__, "-o", "s.yaml"],
+            "got another file (not JSON), expected a mission of QGr",
+        ),
+        (["plan", "nowhere.plan"], "expected a readable mission (.plan or .waypoints)"),
+        (["export", "x.npz", "-o", "none/x.plan"], "drake-rho: --output: got 'none/x.plan'"),
         (["import", "m.plan"], "no --output, expected --output FILE"),
         (["import", "m.plan", "-o", "s.npz"], "ending in .yaml"),
         (["fly", "paper", "--replan-every", "0"], "replan_every"),

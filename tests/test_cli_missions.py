@@ -110,7 +110,7 @@ def test_files_without_a_grid_are_refused_with_the_command_that_imports_them(
         (["mission.json", "--step", "0.2"], "got no --duration, expected --duration and --step"),
         (["mission.json", "--duration", "10"], "got no --step, expected --duration and --step"),
         (["mission.json", "--duration", "10", "--step", "0.3"], "a step that divides the duration"),
-        (["mission.json", "--duration", "-1", "--step", "0.3"], "duration: got -1"),
+        (["mission.json", "--duration", "-1", "--step", "0.3"], "drake-rho: --duration: got -1"),
         (["mission.json", *GRID, "--max-speed", "1"], "--max-speed: got 1.0, expected none with"),
         (
             ["mission.json", *GRID, "--world", "w.csv"],
@@ -131,7 +131,7 @@ def test_files_without_a_grid_are_refused_with_the_command_that_imports_them(
             ["crazyflies.yaml", *GRID, "--world", "on.csv"],
             "--world: got on.csv, expected none",
         ),
-        (["crazyflies.yaml", *GRID, "--max-speed", "-1"], "max_speed: got -1"),
+        (["crazyflies.yaml", *GRID, "--max-speed", "-1"], "drake-rho: --max-speed: got -1"),
         (
             ["table.csv", *GRID],
             "--duration: got 10, expected none: the times of table.csv",

@@ -280,9 +280,12 @@ def test_an_exported_json_is_verified_and_exported_again(
 @pytest.mark.parametrize(
     ("words", "expected"),
     [
-        (("--format", "xml", "-o", "x.xml"), "format: got 'xml', expected one of csv, json"),
-        (("--format", "csv", "-o", "x.npz"), "path: got 'x.npz', expected a file to write, ending"),
-        (("--format", "csv", "-o", "x.csv", "--rate", "inf"), "rate: got inf"),
+        (("--format", "xml", "-o", "x.xml"), "--format: got 'xml', expected one of csv, js"),
+        (
+            ("--format", "csv", "-o", "x.npz"),
+            "--output: got 'x.npz', expected a file to write, end",
+        ),
+        (("--format", "csv", "-o", "x.csv", "--rate", "inf"), "--rate: got inf"),
         (("--format", "csv"), "--output"),
         (("-o", "x.csv"), "format: got none for 'x.csv', expected one of csv, px4"),
     ],

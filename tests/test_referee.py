@@ -387,6 +387,16 @@ def test_the_command_line_has_a_status_for_each_verdict(
         assert each["deciding_rate_hz"] > rate
 
 
+def test_samples_without_a_bound_are_refused_by_the_option(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "any.csv").write_text(TABLE)
+    words = ["verify", str(tmp_path / "any.csv"), "--scenario", "courier"]
+    found, text = run(capsys, monkeypatch, *words)
+    assert found == 2
+    assert text.startswith("drake-rho: --max-acceleration: got None, expected a bound")
+
+
 TABLE = "time,x,y,z\n0,0,0,0\n1,1,0,0\n2,2,0,0\n"
 PIECE = ",".join(["1.0", *["0.0"] * 32])
 

@@ -6,6 +6,8 @@ import dataclasses
 import errno
 import os
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from drake_rho.display.plots.formats import DOUBLE_COLUMN, check_width
@@ -62,6 +64,25 @@ def drawing_in(folder: str, file_format: str | None, width: float | None) -> Dra
     """
     width = DOUBLE_COLUMN if width is None else check_width(width)
     return Drawing(folder, file_format or "png", width)
+
+
+@contextmanager
+def options_named(**options: str) -> Iterator[None]:
+    """Name options in place of the arguments and fields that errors begin with.
+
+    Args:
+        options: options by the names of arguments and fields, as `path="--output"`.
+
+    Raises:
+        ValueError: the error of the context, if its first word is one of these names.
+    """
+    try:
+        yield
+    except ValueError as error:
+        name, _, rest = str(error).partition(": ")
+        if (option := options.get(name.rpartition(".")[2])) is None:
+            raise
+        raise ValueError(f"{option}: {rest}") from None
 
 
 def check_writable(output: str | None, endings: tuple[str, ...], option: str) -> None:

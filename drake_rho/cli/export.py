@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Annotated
 
 import typer
 
+from drake_rho.cli.checks import options_named
 from drake_rho.cli.console import answer, plain_table, tell, working
 from drake_rho.cli.headings import HeadingOption, heading_of
 from drake_rho.cli.options import (
@@ -20,6 +22,10 @@ from drake_rho.formats.export import export as exported
 from drake_rho.formats.format import Format
 from drake_rho.formats.only_read import ONLY_READ
 
+_NAMED = partial(
+    options_named, path="--output", format="--format", rate="--rate", heading="--heading"
+)
+
 
 def export(
     file: ResultArgument,
@@ -27,7 +33,7 @@ def export(
         str | None,
         typer.Option(
             "--format",
-            metavar="|".join(FORMATS),
+            metavar="FORMAT",
             help="By default that of the output's ending, if only one has it. csv: a table of "
             "states; json: a plan that drake-rho can read again; crazyswarm: polynomials for "
             "Crazyswarm2; skybrush: CSV files for Skybrush; px4: setpoints for PX4's offboard "
@@ -60,9 +66,10 @@ def export(
     if output is None:
         raise ValueError("export: got no --output, expected --output PATH, a file or a folder")
     turned = heading_of(heading)
-    check_export(output, format, rate, turned)
+    with _NAMED():
+        check_export(output, format, rate, turned)
     flown = load_any(file, scenario, max_acceleration, topic)
-    with working("exporting"):
+    with working("exporting"), _NAMED():
         written = exported(flown, output, format=format, rate=rate, heading=turned)
     document = {
         "path": written.path,

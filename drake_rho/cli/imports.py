@@ -10,12 +10,12 @@ from typing import Annotated
 
 import typer
 
-from drake_rho.cli.checks import check_writable
+from drake_rho.cli.checks import check_writable, options_named
 from drake_rho.cli.console import tell, working
 from drake_rho.formats.crazyflies import is_crazyflies, load_crazyflies
 from drake_rho.formats.lsc_missions import is_lsc_mission, load_lsc_mission
 from drake_rho.formats.missions import is_mission, load_mission
-from drake_rho.formats.texts import in_file, text_of
+from drake_rho.formats.texts import another_file, in_file, text_of
 from drake_rho.formats.waypoint_tables import load_waypoints
 from drake_rho.scenario.errors import Description, DrakeRhoWarning, ScenarioError
 from drake_rho.scenario.files import save_scenario
@@ -68,17 +68,19 @@ class _Given:
         for option, value in (("--duration", self.duration), ("--step", self.step)):
             if value is None:
                 raise ValueError(f"{file}: got no {option}, expected --duration and --step: {why}")
-        return Grid.lasting(self.duration or 0.0, step=self.step or 0.0)
+        with options_named(duration="--duration", step="--step"):
+            return Grid.lasting(self.duration or 0.0, step=self.step or 0.0)
 
     def limits(self, others: Limits) -> Limits:
-        """Return limits in which the options replace those of the file."""
-        return dataclasses.replace(
-            others,
-            max_speed=others.max_speed if self.max_speed is None else self.max_speed,
-            max_acceleration=(
-                others.max_acceleration if self.max_acceleration is None else self.max_acceleration
-            ),
-        )
+        """Return limits in which the options replace those of the file.
+
+        Raises:
+            ValueError: an option is no limit.
+        """
+        names = {"max_speed": "--max-speed", "max_acceleration": "--max-acceleration"}
+        given = {name: getattr(self, name) for name in names if getattr(self, name) is not None}
+        with options_named(**names):
+            return dataclasses.replace(others, **given)
 
 
 def _of_missions(files: Sequence[Path], given: _Given) -> Scenario:
@@ -243,10 +245,10 @@ def _kind_of(files: Sequence[Path]) -> _Kind:
     for file in files:
         words = ", or ".join(each.words for each in _KINDS)
         with in_file(file):
-            text_of(file, f"file: {words}")
+            text = text_of(file, f"file: {words}")
             kind = next((each for each in _KINDS if each.is_one(file)), None)
             if kind is None:
-                raise ScenarioError("", Description("another file"), words)
+                raise ScenarioError("", another_file(text), words)
         kinds.append(kind)
         if kind is not kinds[0]:
             raise ValueError(f"{file}: got {kind.words}, expected {kinds[0].words} as {files[0]}")

@@ -8,6 +8,7 @@ from contextlib import suppress
 from difflib import get_close_matches
 from pathlib import Path
 
+from drake_rho.cli.checks import options_named
 from drake_rho.formats.crazyflies import is_crazyflies
 from drake_rho.formats.load import load_trajectories
 from drake_rho.formats.lsc_missions import is_lsc_mission
@@ -65,7 +66,10 @@ def load_any(
     if scenario is not None:
         topics = dict(_vehicle_and_topic(each) for each in topic) if topic else None
         problem = read(scenario)
-        return load_trajectories(file, problem, max_acceleration=max_acceleration, topics=topics)
+        with options_named(max_acceleration="--max-acceleration", topics="--topic"):
+            return load_trajectories(
+                file, problem, max_acceleration=max_acceleration, topics=topics
+            )
     if max_acceleration is not None or topic:
         option = "--topic" if topic else "--max-acceleration"
         raise ValueError(f"{option}: got no --scenario, expected that of samples")

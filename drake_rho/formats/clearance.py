@@ -36,15 +36,21 @@ class Spare:
     keeps_clear: bool
     """whether `left` is nonnegative within the tolerances of `verify`; if not, distances may be
     violated by up to `-left`"""
+    closest: str = ""
+    """name of the constraint with the least clearance before; empty if there are none"""
+    lost: str = ""
+    """name of the constraint with the least clearance after"""
 
     def __str__(self) -> str:
         if np.isinf(self.before):
             return "which has no distances to keep"
         much = f"{self.before:.3g} m" if self.before > _NEGLIGIBLE else "nothing"
-        spare = f"which has {much} to spare beyond the required distances"
+        spare = f"which has {much} to spare beyond the required distances ({self.closest})"
         if self.keeps_clear:
             return f"{spare}: they still hold"
-        return f"{spare}: they may now be violated by up to {-self.left:.3g} m"
+        if np.isinf(self.left):
+            return f"{spare}: {self.lost} may now be violated by any amount"
+        return f"{spare}: {self.lost} may now be violated by up to {-self.left:.3g} m"
 
 
 def spare_of(flown: Flown, deviations: FloatArray) -> Spare:
@@ -60,11 +66,12 @@ def spare_of(flown: Flown, deviations: FloatArray) -> Spare:
     checks = [check for check in planned if check.asked and check.kind in _DISTANCES]
     checks = [check for check in checks if check.unit == UNITS["position"]]
     closer = [_closer_by(check, scenario, own) for check in checks]
-    return Spare(
-        min((-check.excess for check in checks), default=np.inf),
-        min((-check.excess - d for check, d in zip(checks, closer, strict=True)), default=np.inf),
-        all(c.excess + d <= c.tolerance for c, d in zip(checks, closer, strict=True)),
-    )
+    before = [(-check.excess, check.constraint) for check in checks]
+    after = [(left - d, name) for (left, name), d in zip(before, closer, strict=True)]
+    none = (np.inf, "")
+    (most, closest), (left, lost) = min(before, default=none), min(after, default=none)
+    keeps = all(c.excess + d <= c.tolerance for c, d in zip(checks, closer, strict=True))
+    return Spare(most, left, keeps, closest, lost)
 
 
 def _closer_by(check: Check, scenario: Scenario, deviations: dict[str, float]) -> float:

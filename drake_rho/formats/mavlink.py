@@ -46,7 +46,7 @@ def parse_waypoints(text: str) -> MissionFile:
     fences = tuple(_fences(items))
     items = [each for each in items if each.command not in _POLYGONS | _CIRCLES]
     home, items = _home(items)
-    return MissionFile(tuple(items), home, fences)
+    return MissionFile(tuple(items), home, fences=fences)
 
 
 def _item(line: int, row: Sequence[str]) -> Item:

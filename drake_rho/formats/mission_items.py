@@ -151,6 +151,8 @@ class MissionFile:
     """items in their order, without home"""
     home: Frame | None = None
     """place of the launch; None if the file has none"""
+    no_altitude: str = ""
+    """field with the altitude of home if the file does not give it: `home` has 0"""
     fences: tuple[Fence, ...] = ()
     """circles and polygons"""
     speed: float | None = None

@@ -12,13 +12,13 @@ import numpy as np
 
 from drake_rho.formats.fences import Zones, zones_of
 from drake_rho.formats.mavlink import HEADER, parse_waypoints
-from drake_rho.formats.mission_items import MissionFile
+from drake_rho.formats.mission_items import AMSL, Item, MissionFile
 from drake_rho.formats.qgroundcontrol import parse_plan
-from drake_rho.formats.routes import Route, Stop, route_of
+from drake_rho.formats.routes import PLACED, Route, Stop, route_of
 from drake_rho.formats.schedules import Pace, arrivals, step_for
-from drake_rho.formats.texts import in_file, text_of, text_or_none
+from drake_rho.formats.texts import another_file, in_file, text_of, text_or_none
 from drake_rho.scenario.arguments import checked
-from drake_rho.scenario.errors import Description, MissionWarning, ScenarioError
+from drake_rho.scenario.errors import Description, MissionWarning, ScenarioError, shorten
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.frame import EARTH_RADIUS, Frame
 from drake_rho.scenario.obstacles import Obstacle
@@ -48,6 +48,7 @@ _ABOVE = 50.0
 """Distance of the ceiling above the highest place [m], since zones have no end in height."""
 _ON_LEG = np.linspace(0.0, 1.0, 101)[:, None]
 """Fractions of a leg at which it is compared with zones."""
+_ENDINGS = ".plan", ".waypoints"
 _PLAN = re.compile(r'"fileType"\s*:\s*"Plan"')
 
 
@@ -81,13 +82,15 @@ def load_mission(
             take minutes for eight.
 
     Warns:
-        MissionWarning: items are left out, by number and command; the file has no home; or the
-            mission is so far from home that a level differs from constant altitude by 0.1 m.
+        MissionWarning: items are left out, by number and command; the file has no home, or no
+            altitude of it; a place is more than a metre below home; or the mission is so far from
+            home that a level differs from constant altitude by 0.1 m.
 
     Raises:
-        ScenarioError: a file cannot be read or is malformed, an altitude is above the terrain, a
-            scenario cannot represent an item, or the extra `missions` is not installed. The
-            error's field names file and item.
+        ScenarioError: a file cannot be read or is malformed, an altitude is above the terrain, or
+            above mean sea level where home's is missing, a take-off is below home, a scenario
+            cannot represent an item, or the extra `missions` is not installed. The error's field
+            names file and item.
     """
     paths = [Path(path)] if isinstance(path, str | Path) else [Path(each) for each in path]
     if not paths:
@@ -100,7 +103,9 @@ def load_mission(
         with in_file(file):
             route = route_of(mission, own, homes[0])
         flights.append(_Flight(file, name, route, Zones((), ())))
-        _warn(file, route, flights[-1].positions)
+        for note in _notes(mission, None if home is not None else own, flights[-1]):
+            # at the caller of this function, which `checked` calls
+            warnings.warn(MissionWarning(f"{file}: {note}"), stacklevel=3)
     floor, ceiling = _heights(flights)
     for k, mission in enumerate(missions):
         with in_file(paths[k]):
@@ -110,7 +115,12 @@ def load_mission(
 
 
 def is_mission(path: str | Path) -> bool:
-    """Return whether a file holds a mission of a ground station; it may be malformed."""
+    """Return whether a file holds a mission of a ground station, or ends like one that does.
+
+    It may be malformed, or missing.
+    """
+    if Path(path).suffix.lower() in _ENDINGS:
+        return True
     text = text_or_none(path) or ""
     return text.startswith(HEADER) or (
         text.lstrip().startswith("{") and _PLAN.search(text) is not None
@@ -157,19 +167,41 @@ def _read(path: Path) -> MissionFile:
         if text.lstrip().startswith("{"):
             return parse_plan(text)
         expected = "a plan of QGroundControl (JSON) or a mission of MAVLink (QGC WPL 110)"
-        raise ScenarioError("", Description("another file"), expected)
+        raise ScenarioError("", another_file(text), expected)
 
 
 def _home(path: Path, mission: MissionFile, given: Frame | None) -> Frame:
-    """Return the place of the launch; that of the first item with one if there is no other."""
-    if (found := given or mission.home) is not None:
+    """Return the place of the launch; that of the first item with one if there is no other.
+
+    Raises:
+        ScenarioError: there is none, or items are above mean sea level and its altitude is missing.
+    """
+    if given is not None:
+        return given
+    if mission.no_altitude and (item := _above_sea(mission)) is not None:
+        expected = f"the altitude of home, or home=Frame(...): {item} is above mean sea level"
+        raise ScenarioError(f"{path}: {mission.no_altitude}", Description("nothing"), expected)
+    if (found := mission.home) is not None:
         return found
+    if (first := _first_placed(mission)) is not None:
+        return Frame(*first.params[4:6])
+    expected = "one in the file, or home=Frame(latitude, longitude, ...)"
+    raise ScenarioError(str(path), Description("no home"), expected)
+
+
+def _first_placed(mission: MissionFile) -> Item | None:
+    """Return the first item with a place on the map."""
     for item in mission.items:
         latitude, longitude = item.params[4:6]
         if abs(latitude) <= 90.0 and abs(longitude) <= 180.0 and (latitude or longitude):
-            _tell(f"{path}: no home, so that of {item} at altitude 0 is taken")
-            return Frame(latitude, longitude)
-    raise ScenarioError(str(path), Description("no home"), "home=Frame(latitude, longitude, ...)")
+            return item
+    return None
+
+
+def _above_sea(mission: MissionFile) -> Item | None:
+    """Return the first item that is flown to at an altitude above mean sea level."""
+    placed = (each for each in mission.items if each.command in PLACED and each.frame in AMSL)
+    return next((each for each in placed if not np.isnan(each.params[6])), None)
 
 
 def _names(paths: Sequence[Path]) -> list[str]:
@@ -185,19 +217,32 @@ def _names(paths: Sequence[Path]) -> list[str]:
     return names
 
 
-def _warn(path: Path, route: Route, positions: FloatArray) -> None:
-    """Warn of items that are left out, and of altitudes far from the origin."""
-    if route.skipped:
-        shown = ", ".join(route.skipped[:20])
-        more = f" and {len(route.skipped) - 20} more" if len(route.skipped) > 20 else ""
-        _tell(f"{path}: not in the scenario: {shown}{more}")
-    away = float(np.hypot(*positions[:, :2].T).max())
+def _notes(mission: MissionFile, home: Frame | None, flight: _Flight) -> Iterator[str]:
+    """Yield what is left out or taken for granted, and altitudes far from the origin.
+
+    Args:
+        mission: content of the file.
+        home: place of the launch that was taken from the file; None if it was given.
+        flight: the same mission as a route.
+    """
+    if home is not None and mission.no_altitude:
+        yield f"{mission.no_altitude} is missing, so that home is taken to be at altitude 0"
+    elif home is not None and mission.home is None:
+        item = _above_sea(mission)
+        but = "" if item is None else f", although {item} is above mean sea level"
+        yield f"no home, so that of {_first_placed(mission)} at altitude 0 is taken{but}"
+    if flight.route.skipped:
+        yield f"not in the scenario: {_listed(flight.route.skipped)}"
+    if flight.route.below:
+        yield f"below home, and perhaps below the ground: {_listed(flight.route.below)}"
+    away = float(np.hypot(*flight.positions[:, :2].T).max())
     if (sag := away**2 / (2.0 * EARTH_RADIUS)) > _SAGS:
-        _tell(f"{path}: {away:.0f} m from the origin, constant z is {sag:.2g} m above its altitude")
+        yield f"{away:.0f} m from the origin, constant z is {sag:.2g} m above its altitude"
 
 
-def _tell(text: str) -> None:
-    warnings.warn(MissionWarning(text), stacklevel=4)
+def _listed(items: Sequence[str]) -> str:
+    more = f" and {len(items) - 20} more" if len(items) > 20 else ""
+    return f"{', '.join(items[:20])}{more}"
 
 
 def _scenario(
@@ -300,6 +345,8 @@ def _requirements(flight: _Flight, pace: Pace, count: int) -> Iterator[KeepIn]:
 
 
 _PART = re.compile(r"^(?:scenario\.)?vehicles\[(\d+)\]\.(start|goal|waypoints\[(\d+)\])")
+_LONG = re.compile(r"-?\d+\.\d{5,}")
+"""Numbers with digits that say nothing: metres of a projection."""
 
 
 def _at_item(flights: Sequence[_Flight], error: ScenarioError) -> ScenarioError:
@@ -309,4 +356,8 @@ def _at_item(flights: Sequence[_Flight], error: ScenarioError) -> ScenarioError:
     flight = flights[int(found[1])]
     index = -1 if found[2] == "goal" else int(found[3] or 0)
     item = "home" if found[2] == "start" else flight.route.stops[index].name
-    return ScenarioError(f"{flight.file}: {item}", error.value, error.expected)
+    got, expected = (
+        _LONG.sub(lambda digits: str(float(f"{float(digits[0]):.4g}")), text)
+        for text in (shorten(error.value), error.expected)
+    )
+    return ScenarioError(f"{flight.file}: {item}", Description(got), expected)

@@ -126,15 +126,24 @@ def parse_plan(text: str) -> MissionFile:
         for number, each in enumerate(mission.items, start=1)
         for item in _items(f"item {number}", each, skipped)
     )
-    home = mission.planned_home_position
+    home, levelled = _home(mission.planned_home_position)
     fixed = mission.vehicle_type == _FIXED_WING
     return MissionFile(
         items,
-        None if home is None else Frame(*home[:2], home[2] or 0.0),
+        home,
+        "" if levelled else "mission.plannedHomePosition[2]",
         tuple(_fences(plan.geo_fence)),
         mission.cruise_speed if fixed else mission.hover_speed,
         (*skipped, *(["rally points"] if plan.rally_points.points else [])),
     )
+
+
+def _home(place: tuple[float, float, float | None] | None) -> tuple[Frame | None, bool]:
+    """Return home, None if it is not set, and whether its altitude is known."""
+    if place is None or not (place[0] or place[1]):
+        return None, True
+    latitude, longitude, altitude = place
+    return Frame(latitude, longitude, altitude or 0.0), altitude is not None
 
 
 def _items(name: str, item: _Item, skipped: list[str]) -> Iterator[Item]:

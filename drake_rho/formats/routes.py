@@ -33,9 +33,15 @@ _FARTHEST = 1e5
 """Largest distance of a place from home [m], beyond which local metres mean little."""
 _LONGEST = 1e5
 """Longest time at rest [s]."""
-_PASSED = WAYPOINT, SPLINE, LOITER_TIME, LOITER_TURNS, LOITER_TO_ALTITUDE, TAKEOFF, VTOL_TAKEOFF
+_PASSED = WAYPOINT, SPLINE, LOITER_TIME, LOITER_TURNS, LOITER_TO_ALTITUDE
 _HOLDING = WAYPOINT, SPLINE, LOITER_TIME
 """Commands whose first parameter is a time at rest [s]."""
+_TAKEOFFS = TAKEOFF, VTOL_TAKEOFF
+PLACED = (*_PASSED, *_TAKEOFFS, LAND, VTOL_LAND, LOITER_UNLIMITED)
+"""Commands whose places are flown to."""
+_BELOW = 1.0
+"""Depth below home from which a place is told, and a take-off refused [m]: homes are given to
+about a metre."""
 _OVER_GROUND = 0.0, 1.0
 """Kinds of speeds that an item changes: in the air and over ground, not of climbs."""
 
@@ -66,6 +72,8 @@ class Route:
     """places after it; the last one is the goal"""
     skipped: tuple[str, ...]
     """items that the route leaves out, or in part"""
+    below: tuple[str, ...]
+    """places more than a metre below home, and how far"""
 
 
 def route_of(mission: MissionFile, home: Frame, origin: Frame) -> Route:
@@ -89,7 +97,8 @@ def route_of(mission: MissionFile, home: Frame, origin: Frame) -> Route:
         expected = "a waypoint, a take-off or a landing away from home"
         others = "".join(f", {each}" for each in [*mission.skipped, *walk.skipped][:10])
         raise ScenarioError("items", Description(f"no place{others}"), expected)
-    return Route(walk.start, tuple(walk.stops), (*mission.skipped, *walk.skipped))
+    skipped = (*mission.skipped, *walk.skipped)
+    return Route(walk.start, tuple(walk.stops), skipped, tuple(walk.below))
 
 
 class _Walk:
@@ -101,19 +110,22 @@ class _Walk:
         self.start = origin.local(*self.launch)
         self.stops: list[Stop] = []
         self.skipped: list[str] = []
+        self.below: list[str] = []
         self.ended: str | None = None
 
     def take(self, item: Item) -> None:
         """Go on by an item."""
         match item.command:
+            case command if command in _TAKEOFFS:
+                self._take_off(item)
             case command if command in _PASSED:
                 self._pass(item)
             case command if command in (LAND, VTOL_LAND):
-                self._descend(item, item.geodetic(self.home, self.place))
+                self._descend(item, self._placed(item))
             case command if command == RETURN:
                 self._descend(item, self.launch)
             case command if command == LOITER_UNLIMITED:
-                self._go(item.name, item.geodetic(self.home, self.place))
+                self._go(item.name, self._placed(item))
                 self.ended = str(item)
             case command if command == DELAY and item.params[0] > 0.0 and self.stops:
                 self._wait(item.params[0])
@@ -126,9 +138,30 @@ class _Walk:
             case _:
                 self.skipped.append(str(item))
 
+    def _placed(self, item: Item) -> FloatArray:
+        """Return the place of an item, and note it if it is far below home."""
+        place = item.geodetic(self.home, self.place)
+        if (depth := self.home.altitude - place[2]) > _BELOW:
+            self.below.append(f"{item} by {depth:.4g} m")
+        return place
+
+    def _take_off(self, item: Item) -> None:
+        """Go to the place of a take-off.
+
+        Raises:
+            ScenarioError: it is below home.
+        """
+        before, place = self.place[2], self._placed(item)
+        if (depth := self.home.altitude - place[2]) > _BELOW:
+            got = Description(f"an altitude {depth:.4g} m below home")
+            raise ScenarioError(str(item), got, f"a take-off above {self.home}")
+        if not place[2] > before:
+            self.skipped.append(f"the climb of {item}, whose altitude is not above the present one")
+        self._go(item.name, place)
+
     def _pass(self, item: Item) -> None:
         hold = item.params[0]
-        self._go(item.name, item.geodetic(self.home, self.place))
+        self._go(item.name, self._placed(item))
         if item.command in _HOLDING and hold > 0.0:
             self._wait(hold)
         if item.command == LOITER_TURNS:
@@ -154,7 +187,7 @@ class _Walk:
         """Add a place, unless the vehicle is there."""
         self.place, position = place, self.origin.local(*place)
         if not np.linalg.norm(position - self.start) <= _FARTHEST:
-            expected = f"a place within {_FARTHEST / 1000.0:g} km of home"
+            expected = f"a place within {_FARTHEST / 1000.0:g} km of home, {self.home}"
             raise ScenarioError(name, place.tolist(), expected)
         before = self.stops[-1].position if self.stops else self.start
         if np.linalg.norm(position - before) > SAME_PLACE:

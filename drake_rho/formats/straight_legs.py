@@ -16,6 +16,8 @@ TOLERANCE = 0.1
 """Largest distance of a motion from its legs [m]."""
 _BETWEEN = 0.01
 """Largest distance of a motion from lines between its samples [m]."""
+_AT_REST = 1e-6
+"""Speed up to which a vehicle is at rest [m/s]: solvers and smoothing round zero."""
 _SAMPLES = 64
 """Largest number of samples of a step."""
 
@@ -32,8 +34,10 @@ class Legs:
     """times at rest [s], shape (M,)"""
     deviation: float
     """upper bound of the distance of the motion from the legs [m]"""
-    at_rest: bool
-    """whether the motion ends at rest"""
+    from_rest: bool
+    """whether the motion begins at rest"""
+    to_rest: bool
+    """whether it ends at rest"""
 
     @property
     def longest(self) -> float:
@@ -92,8 +96,9 @@ def _legs(
     for each, mark in zip(passed, marks, strict=False):
         dwells[np.searchsorted(times, mark)] = each.dwell
     kept = _moving(positions, chosen) if not timed else chosen
-    rest = not np.any(plan.velocities[index, -1])
-    return Legs(grid.start + times[kept], positions[kept], dwells[kept], deviation + between, rest)
+    rests = np.linalg.norm(plan.velocities[index, [0, -1]], axis=-1) <= _AT_REST
+    own = grid.start + times[kept], positions[kept], dwells[kept], deviation + between
+    return Legs(*own, from_rest=bool(rests[0]), to_rest=bool(rests[1]))
 
 
 def _moving(positions: FloatArray, chosen: list[int]) -> list[int]:

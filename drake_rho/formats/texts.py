@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -36,6 +37,19 @@ def text_or_none(path: str | Path) -> str | None:
         return read_text(path, LARGEST)
     except (OSError, ValueError):
         return None
+
+
+def another_file(text: str) -> Description:
+    """Return words for a text of none of the kinds that are read: 'another file (a JSON list)'."""
+    if not text.strip():
+        return Description("another file (empty)")
+    try:
+        content = json.loads(text)
+    except (ValueError, RecursionError):
+        return Description("another file (not JSON)")
+    kind = "object" if isinstance(content, dict) else "value"
+    kind = "list" if isinstance(content, list) else kind
+    return Description(f"another file (a JSON {kind})")
 
 
 @contextmanager

@@ -13,15 +13,23 @@ from drake_rho.formats.folders import write_each
 from drake_rho.formats.format import Format, planned
 from drake_rho.formats.mission_items import LAND, TAKEOFF, WAYPOINT, Item
 from drake_rho.formats.record import Exported
-from drake_rho.formats.straight_legs import TOLERANCE, Legs, legs_of
+from drake_rho.formats.routes import SAME_PLACE
+from drake_rho.formats.straight_legs import Legs, legs_of
 from drake_rho.motion.flown import Flown
 from drake_rho.motion.headings import Heading
 from drake_rho.motion.plan import Plan
 from drake_rho.scenario.frame import EARTH_RADIUS, Frame
 
 _RELATIVE = 3  # MAV_FRAME_GLOBAL_RELATIVE_ALT
-_GROUND = 0.5
+_GROUND = 0.1
 """Height above the start up to which a goal at rest is landed at [m]."""
+_UPRIGHT = 2.5
+"""Height above the ground up to which take-off and landing are vertical [m]: autopilots climb at
+least as high at the place where they stand, and descend at the place of a landing."""
+_ACCEPTED = 0.5
+"""Distance at which a waypoint counts as reached [m]; with 0, autopilots take their own."""
+_DIGITS, _HEIGHT_DIGITS = 10, 6
+"""Digits of degrees (a hundredth of a millimetre) and of metres; the rest is rounding."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -41,7 +49,7 @@ class MissionFormat(Format):
 
     folder = True
     rated = False
-    content = "places joined by straight legs within 0.1 m of the plan, without times"
+    content = "a vertical take-off, then places joined by straight legs, without times"
     read_by = "rho.load_mission(path), as a mission"
 
     def write(
@@ -56,9 +64,10 @@ class MissionFormat(Format):
         plan = planned(flown, self.name)
         scenario = plan.scenario
         if scenario.frame is None:
-            expected = f"Scenario(frame=Frame(latitude, longitude, altitude)) with {self.name}"
+            expected = "Scenario(frame=Frame(latitude, longitude, altitude)), or frame: {latitude: "
+            expected += f"..., longitude: ..., altitude: ...}} in its file, with {self.name}"
             raise ValueError(f"frame: got none, expected {expected}")
-        legs = legs_of(plan, timed=False)
+        legs = [_upright(each) for each in legs_of(plan, timed=False)]
         speeds = np.linalg.norm(plan.velocities, axis=-1).max(axis=-1)
         texts = [
             self.text(_mission(each, scenario.frame, float(speed))).encode()
@@ -72,19 +81,79 @@ class MissionFormat(Format):
         """Return the content of a vehicle's file."""
 
 
+def _takes_off(legs: Legs) -> bool:
+    """Return whether a vehicle is on the ground at its start: at rest, and it flies above it."""
+    heights = legs.positions[:, 2]
+    return legs.from_rest and heights.max() > heights[0] + SAME_PLACE
+
+
+def _lands(legs: Legs) -> bool:
+    """Return whether the goal is on the ground: at rest, from above, no higher than the start."""
+    heights = legs.positions[:, 2]
+    from_above = heights.max() > heights[-1] + SAME_PLACE
+    return legs.to_rest and from_above and heights[-1] <= heights[0] + _GROUND
+
+
+def _upright(legs: Legs) -> Legs:
+    """Return the legs as they are flown, with vertical take-off and landing, and their deviation.
+
+    A leg from the ground becomes two, over a corner above the start: both are no farther from it
+    than the corner is. A leg to the ground is the same backwards.
+    """
+    apart, lands = legs.deviation, _lands(legs)
+    if _takes_off(legs):
+        legs = _with_corner(legs, 0, 1, apart)
+    if lands and legs.positions[-2, 2] > legs.positions[-1, 2] + SAME_PLACE:
+        legs = _with_corner(legs, -1, -2, apart)
+    return legs
+
+
+def _with_corner(legs: Legs, ground: int, other: int, apart: float) -> Legs:
+    """Return the legs with a place above the one with index `ground`, before `other`.
+
+    Args:
+        legs: straight legs.
+        ground: index of the first or last place.
+        other: index of the place next to it.
+        apart: distance of the motion from legs without corners [m].
+    """
+    leg = legs.positions[other] - legs.positions[ground]
+    aside, rise = float(np.hypot(*leg[:2])), float(leg[2])
+    if rise > SAME_PLACE >= aside:
+        return legs  # upright already
+    height, off = min(_UPRIGHT, rise), aside / float(np.linalg.norm(leg))
+    if rise <= SAME_PLACE:  # along the ground at first
+        top = float(legs.positions[:, 2].max() - legs.positions[ground, 2])
+        height, off = min(_UPRIGHT, top), 1.0
+    at = 1 if ground == 0 else len(legs.times) - 1
+    corner = legs.positions[ground] + [0.0, 0.0, height]
+    return dataclasses.replace(
+        legs,
+        times=np.insert(legs.times, at, legs.times[ground]),
+        positions=np.insert(legs.positions, at, corner, axis=0),
+        dwells=np.insert(legs.dwells, at, 0.0),
+        deviation=max(legs.deviation, apart + height * off),
+    )
+
+
 def _mission(legs: Legs, frame: Frame, speed: float) -> WrittenMission:
     """Return the mission of a vehicle: up from home, along its legs, and down if it lands."""
-    home, *places = frame.geodetic(legs.positions).tolist()
+    places = frame.geodetic(legs.positions)
+    places[:, :2] = places[:, :2].round(_DIGITS)
+    heights = (places[:, 2] - places[0, 2]).round(_HEIGHT_DIGITS)
     items = list[Item]()
-    for k, (latitude, longitude, altitude) in enumerate(places):
-        height, hold = altitude - home[2], float(legs.dwells[k + 1])
-        place = (0.0, 0.0, np.nan, latitude, longitude, height)
-        if k == 0 and height > 0.0:
-            items.append(Item("", TAKEOFF, _RELATIVE, (0.0, *place)))
+    for k in range(1, len(places)):
+        hold, place = float(legs.dwells[k]), (*places[k, :2].tolist(), float(heights[k]))
+        if k == 1 and _takes_off(legs):
+            up = (*places[0, :2].tolist(), place[2])
+            items.append(Item("", TAKEOFF, _RELATIVE, (0.0, 0.0, 0.0, np.nan, *up)))
             if hold == 0.0:
                 continue
-        lands = k == len(places) - 1 and k > 0 and legs.at_rest and height <= _GROUND
-        items.append(Item("", LAND if lands else WAYPOINT, _RELATIVE, (hold, *place)))
+        if k == len(places) - 1 and _lands(legs):
+            items.append(Item("", LAND, _RELATIVE, (0.0, 0.0, 0.0, np.nan, *place)))
+        else:
+            items.append(Item("", WAYPOINT, _RELATIVE, (hold, _ACCEPTED, 0.0, np.nan, *place)))
+    home = [*places[0, :2].tolist(), round(float(places[0, 2]), _HEIGHT_DIGITS)]
     return WrittenMission(home, tuple(items), round(speed, 3))
 
 
@@ -94,11 +163,20 @@ def _exported(plan: Plan, path: Path, files: list[Path], legs: list[Legs]) -> Ex
     deviations = np.array([each.deviation for each in legs]) + bent
     spare, scenario = spare_of(plan, deviations), plan.scenario
     together = scenario.separation is not None and len(legs) > 1
-    if together or any(each.moves or each.active is not None for each in scenario.bodies):
+    timed = [
+        scenario.obstacle_name(number)
+        for number, each in enumerate(scenario.bodies, start=1)
+        if each.moves or each.active is not None
+    ]
+    if together or timed:
         lost = scenario.separation.distance if together and scenario.separation else np.inf
-        spare = dataclasses.replace(spare, left=min(spare.left, -lost), keeps_clear=False)
+        who = timed[0] if np.isinf(lost) else "separation"
+        left, name = min((spare.left, spare.lost), (-lost, who))
+        spare = dataclasses.replace(spare, left=left, lost=name, keeps_clear=False)
     count = max(len(each.times) - 1 for each in legs)
-    words = f"{count} places with straight legs within {TOLERANCE:g} m, and no times"
-    words += ", no fences" if scenario.bodies or scenario.requirements else ""
+    words = f"{count} places with straight legs, and no times"
+    asked = {each.of for each in scenario.requirements}
+    words += ", no fences" if scenario.bodies or "position" in asked else ""
+    words += ", no speeds of single legs" if "velocity" in asked else ""
     words += ": separation is lost," if len(legs) > 1 else ","
     return Exported(path, tuple(files), words, scenario.names, deviations, spare)
