@@ -431,8 +431,8 @@ def test_the_example_is_planned_at_the_command_line(
     plan = rho.load(tmp_path / "show.npz").plan
     assert (status, document["ok"], document["vehicles"]) == (0, True, len(shown.pads.positions))
     found = rho.certify_show(shown, plan)
-    assert document["show"]["gap"] == pytest.approx(found.gap)
-    assert [each["scene"] for each in document["show"]["transitions"]] == [
+    assert document["certificate"]["gap"] == pytest.approx(found.gap)
+    assert [each["scene"] for each in document["certificate"]["transitions"]] == [
         *(scene.name for scene in shown.scenes),
         "landing",
     ]

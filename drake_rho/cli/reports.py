@@ -62,11 +62,10 @@ def finish(
         written += [f"{', '.join(path.name for path in drawn)} in {drawing.folder}"]
     with working("verifying"):
         report = verify(flown)
-    document = _document(flown, report, wind, output, drawn)
+    document = _document(flown, report, wind, output, drawn) | {"certificate": certificate}
     heading = [f"wind: {wind}"] if wind is not None else []
     text = list(_text(flown, report.printed(every_row=every_row)))
     if certificate is not None:
-        document["show"] = certificate
         text = [*text, "", str(certificate)]
     return tell(document, *heading, *text, *written, status=_exit_status(report))
 
