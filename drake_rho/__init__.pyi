@@ -25,6 +25,7 @@ from .display.plots.figures import separation_figure as separation_figure
 from .display.plots.figures import velocities_figure as velocities_figure
 from .display.plots.path_figure import paths_figure as paths_figure
 from .display.plots.publish import save_figure as save_figure
+from .display.plots.scenes_figure import scenes_figure as scenes_figure
 from .display.viewer.page import viewer_page as viewer_page
 from .formats.crazyflies import load_crazyflies as load_crazyflies
 from .formats.export import export as export
@@ -114,6 +115,15 @@ from .scenario.sets import ConvexSet as ConvexSet
 from .scenario.sets import check_set as check_set
 from .scenario.worlds import World as World
 from .scenario.worlds import load_world as load_world
+from .shows import formations as formations
+from .shows.certificate import ShowCertificate as ShowCertificate
+from .shows.certificate import TransitionCertificate as TransitionCertificate
+from .shows.certificate import certify_show as certify_show
+from .shows.plan_show import plan_show as plan_show
+from .shows.show import Scene as Scene
+from .shows.show import Show as Show
+from .shows.show import TakeOff as TakeOff
+from .shows.show import load_show as load_show
 from .simulation import winds as winds
 from .simulation.attack import Attack as Attack
 from .simulation.attack import attack as attack

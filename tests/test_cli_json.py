@@ -27,6 +27,7 @@ ASKED: dict[str, list[str]] = {
     "fastest": ["fastest", "weak.yaml"],
     "simulate": ["simulate", "windy.yaml", "--wind", "noise"],
     "assign": ["assign", "paper_assembly", "-o", "kept.yaml"],
+    "storyboard": ["storyboard", "show.yaml", "-o", "kept.npz"],
     "verify": ["verify", "plan.npz"],
     "certify": ["certify", "plan.npz"],
     "diagnose": ["diagnose", "weak.yaml"],
@@ -43,6 +44,13 @@ ASKED: dict[str, list[str]] = {
 """Arguments of each command."""
 FAILED = "any command that fails"
 PYRAMID = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
+SHOW = """
+name: pair
+pads: {kind: grid, columns: 2, rows: 1, spacing: 2}
+limits: {max_speed: 4, max_acceleration: 3}
+separation: {distance: 1}
+scenes: [{name: ring, formation: {kind: ring, count: 2, radius: 2, center: [0, 0, 4]}}]
+"""
 SWARM = "robots: {cf1: {enabled: true, initial_position: [0, 0, 0]}}\n"
 WEAK = rho.Limits(acceleration=box(0.3))
 
@@ -64,6 +72,7 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
     rho.campaign(small(1), folder / "runs.sqlite")
     (folder / "pyramid.obj").write_text(PYRAMID)
     (folder / "swarm.yaml").write_text(SWARM)
+    (folder / "show.yaml").write_text(SHOW)
     return folder
 
 

@@ -127,7 +127,9 @@ def test_a_show_has_white_lights_pads_and_no_headings_of_its_own(tmp_path: Path)
     rho.export(plan, tmp_path / "show.skyc")
     for i, settings in enumerate(_drones(tmp_path / "show.skyc")):
         lights = base64.b64decode(settings["lights"]["data"])
-        assert lights == bytes([7, 0x80 | 180 & 127, 180 >> 7, 0])  # white for 180 times 20 ms
+        assert lights == bytes(
+            [4, *[255] * 3, 0x80 | 180 & 127, 180 >> 7, 0]
+        )  # white for 180 times 20 ms
         np.testing.assert_array_equal(settings["home"], plan.positions[i, 0])
         np.testing.assert_allclose(settings["landAt"], plan.positions[i, -1], atol=ROUNDING)
         assert "yawControl" not in settings

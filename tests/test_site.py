@@ -23,7 +23,7 @@ BUILDS = "what builds the site is installed by make docs and make lint"
 GUIDES = sorted([DOCS / "quick_start.md", *(DOCS / "guides").glob("*.md")])
 WIDTH = 87
 """Characters of code that fit into the column of a page."""
-TASKS = 39
+TASKS = 40
 """Tasks of a newcomer, each with code to copy."""
 
 

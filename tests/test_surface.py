@@ -16,7 +16,8 @@ INTERNAL = {
         test_requirements_flown test_time_bounds test_waypoint_times test_waypoints
     """,
     "margins of tubes, and bounds on what windows cost": """
-        test_cost_bounds test_free_final_time test_hold_at_goal test_margins test_seen_again
+        test_cost_bounds test_free_final_time test_hold_at_goal test_margins test_plan_in_force
+        test_seen_again
         test_tube_verified
     """,
     "worst instants and extremes of motions, beside samples": """

@@ -161,21 +161,32 @@ def _executor(workers: int | None, scheduler: str | None) -> Iterator[Executor |
 
     If the block ends with an error, runs that have not begun are cancelled.
     """
-    from drake_rho.campaigns.workers import Workers
-
     if scheduler is not None:
         with _dask_executor(scheduler) as executor:
             yield executor
-    elif workers is not None:
-        pool = Workers(workers)
-        try:
-            yield pool
-        except BaseException:
-            pool.shutdown(cancel_futures=True)
-            raise
-        pool.shutdown()
     else:
+        with worker_pool(workers) as pool:
+            yield pool
+
+
+@contextmanager
+def worker_pool(workers: int | None) -> Iterator[Executor | None]:
+    """Provide a number of worker processes on this machine; None without a number.
+
+    If the block ends with an error, work that has not begun is cancelled.
+    """
+    from drake_rho.campaigns.workers import Workers
+
+    if workers is None:
         yield None
+        return
+    pool = Workers(workers)
+    try:
+        yield pool
+    except BaseException:
+        pool.shutdown(cancel_futures=True)
+        raise
+    pool.shutdown()
 
 
 @contextmanager

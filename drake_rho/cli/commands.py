@@ -52,6 +52,7 @@ from drake_rho.cli.options import (
 from drake_rho.cli.planning import fastest, fly, plan
 from drake_rho.cli.simulation import simulate
 from drake_rho.cli.sources import load_any, read_or_load
+from drake_rho.cli.storyboard import storyboard
 from drake_rho.cli.streams import pipe_safe
 from drake_rho.cli.study_tables import claims_table, study_table
 from drake_rho.cli.verification import certify, diagnose, verify
@@ -265,7 +266,7 @@ def _planned(scenario: Scenario, work: Work) -> Planned:
 
 
 GROUPS = {
-    "Plan and fly": (plan, fastest, fly, simulate, assign),
+    "Plan and fly": (plan, fastest, fly, simulate, assign, storyboard),
     "Verify and explain": (verify, certify, diagnose),
     "Import, show and export": (import_, show, map_, export),
     "Run campaigns": (campaign, results),

@@ -23,6 +23,7 @@ from drake_rho.motion.flight import Sighting, Window
 from drake_rho.motion.statistics import Statistics
 from drake_rho.paper.study import Claim, Example
 from drake_rho.scenario.records import Scenario
+from drake_rho.shows.certificate import ShowCertificate, TransitionCertificate
 from drake_rho.verification.check import Check
 from drake_rho.verification.summary import Summary
 
@@ -50,6 +51,9 @@ _KEYS: dict[type, str] = {
     TimeSensitivity: "scenario duration_s=duration limits cut",
     VehicleCertificate: "vehicle cost lower_bound gap least_eigenvalue",
     VehicleTimeBound: "vehicle bound_s=bound",
+    ShowCertificate: "show squares squares_bound gap transitions",
+    TransitionCertificate: "scene duration_s=duration bound_s=bound "
+    "any_assignment_s=any_assignment",
     Window: "first_knot kept reason=infeasible",
 }
 """Keys of records in documents, each with its attribute where that has another name. For other

@@ -16,6 +16,7 @@ from drake_rho.cli.summary import errors_of, simulation_text
 from drake_rho.motion.files import save
 from drake_rho.motion.flight import Window
 from drake_rho.motion.flown import Planned
+from drake_rho.shows.certificate import ShowCertificate
 from drake_rho.verification.printed import TEXTS, Printed
 from drake_rho.verification.report import Report
 from drake_rho.verification.verify import verify
@@ -31,6 +32,7 @@ def finish(
     wind: str | None = None,
     *,
     every_row: bool = False,
+    certificate: ShowCertificate | None = None,
 ) -> int:
     """Save, draw and verify a result, print the report and return the exit status.
 
@@ -42,6 +44,7 @@ def finish(
         drawing: figures to draw, if any.
         wind: description of the wind, if any.
         every_row: whether to print every row of the report.
+        certificate: bounds of a show's assignment and times, if it is one.
     """
     if output is not None:  # before anything is printed: a closed pipe must not lose the work
         save(flown, output)
@@ -59,9 +62,11 @@ def finish(
         written += [f"{', '.join(path.name for path in drawn)} in {drawing.folder}"]
     with working("verifying"):
         report = verify(flown)
-    document = _document(flown, report, wind, output, drawn)
+    document = _document(flown, report, wind, output, drawn) | {"certificate": certificate}
     heading = [f"wind: {wind}"] if wind is not None else []
-    text = _text(flown, report.printed(every_row=every_row))
+    text = list(_text(flown, report.printed(every_row=every_row)))
+    if certificate is not None:
+        text = [*text, "", str(certificate)]
     return tell(document, *heading, *text, *written, status=_exit_status(report))
 
 

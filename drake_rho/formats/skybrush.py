@@ -9,6 +9,7 @@ import numpy as np
 
 from drake_rho.formats.folders import file_names, write_archive, write_folder
 from drake_rho.formats.format import RATE, Format, exported
+from drake_rho.formats.lights import lights_of
 from drake_rho.formats.milliseconds import milliseconds
 from drake_rho.formats.record import Exported
 from drake_rho.motion.flown import Flown, sample
@@ -18,15 +19,14 @@ from drake_rho.motion.tables import write_rows
 from drake_rho.scenario.fields import FloatArray, IntArray
 
 COLUMNS = ("Time [msec]", "x [m]", "y [m]", "z [m]", "Red", "Green", "Blue")
-_WHITE = (255, 255, 255)
 
 
 class Skybrush(Format):
-    """Positions at a rate, with white lights."""
+    """Positions at a rate, with lights."""
 
     name = "skybrush"
     endings = (".zip",)
-    content = "positions at a rate, with white lights"
+    content = "positions at a rate, with lights"
     folder = True
 
     def write(
@@ -37,8 +37,10 @@ class Skybrush(Format):
         samples = sample(flown, ticks / 1000.0 - flown.scenario.lead)
         names = file_names(samples.names, ".csv")
         contents = {
-            name: _table(ticks, positions)
-            for name, positions in zip(names, samples.positions, strict=True)
+            name: _table(ticks, positions, lights.at(ticks / 1000.0))
+            for name, positions, lights in zip(
+                names, samples.positions, lights_of(flown.scenario), strict=True
+            )
         }
         archive = path.suffix.lower() in self.endings
         (write_archive if archive else write_folder)(path, contents)
@@ -47,10 +49,12 @@ class Skybrush(Format):
         return exported(flown, path, files, words, _chord_deviations(flown, ticks))
 
 
-def _table(ticks: IntArray, positions: FloatArray) -> bytes:
+def _table(ticks: IntArray, positions: FloatArray, colours: FloatArray) -> bytes:
     """Return the contents of one vehicle's file."""
-    file, rows = io.BytesIO(), zip(ticks.tolist(), positions.tolist(), strict=True)
-    write_rows(file, [COLUMNS, *([tick, *position, *_WHITE] for tick, position in rows)])
+    numbers = colours.astype(np.int64)
+    file = io.BytesIO()
+    rows = zip(ticks.tolist(), positions.tolist(), numbers.tolist(), strict=True)
+    write_rows(file, [COLUMNS, *([tick, *position, *colour] for tick, position, colour in rows)])
     return file.getvalue()
 
 

@@ -26,6 +26,7 @@ import numpy as np
 from drake_rho.formats.beziers import Segments, as_segments
 from drake_rho.formats.folders import write_archive
 from drake_rho.formats.format import Format, exported, planned
+from drake_rho.formats.lights import Lights, lights_of
 from drake_rho.formats.record import Exported
 from drake_rho.motion.flown import Flown
 from drake_rho.motion.headings import Heading, directions_of, headings
@@ -39,17 +40,19 @@ _HEADING_STEP = 100
 """Time between two headings, which players join by straight lines [ms]."""
 _HIGHEST = 7
 """Highest degree of a segment that is read."""
-_SET_WHITE, _END = 7, 0
-"""Commands of light programs: white for a number of 20 ms, and the end."""
+_LIGHT_STEP = 0.02
+"""Unit of times in light programs [s]."""
+_END, _SET_COLOUR, _FADE_TO_COLOUR = 0, 4, 8
+"""Commands of light programs; colours have red, green, blue and the number of units they last."""
 
 
 class Skyc(Format):
-    """Bézier segments, with white lights, and headings if any are given."""
+    """Bézier segments, with lights, and headings if any are given."""
 
     name = "skyc"
     endings = (".skyc",)
     rated = False
-    content = "quadratic or cubic Bézier segments, headings, white lights"
+    content = "quadratic or cubic Bézier segments, headings, lights"
     heading = "any"
     read_by = "rho.load_trajectories(path)"
     reads = "a compiled show of Skybrush"
@@ -108,14 +111,13 @@ def _contents(
     plan: Plan, segments: Segments, yaws: list[list[list[float]]] | None
 ) -> Iterator[tuple[str, object]]:
     """Yield the names and documents of an archive's files."""
-    drones = []
-    lights = {"version": 1, "data": _white(int(segments.ticks[-1]))}
+    drones, lights = [], lights_of(plan.scenario)
     for i, name in enumerate(plan.scenario.names):
         points = _points(segments, i)
         home, landing = points[0][1], points[-1][1]
         folder = f"drones/{i + 1}"
         yield f"{folder}/trajectory.json", {"version": 1, "takeoffTime": 0.0, "points": points}
-        yield f"{folder}/lights.json", lights
+        yield f"{folder}/lights.json", {"version": 1, "data": _program(lights[i])}
         settings = {"name": name, "home": home, "landAt": landing} | {
             key: {"$ref": f"./{folder}/{key}.json#"} for key in ("trajectory", "lights")
         }
@@ -140,13 +142,25 @@ def _points(segments: Segments, vehicle: int) -> list[list[Any]]:
     return [list(each) for each in zip(times, positions, control, strict=True)]
 
 
-def _white(lasting: int) -> str:
-    """Return the light program of white light for a time [ms]."""
-    count, program = -(-lasting // 20), [_SET_WHITE]
-    while count > 127:
-        program.append(count & 127 | 128)
-        count >>= 7
-    return base64.b64encode(bytes([*program, count, _END])).decode()
+def _program(lights: Lights) -> str:
+    """Return the light program of one vehicle, with times rounded to 20 ms."""
+    ticks = np.rint(lights.times / _LIGHT_STEP).astype(np.int64)
+    program, before = bytearray(), np.full(3, -1.0)
+    for lasting, colour in zip(np.diff(ticks, prepend=0), lights.colours, strict=True):
+        if lasting > 0:
+            command = _SET_COLOUR if np.array_equal(colour, before) else _FADE_TO_COLOUR
+            program += bytes([command, *colour.astype(int)]) + _number(int(lasting))
+        before = colour
+    return base64.b64encode(bytes([*program, _END])).decode()
+
+
+def _number(value: int) -> bytes:
+    """Return a number in groups of seven bits, the lowest first."""
+    digits = bytearray()
+    while value > 127:
+        digits.append(value & 127 | 128)
+        value >>= 7
+    return bytes([*digits, value])
 
 
 def _text(document: object) -> bytes:

@@ -113,7 +113,9 @@ def signature_of(cls: Any) -> inspect.Signature:
         plain, keyword = inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY
         kind = keyword if field.kw_only else plain
         parameters.append(inspect.Parameter(field.name, kind, default=default))
-    return inspect.Signature(parameters)
+    return inspect.Signature(
+        sorted(parameters, key=lambda each: each.kind)
+    )  # fields of bases first
 
 
 def field_descriptions(cls: type) -> dict[str, str]:

@@ -88,6 +88,9 @@ Boolean = Annotated[bool, BeforeValidator(_truth_value)]
 Name = Annotated[str, Field(min_length=1, max_length=80), AfterValidator(_printable)]
 """Printable name, short enough to be read at a glance and to fit into a legend."""
 
+Colour = Annotated[str, Field(pattern="^#[0-9a-fA-F]{6}$")]
+"""Colour of a light as #rrggbb."""
+
 
 def read_only(values: npt.ArrayLike) -> FloatArray:
     """Return `values` as a read-only array, copied unless it already is one that owns its data."""

@@ -27,6 +27,7 @@ from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.fields import (
     LARGEST,
     NOT_BOOLEAN,
+    Colour,
     Finite,
     FloatArray,
     Margin,
@@ -319,6 +320,9 @@ class Waypoint:
     penalty: Positive | None = None
     """cost of each metre by which the vehicle passes further away, times its weight [m/s⁴]; it must
     not if not given"""
+    colour: Annotated[Colour | None, Field(exclude_if=lambda colour: colour is None)] = None
+    """colour of the vehicle's light there, as #rrggbb, which exports to Skybrush (skyc) have; plans
+    do not depend on it"""
 
     if TYPE_CHECKING:
 
@@ -332,6 +336,7 @@ class Waypoint:
             dwell: float = 0.0,
             name: str | None = None,
             penalty: float | None = None,
+            colour: str | None = None,
         ) -> None: ...
 
     @model_validator(mode="after")

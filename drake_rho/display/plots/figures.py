@@ -28,6 +28,7 @@ from drake_rho.display.plots.legends import add_below, figure_of, vehicle_handle
 from drake_rho.display.plots.path_figure import paths_figure
 from drake_rho.display.plots.publish import save_figures, styled
 from drake_rho.display.plots.requirements import draw_margins
+from drake_rho.display.plots.scenes_figure import scenes_figure, scenes_of
 from drake_rho.display.plots.tube_errors import LABELS, draw_errors, tube_handle
 from drake_rho.motion.flown import Flown
 from drake_rho.motion.simulation import Simulation
@@ -203,6 +204,8 @@ def write_figures(
     draw |= {"velocities": velocities_figure, "accelerations": accelerations_figure}
     if flown.simulation is not None:
         draw["errors"] = errors_figure
+    if scenes_of(scenario):
+        draw["scenes"] = scenes_figure
     figures = {name: each(flown, width=width) for name, each in draw.items()}
     return save_figures(figures, folder, file_format)
 
