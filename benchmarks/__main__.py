@@ -55,6 +55,7 @@ DRAWN = {
     "mixed_scenes": 5000,
     "mixed_windows": 1200,
     "damaged_files": 4000,
+    "show_random": 20,
     "clients_bags": 1000,
     "clients_pieces": 100_000,
     "clients_damaged": 2000,
@@ -76,7 +77,7 @@ MISSIONS = (
 FILES = ("clients_worlds", "clients_missions", "clients_players", "map_building")
 """Benchmarks of public files beside this repository: `run(folder) -> Table`."""
 
-SCALE = ("scale_campaigns", "scale_fleets", "fleet_growth")
+SCALE = ("scale_campaigns", "scale_fleets", "fleet_growth", "show_large")
 """Benchmarks of many runs: `run() -> Table`."""
 
 SWAPS = ("fleet_b4", "fleet_b5")
@@ -153,6 +154,10 @@ CLIENTS = tuple(each for each in (*FILES, *DRAWN) if each.startswith("clients_")
 """Benchmarks of files that other programs write or read, and of trajectories of any planner."""
 
 
+SHOWS = ("show_random", "show_large")
+"""Benchmarks of shows."""
+
+
 MIXED = ("mixed_scenes", "mixed_windows", "damaged_files")
 """Benchmarks of random scenes, flights and files that mix everything."""
 
@@ -191,6 +196,7 @@ def main() -> None:
     parser.add_argument(
         "--clients", action="store_true", help="benchmarks of other programs' files"
     )
+    parser.add_argument("--shows", action="store_true", help="benchmarks of shows")
     parser.add_argument("--mixed", action="store_true", help="benchmarks that mix everything")
     parser.add_argument("--open", action="store_true", help="all benchmarks of requirements")
     parser.add_argument("--repetitions", type=int, default=31, help="rounds of a race (31)")
@@ -220,7 +226,7 @@ def main() -> None:
     console = Console()
     alone, worlds, flight = RACES + STUDIES, WORLDS, FLIGHT + FLOWN_MISSIONS
     others: tuple[str, ...] = alone + EARLIER + worlds + flight + SCALE + OPEN + MAPS + TIMES
-    others += OBJECTIVE + ONLINE + MIXED + CLIENTS
+    others += OBJECTIVE + ONLINE + MIXED + CLIENTS + SHOWS
     fleets = tuple(name for name in known if name not in others)
     chosen = (fleets if arguments.fleets else ()) + (worlds if arguments.worlds else ())
     chosen += flight if arguments.flight else ()
@@ -231,6 +237,7 @@ def main() -> None:
     chosen += OBJECTIVE if arguments.objective else ()
     chosen += ONLINE if arguments.online else ()
     chosen += MIXED if arguments.mixed else ()
+    chosen += SHOWS if arguments.shows else ()
     chosen += CLIENTS if arguments.clients else ()
     by_default = chosen or alone
     for name in arguments.names or by_default:

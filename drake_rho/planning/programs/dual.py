@@ -23,6 +23,10 @@ from drake_rho.planning.programs import daqp
 from drake_rho.planning.programs.program import DenseProgram, Solution
 from drake_rho.scenario.fields import FloatArray
 
+_DAQP_ROWS = 150
+"""Largest number of rows for DAQP, which begins without bounds and adds the active ones one by one:
+of 600 multipliers all but 35 are zero, and it takes 2 s where this package's method takes 2 ms."""
+
 KKT_TOLERANCE = 1e-9
 """Largest violation of an optimality condition, relative to the largest entry of b or to one."""
 
@@ -37,8 +41,9 @@ def multipliers_of(
 ) -> FloatArray:
     """Return the minimiser y of y · gram @ y / 2 - needed · y subject to 0 <= y <= most.
 
-    Without upper bounds the method is scipy's non-negative least squares, with bounds DAQP if it is
-    the chosen solver. Otherwise, or if these fail, it is an active-set method of this package.
+    Without upper bounds the method is scipy's non-negative least squares, with bounds and few rows
+    DAQP if it is the chosen solver. Otherwise, or if these fail, it is an active-set method of this
+    package.
 
     Args:
         gram: G, positive definite, shape (R, R).
@@ -87,7 +92,7 @@ def _candidates(
     """Yield the result of each method; None if it fails."""
     if np.isinf(most).all():
         yield _unbounded(gram, needed)
-    elif by_daqp:
+    elif by_daqp and len(needed) <= _DAQP_ROWS:
         yield daqp.bounded_least_squares(gram, needed, most)
     yield _bounded(gram, needed, np.zeros(len(needed)) if begin is None else begin, most)
 

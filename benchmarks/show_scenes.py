@@ -1,0 +1,69 @@
+"""Random shows: some fifty to three hundred vehicles through random formations."""
+
+from __future__ import annotations
+
+import numpy as np
+
+import drake_rho as rho
+
+APART = rho.Separation(1.0, downwash=2.0)
+SPACING = 2.6
+"""Distance of points in formations [m]: the separation holds in every direction."""
+
+
+def random_show(rng: np.random.Generator) -> rho.Show:
+    """Draw pads, two to four formations of some or all of the vehicles, limits and times."""
+    columns = int(rng.integers(7, 18))
+    rows = int(np.ceil(rng.uniform(50, 300) / columns))
+    pads = rho.formations.Grid(columns, rows, spacing=rng.uniform(1.2, 2.5))
+    count = columns * rows
+    scenes = [
+        rho.Scene(
+            f"scene {number}",
+            random_formation(rng, int(rng.integers(max(2, count // 2), count + 1))),
+            hold=rng.choice([0.0, rng.uniform(0.5, 4.0)]),
+            colours=[f"#{rng.integers(1, 2**24):06x}"],
+        )
+        for number in range(1, int(rng.integers(3, 6)))
+    ]
+    at_once = int(rng.integers(1, count + 1)) if rng.random() < 0.5 else None
+    every = rng.uniform(0.1, 0.5) if at_once is not None and count / at_once < 20 else 0.0
+    return rho.Show(
+        "random",
+        pads,
+        scenes,
+        rho.Limits(max_speed=rng.uniform(3, 8), max_acceleration=rng.uniform(2, 5)),
+        APART,
+        step=float(rng.choice([0.2, 0.25, 0.5])),
+        take_off=rho.TakeOff(rng.uniform(1.5, 4.0), at_once, every),
+        landing=str(rng.choice(["own", "any"])),
+    )
+
+
+def random_formation(rng: np.random.Generator, count: int) -> rho.formations.Formation:
+    """Draw a formation of about as many points, above everything that waits."""
+    forms, side = rho.formations, int(np.floor(np.cbrt(count) + 1e-9))
+    radius, turned = SPACING * np.sqrt(count), [0.0, 0.0, rng.uniform(-3, 3)]
+    size = SPACING * max(radius, count / 3.0)
+    placed = {"center": [*rng.uniform(-10, 10, 2), 12.0 + size / 2.0], "rotation": turned}
+    match rng.integers(5):
+        case 0:
+            return forms.Ring(count, SPACING * count / 6.0, **placed)
+        case 1:
+            return forms.Sphere(count, radius, **placed)
+        case 2:
+            return forms.Grid(side, side, side, spacing=SPACING, **placed)
+        case 3:
+            wide = int(np.ceil(np.sqrt(count)))
+            upright = [np.pi / 2.0, 0.0, turned[2]]
+            return forms.Grid(
+                wide, count // wide, spacing=SPACING, **placed | {"rotation": upright}
+            )
+        case _:
+            points = [np.zeros(3)]
+            while len(points) < count:
+                point = rng.uniform(-radius, radius, 3)
+                away = np.linalg.norm((np.array(points) - point) / [1.0, 1.0, 2.0], axis=1)
+                if away.min() >= 1.1:
+                    points.append(point)
+            return forms.Table(points, **placed)
