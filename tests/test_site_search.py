@@ -18,7 +18,7 @@ from tests.test_site import BUILDS, ROOT
 
 WORDS = {
     "MPC": "guides/mpc",
-    "robust MPC": "flight|guides/wind",
+    "robust MPC": "glossary|flight|guides/wind",
     "collision avoidance": "glossary|guides/shapes|guides/fleet",
     "formation": "guides/fleet",
     "geofence": "guides/mission|guides/requirements",

@@ -33,7 +33,7 @@ PLACES = {
 }
 """Site folder or file for each folder or file of the repository."""
 
-BOOSTS = {"guides/": 4.0, "glossary.md": 2.0, "api/": 0.5, "results/": 0.2, "changelog.md": 0.2}
+BOOSTS = {"guides/": 4.0, "glossary.md": 2.0, "api/": 0.5, "results/": 0.02, "changelog.md": 0.2}
 """Weights of pages in the search: tasks come before references, and these before tables."""
 
 _LINK = re.compile(r"\[([^\]]*)\]\(([^)\s]+)\)")
