@@ -10,6 +10,7 @@ from benchmarks.sampling import sample
 from benchmarks.show_scenes import APART, SPACING
 from benchmarks.stopwatch import Stopwatch
 from benchmarks.tables import Goal, Table
+from drake_rho.shows.formations import AnyFormation
 
 _WITHIN = 1e-6
 """Violation of the separation that counts as rounding, relative to it."""
@@ -20,7 +21,7 @@ def show(side: int = 32) -> rho.Show:
     forms, count, wide = rho.formations, side**2, SPACING * side
     cube = round(count ** (1 / 3))
     above = [0.0, 0.0, 20.0 + wide / 2.0]
-    formations = {
+    formations: dict[str, AnyFormation] = {
         "sphere": forms.Sphere(count, 0.45 * wide, center=above),
         "wall": forms.Grid(
             side, side, spacing=SPACING, center=above, rotation=[1.5707963267948966, 0.0, 0.0]

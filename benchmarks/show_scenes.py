@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 import drake_rho as rho
+from drake_rho.shows.formations import AnyFormation
 
 APART = rho.Separation(1.0, downwash=2.0)
 SPACING = 2.6
@@ -40,12 +43,15 @@ def random_show(rng: np.random.Generator) -> rho.Show:
     )
 
 
-def random_formation(rng: np.random.Generator, count: int) -> rho.formations.Formation:
+def random_formation(rng: np.random.Generator, count: int) -> AnyFormation:
     """Draw a formation of about as many points, above everything that waits."""
     forms, side = rho.formations, int(np.floor(np.cbrt(count) + 1e-9))
     radius, turned = SPACING * np.sqrt(count), [0.0, 0.0, rng.uniform(-3, 3)]
     size = SPACING * max(radius, count / 3.0)
-    placed = {"center": [*rng.uniform(-10, 10, 2), 12.0 + size / 2.0], "rotation": turned}
+    placed: dict[str, Any] = {
+        "center": [*rng.uniform(-10, 10, 2), 12.0 + size / 2.0],
+        "rotation": turned,
+    }
     match rng.integers(5):
         case 0:
             return forms.Ring(count, SPACING * count / 6.0, **placed)
