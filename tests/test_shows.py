@@ -6,6 +6,7 @@ import base64
 import dataclasses
 import itertools
 import json
+import sys
 import zipfile
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -257,6 +258,43 @@ def test_given_times_and_obstacles_are_kept_to() -> None:
     assert away[centres[..., 2] < 10.0].min() >= 0.8 + 0.3 - 1e-6
 
 
+@given(seed=st.integers(0, 10**6))
+@settings(max_examples=6)
+def test_shows_with_limits_of_every_kind_hold_them(seed: int) -> None:
+    """Where jerks are limited, motions that follow each other at once have no jump between."""
+    rng = np.random.default_rng(seed)
+    kinds: dict[str, Any] = {
+        "velocity": rho.Box([-4, -4, -2], [4, 4, 3]),
+        "acceleration": rho.Box([-3, -3, -2], [3, 3, 2]),
+        "jerk": rho.Box([-9] * 3, [9] * 3),
+        "max_jerk": 9.0,
+        "max_thrust": 12.0,
+        "max_tilt": 0.3,
+        "max_speed": 4.0,
+    }
+    chosen = [name for name in kinds if rng.random() < 0.5]
+    scene = rho.Scene("two", forms.Table(random_points(rng, 6)))
+    plan = flown(show(ring(hold=0.0), scene, limits=rho.Limits(**{k: kinds[k] for k in chosen})))
+    assert rho.verify(plan).ok, chosen
+
+
+def test_paths_in_a_show_file_are_beside_it(tmp_path: Path) -> None:
+    (tmp_path / "two.csv").write_text("1,0,8\n-1.5,0,8\n")
+    (tmp_path / "show.yaml").write_text("""
+name: pair
+pads: {kind: grid, columns: 2, rows: 1, spacing: 2}
+limits: {max_speed: 4, max_acceleration: 3}
+separation: {distance: 1}
+scenes: [{name: two, formation: {kind: table, path: two.csv}}]
+obstacles: [{mesh: tower.obj}]
+""")
+    corners = "v 9 0 0\nv 10 0 0\nv 9 1 0\nv 9 0 5\n"
+    (tmp_path / "tower.obj").write_text(corners + "f 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n")
+    shown = rho.load_show(tmp_path / "show.yaml")
+    assert shown.scenes[0].formation.positions.tolist() == [[1, 0, 8], [-1.5, 0, 8]]
+    assert rho.verify(flown(shown)).ok
+
+
 def test_the_show_is_the_same_for_any_number_of_workers() -> None:
     shown = show(
         ring(), rho.Scene("wall", forms.Grid(3, 1, layers=2, spacing=2.5, center=[0, 0, 9]))
@@ -279,8 +317,11 @@ def test_a_show_is_planned_with_the_default_solver_and_told_step_by_step() -> No
 
 
 def test_a_show_that_takes_too_long_to_plan_is_stopped() -> None:
-    with pytest.raises(rho.OutOfTimeError, match="time limit of 1e-06 s"):
-        rho.plan_show(show(ring()), options=rho.Options(time_limit=1e-6))
+    limit = rho.Options(time_limit=1e-6)
+    with ThreadPoolExecutor(2) as executor:
+        for given_ in (None, executor):
+            with pytest.raises(rho.OutOfTimeError, match="time limit of 1e-06 s"):
+                rho.plan_show(show(ring()), options=limit, executor=given_)
 
 
 # lights
@@ -333,11 +374,19 @@ def test_lights_fade_between_the_colours_of_scenes(tmp_path: Path) -> None:
     }
 
 
-def test_the_figure_of_scenes_is_that_of_shows_only(tmp_path: Path) -> None:
-    plan = flown(show(ring()))
-    assert len(rho.scenes_figure(plan).axes) == 1
-    with pytest.raises(ValueError, match="flown: got a flight without scenes"):
-        rho.scenes_figure(rho.plan_convex(rho.load_scenario("paper")))
+def test_the_figure_of_scenes_is_that_of_shows_only() -> None:
+    assert len(rho.scenes_figure(flown(show(ring()))).axes) == 1
+    gate = rho.Waypoint(2.0, [3, 1, 0], name="gate")
+    racer = rho.Vehicle("racer", rho.State([0, 0, 0]), rho.State([6, 0, 0]), waypoints=[gate])
+    for other in (rho.load_scenario("paper"), rho.Scenario("race", rho.Grid(0.5, 9), [racer])):
+        with pytest.raises(ValueError, match="flown: got a flight without scenes"):
+            rho.scenes_figure(rho.plan_convex(other))
+
+
+def test_drawings_without_their_extra_name_it(monkeypatch: Patch) -> None:
+    monkeypatch.setitem(sys.modules, "svgelements", None)
+    with pytest.raises(rho.ScenarioError, match="expected the extra shows: pip install"):
+        _ = forms.Drawing("any.svg", 5, 1.0).positions
 
 
 # what is refused
@@ -385,6 +434,25 @@ def test_times_that_are_too_short_are_refused_with_the_least() -> None:
     assert flown(show(ring(), duration=needed)).times[-1] == needed
     with pytest.raises(rho.ScenarioError, match=rf"at least {needed:g} s, the shortest that was f"):
         flown(show(ring(), duration=needed - 0.1))
+
+
+def test_places_in_obstacles_or_outside_the_geofence_are_named() -> None:
+    low = dataclasses.replace(LIMITS, position=rho.Box([-9, -9, 0], [9, 9, 8]))
+    narrow = dataclasses.replace(LIMITS, position=rho.Box([-1, -9, 0], [9, 9, 20]))
+    above_the_fourth_pad = rho.Sphere([-2, 1, 1.5], 0.5)
+    wrong: dict[str, rho.Show] = {
+        r"scenes\[0\].formation: got .* expected a position within": show(ring(), limits=low),
+        "pads: got .* expected a position within": show(ring(), limits=narrow),
+        r"scenes\[0\].formation: got .* outside obstacle 1": show(
+            ring(), obstacles=[rho.Sphere([4, 0, 9], 0.5)]
+        ),
+        "take_off: .* clear way up and down above every pad; drone 4: obstacle 1": show(
+            ring(), obstacles=[above_the_fourth_pad]
+        ),
+    }
+    for words, shown in wrong.items():
+        with pytest.raises(rho.ScenarioError, match=words):
+            flown(shown)
 
 
 def test_files_that_are_missing_or_wrong_are_refused(tmp_path: Path) -> None:

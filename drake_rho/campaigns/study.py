@@ -18,9 +18,8 @@ from drake_rho.campaigns.sources import AnySource, FromFile, Repetitions
 from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.errors import Description, ScenarioError
 from drake_rho.scenario.fields import NOT_BOOLEAN, Name, record
-from drake_rho.scenario.files import yaml_content
+from drake_rho.scenario.files import parsed_file, yaml_content
 from drake_rho.scenario.refusals import scenario_error
-from drake_rho.system.files import read_text, reason_of
 
 _DRAWS = 100
 """Number of draws of a source; if none is a valid scenario, the study is refused."""
@@ -147,16 +146,11 @@ def load_study(path: str | Path) -> Study:
     Raises:
         ScenarioError: there is no such file, or it is not a valid study.
     """
-    try:
-        text = read_text(path)
-    except (OSError, ValueError) as error:
-        expected = f"a readable YAML file; {reason_of(error)}"
-        raise ScenarioError("study", str(path), expected) from None
-    try:
-        return study_from_yaml(text).resolved(Path(path).parent)
-    except ScenarioError as error:
-        where = f"{path}: {error.field}" if error.field else str(path)
-        raise ScenarioError(where, error.value, error.expected) from None
+
+    def parse(text: str, folder: Path) -> Study:
+        return study_from_yaml(text).resolved(folder)
+
+    return parsed_file(path, "study", "a readable YAML file", parse)
 
 
 def study_from_yaml(text: str) -> Study:

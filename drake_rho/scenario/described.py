@@ -19,6 +19,7 @@ _Class = TypeVar("_Class")
 
 _PLAIN_NAMES = {
     "Aimed": "x, y, z | ConvexSet | None",
+    "AnyFormation": "Formation",
     "AnyGoal": "State | Goal",
     "AnyObstacle": "Shape | Obstacle",
     "AnySet": "ConvexSet",
@@ -29,6 +30,9 @@ _PLAIN_NAMES = {
     "FreeOrVector": "x, y, z | None",
     "IntArray": "array",
     "BoolArray": "array",
+    "Beside": "str",
+    "Colour": "str",
+    "Number": "int",
     "Margin": "float",
     "Name": "str",
     "NotNegative": "float",

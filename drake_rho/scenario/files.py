@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import reprlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import yaml
 from pydantic import TypeAdapter, ValidationError
@@ -22,6 +22,8 @@ from drake_rho.scenario.refusals import scenario_error
 from drake_rho.scenario.sets import PACKAGE_SET
 from drake_rho.scenario.written_maps import with_numbers, with_references
 from drake_rho.system.files import atomic_write, read_text, reason_of
+
+_Parsed = TypeVar("_Parsed")
 
 _HERE = Path()
 """Working directory of the program."""
@@ -64,14 +66,30 @@ def load_scenario(source: str | Path) -> Scenario:
     """
     if isinstance(source, str) and source in library():
         return scenario_from_yaml((_LIBRARY / f"{source}.yaml").read_text(encoding="utf-8"))
-    path = Path(source)
+    expected = f"a library scenario ({', '.join(library())}) or a readable YAML file"
+    return parsed_file(source, "scenario", expected, scenario_from_yaml)
+
+
+def parsed_file(
+    path: str | Path, what: str, expected: str, parse: Callable[[str, Path], _Parsed]
+) -> _Parsed:
+    """Return what a YAML file describes.
+
+    Args:
+        path: of the file.
+        what: name of its content, for errors.
+        expected: description of such files, for errors.
+        parse: function of the file's text and its folder.
+
+    Raises:
+        ScenarioError: there is no such file, or `parse` refuses it; the error names the file.
+    """
     try:
         text = read_text(path)
     except (OSError, ValueError) as error:
-        expected = f"a library scenario ({', '.join(library())}) or a readable YAML file"
-        raise ScenarioError("scenario", str(source), f"{expected}; {reason_of(error)}") from None
+        raise ScenarioError(what, str(path), f"{expected}; {reason_of(error)}") from None
     try:
-        return scenario_from_yaml(text, path.parent)
+        return parse(text, Path(path).parent)
     except ScenarioError as error:
         where = f"{path}: {error.field}" if error.field else str(path)
         raise ScenarioError(where, error.value, error.expected) from None

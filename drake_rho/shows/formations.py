@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import Field
+from pydantic import AfterValidator, Field, ValidationInfo
 
+from drake_rho.scenario.context import Context, context_of
 from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.fields import (
     Count,
@@ -29,6 +30,14 @@ from drake_rho.system.files import read_bytes, reason_of
 
 Number = Annotated[Count, Field(ge=1, le=10_000)]
 """Number of points."""
+
+
+def _beside(path: str, info: ValidationInfo[Context | None]) -> str:
+    return str(context_of(info).folder / path)
+
+
+Beside = Annotated[str, AfterValidator(_beside)]
+"""Path of a file, relative to the show's file if it is in one."""
 
 _GOLDEN_ANGLE = np.pi * (1.0 + 5.0**0.5)
 """Angle by which each point of a sphere is turned from the one before [rad]."""
@@ -76,7 +85,7 @@ class Table(Formation):
 
     coordinates: Points | None = None
     """the points [m]; of the file if not given"""
-    path: str | None = None
+    path: Beside | None = None
     """CSV file with the columns x, y and z [m], with or without a header, or NPY file of shape
     (M, 3); beside the show's own file unless the path is absolute"""
     kind: Literal["table"] = "table"
@@ -191,7 +200,7 @@ class Letters(Formation):
     """number of points, at least one for each closed line"""
     height: Positive
     """height of the whole text [m]"""
-    font: str | None = None
+    font: Beside | None = None
     """file of a TrueType or OpenType font; matplotlib's DejaVu Sans if not given"""
     kind: Literal["letters"] = "letters"
     """the kind of formation"""
@@ -216,7 +225,7 @@ class Letters(Formation):
 class Drawing(Formation):
     """Points along the paths and shapes of an SVG file, upright in the x-z plane."""
 
-    path: str
+    path: Beside
     """SVG file, beside the show's own file unless the path is absolute (extra `shows`)"""
     count: Number
     """number of points, at least one for each line"""

@@ -92,10 +92,15 @@ def of_drawing(path: Path) -> list[FloatArray]:
     """Return the lines of an SVG drawing's paths and shapes, y upwards, shape (M, 2) each.
 
     Raises:
-        ScenarioError: the file cannot be read, declares entities, or has no paths.
+        ScenarioError: the file cannot be read, declares entities, or has no paths, or the extra
+            `shows` is not installed.
     """
-    from svgelements import SVG, Shape  # of the extra shows
-    from svgelements import Path as Curve
+    try:
+        from svgelements import SVG, Shape
+        from svgelements import Path as Curve
+    except ImportError:
+        expected = "the extra shows: pip install 'drake-rho[shows]'"
+        raise ScenarioError("path", str(path), expected) from None
 
     try:
         text = read_text(path, _LARGEST_DRAWING)

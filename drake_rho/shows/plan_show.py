@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
+import math
+import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor
+from itertools import repeat
 
 import numpy as np
 
@@ -12,17 +15,19 @@ from drake_rho.motion.plan import Plan
 from drake_rho.motion.statistics import Statistics
 from drake_rho.planning.call.options import Options
 from drake_rho.planning.call.progress import Progress, tell
-from drake_rho.planning.call.time_limit import with_time_limit
+from drake_rho.planning.call.time_limit import seconds_left, with_time_limit, within_time
 from drake_rho.planning.call.wall_time import with_wall_time
+from drake_rho.planning.errors import OutOfTimeError
 from drake_rho.planning.programs.backend import Solver, SolverName
 from drake_rho.scenario.arguments import checked
-from drake_rho.scenario.errors import ScenarioError
+from drake_rho.scenario.errors import Description, ScenarioError
 from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.records import Grid, Scenario, State, Vehicle, Waypoint
 from drake_rho.scenario.times import steps_lasting
 from drake_rho.shows.assignment import assigned, places_of
 from drake_rho.shows.show import OFF, Scene, Show
 from drake_rho.shows.transitions import Transition
+from drake_rho.verification.verify import verify
 
 LANDING = "landing"
 """Name of the last transition, and of the place above the pads to which it leads."""
@@ -74,19 +79,18 @@ def plan_show(
         SolverError: the solvers fail numerically.
     """
     transitions = list(transitions_of(show))
+    _check_places(show, transitions)
     _check_times(show, transitions)
     options = options and dataclasses.replace(options, time_limit=None)
     flown = _planned(transitions, solver, options, executor, progress)
-    legs = [_vertical(show, show.home, show.waiting_places, solver, options)]
-    arrivals = list[int]()
-    for index, leg in enumerate(flown):
-        legs.append(leg)
-        arrivals.append(sum(each.accelerations.shape[1] for each in legs))
-        if index < len(show.scenes):
-            held = steps_lasting(show.scenes[index].hold, show.step)
-            legs.append(_Leg(np.zeros((len(show.home), held, 3))))
     above = transitions[-1].goals
     pads = above + (show.home - show.waiting_places)[:1]
+    legs = [_vertical(show, show.home, show.waiting_places, solver, options), _still(show, 0.0)]
+    arrivals = list[int]()
+    for leg, hold in zip(flown, [*(scene.hold for scene in show.scenes), 0.0], strict=True):
+        legs.append(leg)
+        arrivals.append(sum(each.accelerations.shape[1] for each in legs))
+        legs.append(_still(show, hold))
     legs.append(_vertical(show, above, pads, solver, options))
     found = _joined(show, transitions, legs, arrivals)
     if show.duration is not None and found.scenario.grid.duration > show.duration:
@@ -105,6 +109,20 @@ def transitions_of(show: Show) -> Iterator[Transition]:
         yield Transition(show, scene.name, before, goals, scene.transition, colours)
         before = goals
     yield Transition(show, LANDING, before, show.waiting_places[to_pads])
+
+
+def _check_places(show: Show, transitions: Sequence[Transition]) -> None:
+    """Check that vehicles may rest at all places of the show.
+
+    Raises:
+        ScenarioError: a place is outside the position box or too close to an obstacle.
+    """
+    scenes = {f"scenes[{index}].formation": each.goals for index, each in enumerate(transitions)}
+    for field, places in {"pads": show.home, "take_off": show.waiting_places, **scenes}.items():
+        try:
+            Transition(show, field, places, places).scenario(2)
+        except ScenarioError as error:
+            raise ScenarioError(field, error.value, error.expected) from None
 
 
 def _check_times(show: Show, transitions: Sequence[Transition]) -> None:
@@ -136,10 +154,13 @@ def _planned(
     """Return the legs of all transitions, planned side by side if there is an executor."""
     if executor is None:
         return [_leg(each, solver, options) for each in _told(transitions, progress)]
-    futures = [executor.submit(_leg, each, solver, options) for each in transitions]
-    return [
-        future.result() for future, _ in zip(futures, _told(transitions, progress), strict=True)
-    ]
+    ends = time.time() + seconds_left()  # workers have neither this call's clock nor its deadline
+    given = repeat(solver), repeat(options), repeat(ends)
+    found = executor.map(_leg, transitions, *given)
+    try:
+        return [leg for leg, _ in zip(found, _told(transitions, progress), strict=True)]
+    except OutOfTimeError as error:  # of what was left for one transition
+        raise OutOfTimeError(statistics=error.statistics) from None
 
 
 def _told(transitions: Sequence[Transition], progress: Progress | None) -> Iterator[Transition]:
@@ -150,11 +171,33 @@ def _told(transitions: Sequence[Transition], progress: Progress | None) -> Itera
 
 
 def _leg(
-    transition: Transition, solver: Solver | SolverName | None, options: Options | None
+    transition: Transition,
+    solver: Solver | SolverName | None,
+    options: Options | None,
+    ends: float = math.inf,
 ) -> _Leg:
-    """Return the accelerations of one transition, without its scenario, which is large to send."""
-    found = transition.planned(solver, options)
+    """Return the accelerations of one transition, without its scenario, which is large to send.
+
+    Args:
+        transition: to be planned.
+        solver: of the programs.
+        options: of the planner.
+        ends: deadline on the clock of `time.time` [s].
+    """
+    with within_time(None if ends == math.inf else ends - time.time()):
+        found = transition.planned(solver, options)
     return _Leg(found.accelerations, found.statistics)
+
+
+def _still(show: Show, hold: float) -> _Leg:
+    """Return the steps in which all vehicles rest between two motions.
+
+    Motions begin and end without acceleration where jerks are limited, so that a step is between.
+    """
+    limits = show.limits
+    least = 0 if limits.jerk is None and limits.max_jerk is None else 1
+    steps = max(steps_lasting(hold, show.step), least)
+    return _Leg(np.zeros((len(show.home), steps, 3)))
 
 
 def _vertical(
@@ -181,7 +224,24 @@ def _vertical(
     accelerations = np.zeros((len(starts), steps + int(waits.max()), 3))
     for vehicle, wait in enumerate(waits):
         accelerations[vehicle, wait : wait + steps] = one.accelerations[0]
+    _check_vertical(show, starts, goals, accelerations)
     return _Leg(accelerations, one.statistics)
+
+
+def _check_vertical(
+    show: Show, starts: FloatArray, goals: FloatArray, accelerations: FloatArray
+) -> None:
+    """Check the take-off or landing, which follows from the motion above one pad.
+
+    Raises:
+        ScenarioError: a vehicle violates a constraint, such as the distance from an obstacle.
+    """
+    scenario = Transition(show, "the pads", starts, goals).scenario(accelerations.shape[1])
+    report = verify(Plan.from_accelerations(scenario, accelerations))
+    if not report.ok:
+        worst = report.violations[0]
+        expected = f"a clear way up and down above every pad; {worst.vehicle}: {worst.what}"
+        raise ScenarioError("take_off", Description(f"{show.take_off}"), expected)
 
 
 def _pad_numbers(show: Show, pads: FloatArray) -> IntArray:

@@ -12,6 +12,7 @@ import numpy as np
 from pydantic import Field, TypeAdapter, ValidationError
 
 from drake_rho.scenario.arguments import checked
+from drake_rho.scenario.context import Context
 from drake_rho.scenario.errors import Description, ScenarioError
 from drake_rho.scenario.fields import (
     Colour,
@@ -24,13 +25,12 @@ from drake_rho.scenario.fields import (
     read_only,
     record,
 )
-from drake_rho.scenario.files import yaml_content
+from drake_rho.scenario.files import parsed_file, yaml_content
 from drake_rho.scenario.records import Limits, Obstacle, Separation
 from drake_rho.scenario.refusals import scenario_error
 from drake_rho.scenario.shapes.base import Solid
 from drake_rho.scenario.worlds import Obstacles
 from drake_rho.shows.formations import AnyFormation
-from drake_rho.system.files import read_text, reason_of
 
 OFF = "#000000"
 """Colour of lights that are off."""
@@ -238,16 +238,7 @@ def load_show(path: str | Path) -> Show:
     Raises:
         ScenarioError: there is no such file, or it is not a valid show.
     """
-    try:
-        text = read_text(path)
-    except (OSError, ValueError) as error:
-        expected = f"a readable YAML file; {reason_of(error)}"
-        raise ScenarioError("show", str(path), expected) from None
-    try:
-        return show_from_yaml(text, Path(path).parent)
-    except ScenarioError as error:
-        where = f"{path}: {error.field}" if error.field else str(path)
-        raise ScenarioError(where, error.value, error.expected) from None
+    return parsed_file(path, "show", "a readable YAML file", show_from_yaml)
 
 
 def show_from_yaml(text: str, folder: Path = Path()) -> Show:
@@ -255,30 +246,15 @@ def show_from_yaml(text: str, folder: Path = Path()) -> Show:
 
     Args:
         text: YAML.
-        folder: folder of the files to which it refers.
+        folder: base of the relative paths of tables, fonts, drawings and maps.
 
     Raises:
         ScenarioError: the text is not YAML, or not a valid show.
     """
-    content = yaml_content(text)
-    _find_files(content, folder)
     try:
-        return _adapter().validate_python(content)
+        return _adapter().validate_python(yaml_content(text), context=Context(folder=folder))
     except ValidationError as error:
         raise scenario_error(error, Show) from None
-
-
-def _find_files(content: object, folder: Path) -> None:
-    """Replace paths of files by those from the working directory."""
-    if isinstance(content, dict):
-        for name, value in content.items():
-            if name in ("path", "font") and isinstance(value, str):
-                content[name] = str(folder / value)
-            else:
-                _find_files(value, folder)
-    elif isinstance(content, list):
-        for each in content:
-            _find_files(each, folder)
 
 
 def show_schema() -> dict[str, Any]:
