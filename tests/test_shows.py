@@ -287,12 +287,15 @@ limits: {max_speed: 4, max_acceleration: 3}
 separation: {distance: 1}
 scenes: [{name: two, formation: {kind: table, path: two.csv}}]
 obstacles: [{mesh: tower.obj}]
+radius: 0.2
 """)
     corners = "v 9 0 0\nv 10 0 0\nv 9 1 0\nv 9 0 5\n"
     (tmp_path / "tower.obj").write_text(corners + "f 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n")
     shown = rho.load_show(tmp_path / "show.yaml")
     assert shown.scenes[0].formation.positions.tolist() == [[1, 0, 8], [-1.5, 0, 8]]
     assert rho.verify(flown(shown)).ok
+    with pytest.raises(rho.ScenarioError, match="radius: got 0.0, expected at least"):
+        flown(dataclasses.replace(shown, radius=0.0))
 
 
 def test_the_show_is_the_same_for_any_number_of_workers() -> None:

@@ -115,14 +115,17 @@ def _check_places(show: Show, transitions: Sequence[Transition]) -> None:
     """Check that vehicles may rest at all places of the show.
 
     Raises:
-        ScenarioError: a place is outside the position box or too close to an obstacle.
+        ScenarioError: a place is outside the position box or too close to an obstacle, or the
+            radius is too small beside a map.
     """
     scenes = {f"scenes[{index}].formation": each.goals for index, each in enumerate(transitions)}
     for field, places in {"pads": show.home, "take_off": show.waiting_places, **scenes}.items():
         try:
             Transition(show, field, places, places).scenario(2)
         except ScenarioError as error:
-            raise ScenarioError(field, error.value, error.expected) from None
+            own = error.field.rpartition(".")[2]  # position, or what a show gives for all vehicles
+            where = field if own == "position" else own
+            raise ScenarioError(where, error.value, error.expected) from None
 
 
 def _check_times(show: Show, transitions: Sequence[Transition]) -> None:
