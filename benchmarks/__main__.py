@@ -77,7 +77,7 @@ MISSIONS = (
 FILES = ("clients_worlds", "clients_missions", "clients_players", "map_building")
 """Benchmarks of public files beside this repository: `run(folder) -> Table`."""
 
-SCALE = ("scale_campaigns", "scale_fleets", "fleet_growth", "show_large")
+SCALE = ("scale_campaigns", "scale_fleets", "fleet_growth")
 """Benchmarks of many runs: `run() -> Table`."""
 
 SWAPS = ("fleet_b4", "fleet_b5")
@@ -162,85 +162,41 @@ MIXED = ("mixed_scenes", "mixed_windows", "damaged_files")
 """Benchmarks of random scenes, flights and files that mix everything."""
 
 
+GROUPS: dict[str, tuple[tuple[str, ...], str]] = {
+    "worlds": (WORLDS, "all benchmarks of worlds"),
+    "flight": (FLIGHT + FLOWN_MISSIONS, "all benchmarks of wind and margins"),
+    "scale": (SCALE, "benchmarks of large fleets and campaigns"),
+    "open": (OPEN, "all benchmarks of requirements"),
+    "maps": (MAPS, "all benchmarks of maps"),
+    "times": (TIMES, "all benchmarks of least times"),
+    "objective": (OBJECTIVE, "all benchmarks of costs"),
+    "online": (ONLINE, "all benchmarks of missions online"),
+    "clients": (CLIENTS, "benchmarks of other programs' files"),
+    "shows": (SHOWS, "benchmarks of shows"),
+    "mixed": (MIXED, "benchmarks that mix everything"),
+}
+"""Groups of benchmarks by their options, each with the option's help."""
+
+ALONE = RACES + STUDIES
+"""Benchmarks that run by default."""
+
+KNOWN = tuple(
+    name
+    for name in dict.fromkeys(
+        (
+            *(*ALONE, *EARLIER, *DRAWN, *MISSIONS, *SWAPS),
+            *(each for names, _ in GROUPS.values() for each in names),
+        )
+    )
+    if find_spec(f"benchmarks.{name}")
+)
+"""All benchmarks."""
+
+
 def main() -> None:
     """Run the benchmarks named on the command line, by default the races and studies."""
-    known = [
-        name
-        for name in (
-            *RACES,
-            *STUDIES,
-            *EARLIER,
-            *DRAWN,
-            *MISSIONS,
-            *SWAPS,
-            *(each for each in FLIGHT if each not in DRAWN),
-            *FLOWN_MISSIONS,
-            *FILES,
-            *SCALE,
-            *(each for each in MAPS + TIMES + OBJECTIVE if each not in (*MISSIONS, *FILES, *DRAWN)),
-        )
-        if find_spec(f"benchmarks.{name}")
-    ]
-    parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
-    parser.add_argument("names", nargs="*", metavar="name", help=f"one of {', '.join(known)}")
-    parser.add_argument("--fleets", action="store_true", help="all benchmarks of fleets")
-    parser.add_argument("--worlds", action="store_true", help="all benchmarks of worlds")
-    parser.add_argument("--flight", action="store_true", help="all benchmarks of wind and margins")
-    parser.add_argument(
-        "--scale", action="store_true", help="benchmarks of large fleets and campaigns"
-    )
-    parser.add_argument("--maps", action="store_true", help="all benchmarks of maps")
-    parser.add_argument("--times", action="store_true", help="all benchmarks of least times")
-    parser.add_argument("--objective", action="store_true", help="all benchmarks of costs")
-    parser.add_argument("--online", action="store_true", help="all benchmarks of missions online")
-    parser.add_argument(
-        "--clients", action="store_true", help="benchmarks of other programs' files"
-    )
-    parser.add_argument("--shows", action="store_true", help="benchmarks of shows")
-    parser.add_argument("--mixed", action="store_true", help="benchmarks that mix everything")
-    parser.add_argument("--open", action="store_true", help="all benchmarks of requirements")
-    parser.add_argument("--repetitions", type=int, default=31, help="rounds of a race (31)")
-    parser.add_argument(
-        "--against", metavar="COMMIT", default=COMMIT, help=f"earlier version of against ({COMMIT})"
-    )
-    parser.add_argument("--seeds", type=int, help="number of random fleets or worlds of each size")
-    parser.add_argument(
-        "--missions", type=Path, help="folder with missions of the LSC planner, or of LSC-DR"
-    )
-    parser.add_argument(
-        "--files", type=Path, help=f"folder of public files for {', '.join(FILES)}, as they tell"
-    )
-    parser.add_argument(
-        "--stores",
-        type=Path,
-        help=f"folder in which {', '.join(CAMPAIGNS)} store their runs, to resume if interrupted",
-    )
-    arguments = parser.parse_args()
-    unknown = [name for name in arguments.names if name not in known]
-    if unknown:
-        parser.error(f"names: got {', '.join(unknown)}, expected some of {', '.join(known)}")
-    if arguments.repetitions < 5:
-        parser.error("--repetitions: expected at least 5, for a meaningful median")
-    if arguments.seeds is not None and arguments.seeds < 1:
-        parser.error("--seeds: expected at least 1")
-    console = Console()
-    alone, worlds, flight = RACES + STUDIES, WORLDS, FLIGHT + FLOWN_MISSIONS
-    others: tuple[str, ...] = alone + EARLIER + worlds + flight + SCALE + OPEN + MAPS + TIMES
-    others += OBJECTIVE + ONLINE + MIXED + CLIENTS + SHOWS
-    fleets = tuple(name for name in known if name not in others)
-    chosen = (fleets if arguments.fleets else ()) + (worlds if arguments.worlds else ())
-    chosen += flight if arguments.flight else ()
-    chosen += SCALE if arguments.scale else ()
-    chosen += OPEN if arguments.open else ()
-    chosen += MAPS if arguments.maps else ()
-    chosen += TIMES if arguments.times else ()
-    chosen += OBJECTIVE if arguments.objective else ()
-    chosen += ONLINE if arguments.online else ()
-    chosen += MIXED if arguments.mixed else ()
-    chosen += SHOWS if arguments.shows else ()
-    chosen += CLIENTS if arguments.clients else ()
-    by_default = chosen or alone
-    for name in arguments.names or by_default:
+    arguments, console = _arguments(), Console()
+    for name in arguments.names or _chosen(arguments) or ALONE:
         console.rule(name)
         before = load()
         try:
@@ -251,6 +207,45 @@ def main() -> None:
         written = write(table, before)
         console.print(Markdown(to_markdown(table, before, console.width)))
         console.print("written:", *(path.name for path in written))
+
+
+def _arguments() -> argparse.Namespace:
+    """Return the arguments of the command line; exit with a message if one is wrong."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
+    add = parser.add_argument
+    add("names", nargs="*", metavar="name", help=f"one of {', '.join(KNOWN)}")
+    add("--fleets", action="store_true", help="all benchmarks of fleets")
+    for group, (_, words) in GROUPS.items():
+        add(f"--{group}", action="store_true", help=words)
+    add("--repetitions", type=int, default=31, help="rounds of a race (31)")
+    words = f"earlier version of against ({COMMIT})"
+    add("--against", metavar="COMMIT", default=COMMIT, help=words)
+    add("--seeds", type=int, help="number of random fleets or worlds of each size")
+    words = "folder with missions of the LSC planner, or of LSC-DR"
+    add("--missions", type=Path, help=words)
+    words = f"folder of public files for {', '.join(FILES)}, as they tell"
+    add("--files", type=Path, help=words)
+    words = f"folder in which {', '.join(CAMPAIGNS)} store their runs, to resume if interrupted"
+    add("--stores", type=Path, help=words)
+    arguments = parser.parse_args()
+    unknown = [name for name in arguments.names if name not in KNOWN]
+    if unknown:
+        parser.error(f"names: got {', '.join(unknown)}, expected some of {', '.join(KNOWN)}")
+    if arguments.repetitions < 5:
+        parser.error("--repetitions: expected at least 5, for a meaningful median")
+    if arguments.seeds is not None and arguments.seeds < 1:
+        parser.error("--seeds: expected at least 1")
+    return arguments
+
+
+def _chosen(arguments: argparse.Namespace) -> tuple[str, ...]:
+    """Return the benchmarks of the groups that are asked for; fleets are those in no other."""
+    grouped = {each for names, _ in GROUPS.values() for each in names}
+    fleets = tuple(each for each in KNOWN if each not in {*grouped, *ALONE, *EARLIER})
+    chosen = fleets if arguments.fleets else ()
+    for group, (names, _) in GROUPS.items():
+        chosen += names if getattr(arguments, group) else ()
+    return chosen
 
 
 def _run(name: str, arguments: argparse.Namespace) -> Table:

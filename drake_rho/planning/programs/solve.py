@@ -64,6 +64,9 @@ _OSQP: _Options = {
     "polish_refine_iter": 10,
 }
 
+_ACCEPTS_ALL = "Clarabel"
+"""Name of the solver that accepts every program."""
+
 _CHUNK = 40_000
 """Sum of squared numbers of variables of the programs that a thread solves at once, about ten
 milliseconds of work. Less work is done in the calling thread, since starting another takes time."""
@@ -111,9 +114,11 @@ def solve(programs: Sequence[Program], backend: Backend | None = None) -> list[S
         if len(solutions) == len(programs):
             break
         check_time()
-        pending = [index for index in range(len(programs)) if index not in solutions]
-        if name != "Clarabel":  # which accepts every program
-            pending = [index for index in pending if _accepts(name, programs[index])]
+        pending = [
+            index
+            for index, program in enumerate(programs)
+            if index not in solutions and (name == _ACCEPTS_ALL or _accepts(name, program))
+        ]
         if not pending:
             continue
         answers = _solve_with(attempt, name, options, [programs[index] for index in pending])
@@ -187,11 +192,10 @@ def _with_options(
 
 
 def _accepts(name: str, program: Program) -> bool:
-    """Return whether the solver of a name accepts a program.
+    """Return whether a solver other than Clarabel, which accepts all programs, accepts one.
 
-    Clarabel accepts all, and is the only one for cones. OSQP accepts no linear programs, CLP no
-    others. DAQP accepts dense quadratic programs only, least squares those of them without soft
-    rows.
+    None accepts cones. OSQP accepts no linear programs, CLP no others. DAQP accepts dense quadratic
+    programs only, least squares those of them without soft rows.
     """
     dense = isinstance(program, DenseProgram)
     if not dense and program.lorentz_cone_constraints():
