@@ -72,7 +72,7 @@ class _Given:
             return Grid.lasting(self.duration or 0.0, step=self.step or 0.0)
 
     def limits(self, others: Limits) -> Limits:
-        """Return limits in which the options replace those of the file.
+        """Return the file's limits, overridden by the options.
 
         Raises:
             ValueError: an option is no limit.

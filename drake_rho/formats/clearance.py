@@ -75,7 +75,7 @@ def spare_of(flown: Flown, deviations: FloatArray) -> Spare:
 
 
 def _closer_by(check: Check, scenario: Scenario, deviations: dict[str, float]) -> float:
-    """Return the amount by which deviations may reduce a distance [m].
+    """Return the largest loss of a distance by deviations [m].
 
     For a pair it is the sum of both deviations, with the largest of any other vehicle for the
     second, times the largest scale of the separation's ellipsoid.

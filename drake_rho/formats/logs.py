@@ -38,7 +38,7 @@ class Source:
         self._samples = list[tuple[int, tuple[float, float, float]]]()
 
     def add(self, frame: str, places: Places) -> None:
-        """Add positions; those of plans replace earlier ones from their first time on."""
+        """Add positions; a later plan replaces the rest of an earlier one."""
         self.frames.add(frame.strip("/"))
         found = sorted({stamp: (each.x, each.y, each.z) for stamp, each in places}.items())
         if self.kind in (_TRAJECTORY, _PATH) and found:
@@ -135,7 +135,7 @@ def _places(each: Message, message: Any) -> Iterator[tuple[str, str, Places]]:
     """Yield sources, frames and positions in a message."""
 
     def stamp(header: Any) -> int:
-        """Return the stamp of a header [ns], or that of the record if it has none."""
+        """Return the stamp of a header, or else of its record [ns]."""
         return int(header.stamp.sec) * _SECOND + int(header.stamp.nanosec) or each.stamp
 
     if each.kind == _TRANSFORMS:

@@ -130,7 +130,7 @@ class Item:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Fence:
-    """Circle or polygon on the map, in which vehicles stay or which they do not enter."""
+    """Fence: a circle or polygon on the map, to stay inside or outside."""
 
     name: str
     """name in reports, as `inclusion polygon 1`"""

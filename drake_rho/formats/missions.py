@@ -159,7 +159,7 @@ class _Flight:
 
 
 def _read(path: Path) -> MissionFile:
-    """Return the content of a file, by what it begins with."""
+    """Return a parsed mission file of either format."""
     with in_file(path):
         text = text_of(path, "mission (.plan or .waypoints)")
         if text.startswith(HEADER):
