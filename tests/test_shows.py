@@ -294,7 +294,7 @@ radius: 0.2
     shown = rho.load_show(tmp_path / "show.yaml")
     assert shown.scenes[0].formation.positions.tolist() == [[1, 0, 8], [-1.5, 0, 8]]
     assert rho.verify(flown(shown)).ok
-    with pytest.raises(rho.ScenarioError, match="radius: got 0.0, expected at least"):
+    with pytest.raises(rho.ScenarioError, match=r"radius: got 0\.0, expected at least"):
         flown(dataclasses.replace(shown, radius=0.0))
 
 
