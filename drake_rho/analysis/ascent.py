@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import suppress
 from time import monotonic
 
 import numpy as np
 
-from drake_rho.analysis.lagrangian import Lagrangian
+from drake_rho.analysis.lagrangian import Lagrangian, Proposal
 from drake_rho.planning.call.progress import Progress, tell
 from drake_rho.planning.call.time_limit import check_time
 from drake_rho.planning.errors import OutOfTimeError
@@ -19,6 +20,19 @@ CONVERGED = 1e-8
 
 _MAX_ITERATIONS = 300
 """Largest number of iterations of one maximisation."""
+
+_CONVEX = 0.98
+"""Part of the multipliers of obstacles with which the Lagrangian is just convex, to begin with."""
+
+_INSIDE = 4e-6
+"""Part by which multipliers are smaller in the end, so that the least curvature is at least this
+part of the cost's, and rounding errors are bounded."""
+
+_BEYOND = 1e3
+"""Value of a Lagrangian that is not convex, as a multiple of its minima."""
+
+_MEMORY = 20
+"""Number of earlier gradients that approximate the curvature."""
 
 
 class Ascent:
@@ -44,54 +58,82 @@ class Ascent:
         tell(self._progress, f"{self._task}: gap {percent(gap)}, at most {seconds:.0f} s left")
 
 
-def best_bound(lagrangian: Lagrangian, ascent: Ascent) -> float:
-    """Return the largest minimum of the Lagrangian that is found, in the Lagrangian's unit.
+def best_bound(proposal: Proposal, ascent: Ascent) -> float:
+    """Return the largest minimum of the Lagrangian that is found [m²/s⁴].
 
     The multipliers of the converged program are tried first; if the Lagrangian is convex there,
     they are optimal. Else the obstacles' multipliers are scaled down until it is convex. Then the
     minimum, a concave function of the multipliers whose gradient consists of the constraints'
     violations, is maximised.
     """
-    weights, multipliers = lagrangian.weights, lagrangian.multipliers
-    first = lagrangian.minimum(weights, multipliers)
+    lagrangian, weights, multipliers = proposal.lagrangian, proposal.weights, proposal.multipliers
+    unit = lagrangian.changes.unit**2
+    first = lagrangian.minimum(weights, multipliers).value
     ascent.begin()
-    index = lagrangian.cost
-    if first.value >= index * (1 - CONVERGED) or len(weights) + len(multipliers) == 0:
-        return first.value
-    loss = 1.0 - lagrangian.curvature(weights)  # proportional to the weights
-    scaled = weights * min(1.0, 0.98 / loss if loss > 0.0 else 1.0)
-    return max(first.value, _climb(lagrangian, scaled, multipliers, ascent))
+    if first >= proposal.index * (1 - CONVERGED) or len(weights) + len(multipliers) == 0:
+        return unit * first
+    found = climbed(lagrangian, weights, multipliers, progress=ascent.report)
+    return unit * max(first, lagrangian.minimum(*found).value)
 
 
-def _climb(
-    lagrangian: Lagrangian, weights: FloatArray, multipliers: FloatArray, ascent: Ascent
-) -> float:
-    """Maximise the Lagrangian's minimum over λ, y >= 0, from multipliers for which it is convex."""
+def climbed(
+    lagrangian: Lagrangian,
+    weights: FloatArray,
+    multipliers: FloatArray,
+    *,
+    enough: float = np.inf,
+    most: int = _MAX_ITERATIONS,
+    progress: Callable[[float], None] = lambda bound: None,
+) -> tuple[FloatArray, FloatArray]:
+    """Return multipliers λ, y >= 0 for which the Lagrangian's minimum is larger.
+
+    Args:
+        lagrangian: the Lagrangian.
+        weights: λ to start with, scaled down if the Lagrangian is not convex there, shape (S,).
+        multipliers: y to start with, shape (R,).
+        enough: minimum at which the maximisation ends [m²/s⁴].
+        most: largest number of iterations.
+        progress: called with the largest minimum so far [m²/s⁴] after each iteration.
+    """
     from scipy.optimize import minimize  # imported here because it is slow to load
 
-    start = np.concatenate([weights, multipliers])
-    sizes = np.maximum(start, 1e-3 * start.max())
-    best = -np.inf
+    # as multipliers of rows of length one, all have about the same curvature
+    sizes = np.concatenate([1.0 / lagrangian.curved.sizes, np.ones(len(multipliers))])
+    loss = 1.0 - lagrangian.curvature(weights)  # proportional to the weights
+    convex = weights * min(1.0, _CONVEX / loss if loss > 0.0 else 1.0)
+    start = np.concatenate([convex, multipliers]) / sizes
+    count, unit = len(weights), lagrangian.changes.unit**2
+    best, found = -np.inf, start
+    scale = abs(lagrangian.changes.least) + 1.0
 
     def descend(x: FloatArray) -> tuple[float, FloatArray]:
-        nonlocal best
+        nonlocal best, found
         check_time()
         given = np.maximum(x, 0.0) * sizes
-        found = lagrangian.minimum(given[: len(weights)], given[len(weights) :])
-        if not np.isfinite(found.value):
-            return 1e3 * scale, np.zeros_like(x)
-        best = max(best, found.value)
-        return -found.value, -np.concatenate(lagrangian.slopes(found.at)) * sizes
+        y = lagrangian.within_prices(given[:count], given[count:])
+        at = lagrangian.minimiser(*y)
+        if at is None:
+            return _BEYOND * max(scale, abs(best)), np.zeros_like(x)
+        slopes = lagrangian.slopes(at)
+        value = lagrangian.cost(at) + y[0] @ slopes[0] + y[1] @ slopes[1]
+        if value > best:
+            best, found = value, given
+            if unit * value >= enough:
+                raise StopIteration
+        return -value, -np.concatenate(slopes) * sizes
 
-    scale = lagrangian.cost + 1.0
-    with suppress(OutOfTimeError):
+    with suppress(OutOfTimeError, StopIteration):
+        descend(start)
         minimize(
             descend,
-            start / sizes,
+            start,
             jac=True,
             method="L-BFGS-B",
             bounds=[(0.0, None)] * len(start),
-            options={"maxiter": _MAX_ITERATIONS},
-            callback=lambda _: ascent.report(lagrangian.unit**2 * best),
+            options={"maxiter": most, "maxcor": _MEMORY},
+            callback=lambda _: progress(unit * best),
         )
-    return best
+    if lagrangian.curvature(found[:count]) < _INSIDE:
+        # concave in all multipliers together, the minimum falls by at most this part
+        found = (1.0 - _INSIDE) * found
+    return found[:count], found[count:]

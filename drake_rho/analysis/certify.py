@@ -24,7 +24,7 @@ import numpy as np
 
 from drake_rho.analysis.ascent import CONVERGED, Ascent, best_bound
 from drake_rho.analysis.certificate import Certificate, VehicleCertificate
-from drake_rho.analysis.lagrangian import Lagrangian
+from drake_rho.analysis.lagrangian import Proposal
 from drake_rho.motion.costs import costs_of
 from drake_rho.motion.flight import Flight
 from drake_rho.motion.jumps import largest_jump
@@ -130,16 +130,16 @@ def certify(
         ascent = Ascent(progress, task, cost, len(proposals) * (2 if disturbed else 1))
         # excesses of averages are not those of the relaxation
         priced = plan.scenario.smoothing is None
-        lagrangians = [Lagrangian(solved, group, priced=priced) for solved in proposals]
-        left_out |= set[str]().union(*(each.left_out for each in lagrangians))
-        bound = planned = _bound(lagrangians, ascent)
+        proposed = [Proposal.of(solved, group, priced=priced) for solved in proposals]
+        left_out |= set[str]().union(*(each.left_out for each in proposed))
+        bound = planned = _bound(proposed, ascent)
         if disturbed:
             looser = [
-                Lagrangian(solved, group, as_planned=False, priced=priced) for solved in proposals
+                Proposal.of(solved, group, as_planned=False, priced=priced) for solved in proposals
             ]
             bound = _bound(looser, ascent)
         certificates.append(
-            _by_multipliers(name, cost, lagrangians[0], bound, planned if disturbed else None)
+            _by_multipliers(name, cost, proposed[0], bound, planned if disturbed else None)
         )
     names = [scenario.obstacle_name(number) for number, _ in scenario.known]
     not_counted = (*dropped, *(name for name in names if name in left_out))
@@ -194,13 +194,13 @@ def _by_effort(name: str, cost: float, effort: float, *, disturbed: bool) -> Veh
     )
 
 
-def _bound(lagrangians: Sequence[Lagrangian], ascent: Ascent) -> float:
+def _bound(proposed: Sequence[Proposal], ascent: Ascent) -> float:
     """Return the best lower bound on a group's cost [m²/s⁴]."""
-    return max(0.0, *(each.unit**2 * best_bound(each, ascent) for each in lagrangians))
+    return max(0.0, *(best_bound(each, ascent) for each in proposed))
 
 
 def _by_multipliers(
-    name: str, cost: float, here: Lagrangian, bound: float, planned: float | None
+    name: str, cost: float, here: Proposal, bound: float, planned: float | None
 ) -> VehicleCertificate:
     """Return the certificate of a group from its bounds and its Lagrangian at the plan."""
     stationarity, complementarity = here.kkt_residuals()
@@ -208,7 +208,7 @@ def _by_multipliers(
         vehicle=name,
         cost=cost,
         lower_bound=bound,
-        least_eigenvalue=2.0 * here.curvature(here.weights),
+        least_eigenvalue=2.0 * here.curvature,
         stationarity=stationarity,
         complementarity=complementarity,
         planned_bound=planned,

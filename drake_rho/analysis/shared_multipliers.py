@@ -70,6 +70,11 @@ class Slacks:
     def __init__(self) -> None:
         self._numbers: dict[tuple[Hashable, int], int] = {}
 
+    def number(self, key: Hashable, vehicles: int) -> None:
+        """Number the slacks of all vehicles of a soft limit."""
+        for vehicle in range(vehicles):
+            self._numbers.setdefault((key, vehicle), len(self._numbers))
+
     def of(self, rows: HalfSpaces, parts: FloatArray) -> SharedMultipliers:
         """Return the slacks of rows.
 

@@ -25,7 +25,7 @@ import numpy as np
 from drake_rho.motion.close_pairs import CloseApproaches
 from drake_rho.motion.dynamics import Motion, step_at
 from drake_rho.motion.penetration import Course, deepest, pieces_near_course
-from drake_rho.planning.constraints.base import VIOLATED, Constraint, HalfSpaces
+from drake_rho.planning.constraints.base import VIOLATED, Constraint, HalfSpaces, Quadratic
 from drake_rho.planning.constraints.margins import Margins
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.obstacles import Obstacle
@@ -179,6 +179,15 @@ _AROUND, _ZOOMS = np.linspace(-1.0, 1.0, 17), 4
 """Search for the most violated row: offsets from a worst instant, in steps and then in intervals
 between the last offsets, and the number of searches."""
 
+_HALVINGS = 60
+"""Number of halvings that find the largest ball inside an obstacle."""
+
+_DEEPEST = 1e3
+"""Largest radius of such a ball beyond the required distance, in sizes of the obstacle."""
+
+_TANGENT = 1e-12
+"""Distance of such a ball from its row, in sizes of the obstacle."""
+
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class KeepOutOfObstacle(KeepOut):
@@ -225,9 +234,42 @@ class KeepOutOfObstacle(KeepOut):
         radii: FloatArray = self.required[points.vehicles] + margins + errors
         return radii
 
-    @abc.abstractmethod
     def distances(self, motion: Motion, points: EvaluationPoints) -> FloatArray:
         """Return signed distances of a motion from the obstacle at points [m], shape (R,)."""
+        return self.distances_at(points, self.offsets(motion, points))
+
+    @abc.abstractmethod
+    def distances_at(self, points: EvaluationPoints, offsets: FloatArray) -> FloatArray:
+        """Return signed distances from the obstacle, or the points' own parts of it [m], (R,).
+
+        Args:
+            points: points of vehicles.
+            offsets: positions relative to the centre of the obstacle [m], shape (R, 3).
+        """
+
+    def quadratics(self, rows: HalfSpaces) -> Quadratic:
+        """Return balls inside the set to keep out of, each tangent to its row.
+
+        A distance from a convex set changes by at most the way moved, so the ball around c with
+        radius r - d(c) is too close everywhere. The largest one whose centre is on the normal
+        through the reference's nearest point is found by bisection.
+        """
+        points = EvaluationPoints(rows.vehicles, rows.partners, rows.times, parts=rows.sides)
+        normals, required = rows.normals, self.radius(points)
+        centers, x = self.obstacle.centers(points.times), self.offsets(self.reference, points)
+        beyond = np.vecdot(normals, centers + x) - rows.bounds
+        nearest = x - beyond[:, None] * normals
+        low, high = np.zeros(len(rows)), np.full(len(rows), _DEEPEST * self.obstacle.shape.size)
+        high += required
+        for _ in range(_HALVINGS):
+            depths = (low + high) / 2.0
+            inside = required - self.distances_at(points, nearest - depths[:, None] * normals)
+            tangent = inside >= depths - _TANGENT * self.obstacle.shape.size
+            low, high = np.where(tangent, depths, low), np.where(tangent, high, depths)
+        within = nearest - low[:, None] * normals
+        sizes = required - self.distances_at(points, within)
+        ones = np.ones((len(rows), 3))
+        return Quadratic(centers + within, ones, np.maximum(sizes, 0.0), np.ones(len(rows)))
 
     def offsets(self, motion: Motion, points: EvaluationPoints) -> FloatArray:
         """Return positions relative to the centre of the obstacle [m], shape (R, 3)."""

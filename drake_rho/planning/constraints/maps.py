@@ -40,11 +40,10 @@ class KeepOutOfMap(KeepOutOfObstacle):
         soft = super().softened_for(penalty, rounds)
         return dataclasses.replace(soft, searches=_SOFT_SEARCHES)
 
-    def distances(self, motion: Motion, points: EvaluationPoints) -> FloatArray:
+    def distances_at(self, points: EvaluationPoints, offsets: FloatArray) -> FloatArray:
         """Return signed distances from the points' own parts [m], shape (R,)."""
         assert points.parts is not None  # noqa: S101  # points of maps have them
-        x = self.shape.in_frame(self.offsets(motion, points))
-        return self.shape.distances_of(points.parts, x)
+        return self.shape.distances_of(points.parts, self.shape.in_frame(offsets))
 
     def rows(self, points: EvaluationPoints) -> HalfSpaces:
         """Return the rows n · p >= n · c + h(n) + r of the parts at points.

@@ -32,9 +32,9 @@ class KeepOutOfShape(KeepOutOfObstacle):
     shape: Shape
     """shape of the obstacle"""
 
-    def distances(self, motion: Motion, points: EvaluationPoints) -> FloatArray:
-        """Return signed distances from the shape at points [m], shape (R,)."""
-        return self.shape.local_distance(self.offsets(motion, points))
+    def distances_at(self, points: EvaluationPoints, offsets: FloatArray) -> FloatArray:
+        """Return signed distances from the shape [m], shape (R,)."""
+        return self.shape.local_distance(offsets)
 
     def directions(self, points: EvaluationPoints) -> FloatArray:
         """Return unit vectors from the nearest point of the shape to the reference, shape (R, 3).
@@ -126,13 +126,13 @@ class KeepOutOfShape(KeepOutOfObstacle):
             clearances[:, ~self.holds_at(times)] = np.inf
         return clearances
 
-    def quadratics(self, rows: HalfSpaces) -> Quadratic | None:
-        """Return bounds on scaled distances from the centre; None for other shapes."""
+    def quadratics(self, rows: HalfSpaces) -> Quadratic:
+        """Return bounds on scaled distances from the centre, or those of balls inside."""
         points = EvaluationPoints(rows.vehicles, rows.partners, rows.times)
         inside = [self.shape.quadric_inside(radius) for radius in self.radius(points)]
         quadrics = [each for each in inside if each is not None]
         if len(quadrics) < len(inside):
-            return None
+            return super().quadratics(rows)
         sizes = np.array([each.radius for each in quadrics])
         supports = [
             each.local_support(normal) for each, normal in zip(quadrics, rows.normals, strict=True)

@@ -1,0 +1,281 @@
+"""Branch and bound over the sides of obstacles and of other vehicles: `Tree`.
+
+A node is a branch (`sides.py`) with multipliers for which the Lagrangian's minimum bounds the cost
+of all its motions. Its parts begin with the node's multipliers; terms that the motion at the
+minimum violates enter, and the minimum is maximised again. Nothing in a bound depends on a solver:
+a node is closed by the value of a closed form alone, also where it is empty.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import heapq
+import time
+from collections.abc import Iterable
+from contextlib import suppress
+
+import numpy as np
+
+from drake_rho.analysis.ascent import climbed
+from drake_rho.analysis.lagrangian import Lagrangian, Proposal
+from drake_rho.analysis.sides import Branch, Sides
+from drake_rho.analysis.terms import AffineTerms, CurvedTerms, GroupChanges
+from drake_rho.motion.dynamics import Motion
+from drake_rho.motion.plan import Plan
+from drake_rho.planning.call.time_limit import check_time, within_time
+from drake_rho.planning.constraints.base import Constraint, HalfSpaces
+from drake_rho.planning.constraints.separation import coupled
+from drake_rho.planning.errors import InfeasibleError, SolverError
+from drake_rho.planning.problem import Problem
+from drake_rho.planning.scp.sequential_convex import sequential_convex
+from drake_rho.planning.scp.subproblem import Subproblem
+from drake_rho.scenario.fields import FloatArray
+from drake_rho.scenario.records import Scenario
+from drake_rho.system.threads import single_threaded_blas
+
+_ROUNDS = 4
+"""Number of times that violated terms enter a node's Lagrangian."""
+
+_GAIN = 0.1
+"""Part of the distance to what is enough by which a round has to raise the bound, or it is the
+last one."""
+
+_ITERATIONS = 100
+"""Largest number of iterations of one maximisation."""
+
+_PIECES = 2
+"""Pieces of a violated stretch of rows whose worst rows enter."""
+
+_LINEARISATIONS = 20
+"""Largest number of linearisations of a plan in a branch."""
+
+_TOLERANCE = 1e-6
+"""Relative fall of the cost at which such a plan has converged."""
+
+AT_ONCE = 4
+"""Number of nodes that are split at a time, whatever the number of workers."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Node:
+    """Set of motions on given sides, with a lower bound on their costs."""
+
+    branch: Branch
+    """sides of all its motions"""
+    bound: float
+    """lower bound on their costs [m²/s⁴]"""
+    curved: CurvedTerms
+    """terms of obstacles and separations in its Lagrangian"""
+    affine: AffineTerms
+    """terms of convex constraints and sides"""
+    weights: FloatArray
+    """multipliers λ of the former, shape (S,)"""
+    multipliers: FloatArray
+    """multipliers y of the latter, shape (R,)"""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Split:
+    """Result of splitting a node."""
+
+    parts: tuple[Node, ...]
+    """nodes that contain all its motions; the node alone if nothing is left to split"""
+    found: FloatArray | None = None
+    """accelerations of a plan on its sides [m/s²], shape (G, K-1, 3); None if none was found"""
+
+
+class Relaxation:
+    """Bounds of nodes of one scenario.
+
+    Args:
+        scenario: scenario of the vehicles of one group.
+    """
+
+    def __init__(self, scenario: Scenario) -> None:
+        self.problem, self.sides = Problem.of(scenario), Sides(scenario)
+        everyone = np.arange(len(scenario.vehicles))
+        self.changes = GroupChanges(self.problem, everyone, as_planned=False)
+
+    def root(self, proposals: Iterable[Proposal], enough: float) -> Node:
+        """Return the node of all motions, with the multipliers of one of the proposals."""
+        nodes = [self._bounded(self._proposed(each), enough) for each in proposals]
+        return max(nodes, key=lambda each: each.bound)
+
+    def _proposed(self, proposal: Proposal) -> Node:
+        lagrangian = proposal.lagrangian
+        terms = lagrangian.curved, lagrangian.affine
+        return Node({}, 0.0, *terms, proposal.weights, proposal.multipliers)
+
+    def split(self, node: Node, enough: float) -> Split:
+        """Return the parts of a node with their bounds, and a plan on its sides."""
+        motion, losses = self._at(node)
+        where = self.sides.parts_of(node.branch, node.curved, losses, motion)
+        if where is None:
+            return Split((node,))
+        found = self._plan(node, motion)
+        parts = []
+        for cone in where[1]:
+            beyond = self.changes.affine(self.sides.rows(where[0], cone), kept=True)
+            part = dataclasses.replace(
+                node,
+                branch={**node.branch, where[0]: cone},
+                affine=node.affine.union(beyond),
+                multipliers=np.append(node.multipliers, np.zeros(len(beyond))),
+            )
+            parts.append(self._bounded(part, enough))
+        return Split(tuple(parts), found)
+
+    def _at(self, node: Node) -> tuple[Motion, FloatArray]:
+        """Return the motion at the minimum of a node's Lagrangian, and the sizes of its terms."""
+        lagrangian = Lagrangian(self.changes, node.curved, node.affine)
+        weights, multipliers = lagrangian.within_prices(node.weights, node.multipliers)
+        at = lagrangian.minimiser(weights, multipliers)
+        assert at is not None  # noqa: S101  # nodes have multipliers for which it is convex
+        return self._motion(at), np.abs(weights * lagrangian.slopes(at)[0])
+
+    def _motion(self, at: FloatArray) -> Motion:
+        scenario = self.problem.scenario
+        return Plan.from_accelerations(scenario, self.changes.accelerations(at)).motion()
+
+    def _bounded(self, node: Node, enough: float) -> Node:
+        """Return a node with a better bound and the multipliers that prove it."""
+        for number in range(_ROUNDS):
+            check_time()
+            lagrangian = Lagrangian(self.changes, node.curved, node.affine)
+            weights, multipliers = climbed(
+                lagrangian, node.weights, node.multipliers, enough=enough, most=_ITERATIONS
+            )
+            minimum = lagrangian.minimum(weights, multipliers)
+            bound = self.changes.unit**2 * minimum.value
+            gained, node = self._with(node, bound, weights, multipliers)
+            if node.bound >= enough or not np.isfinite(minimum.value):
+                break
+            if number > 0 and gained < _GAIN * (enough - node.bound):
+                break
+            violated = self._violated(self._motion(minimum.at))
+            if not violated:
+                break
+            node = self._with_terms(node, violated)
+        return node
+
+    def _with(
+        self, node: Node, bound: float, weights: FloatArray, multipliers: FloatArray
+    ) -> tuple[float, Node]:
+        """Return how much a bound is better than a node's, and the node with it, if it is."""
+        if bound < node.bound and node.bound > 0.0:
+            return 0.0, node
+        curved, affine = weights > 0.0, (multipliers > 0.0) | node.affine.kept
+        better = dataclasses.replace(
+            node,
+            bound=max(bound, node.bound),
+            curved=node.curved.select(curved),
+            affine=node.affine.select(affine),
+            weights=weights[curved],
+            multipliers=multipliers[affine],
+        )
+        return bound - node.bound, better
+
+    def _with_terms(self, node: Node, rows: Iterable[HalfSpaces]) -> Node:
+        """Return a node with more terms, with multipliers of zero."""
+        curved, affine = self.changes.terms(rows)
+        curved = curved.select(np.isfinite(curved.sizes))
+        return dataclasses.replace(
+            node,
+            curved=node.curved.union(curved),
+            affine=node.affine.union(affine),
+            weights=np.append(node.weights, np.zeros(len(curved))),
+            multipliers=np.append(node.multipliers, np.zeros(len(affine))),
+        )
+
+    def _violated(self, motion: Motion) -> list[HalfSpaces]:
+        """Return the worst rows of all constraints that a motion violates."""
+        problem, found = self.problem, list[HalfSpaces]()
+        constraints: list[Constraint] = [*problem.convex, *problem.obstacles_around(motion)]
+        if problem.scenario.separation is not None and len(problem) > 1:
+            constraints.append(problem.pairs_around(motion, coupled))
+        everyone, gap = np.arange(len(problem)), 1.5 * problem.scenario.grid.step
+        for each in constraints:
+            rows = each.violated_rows(motion, everyone)
+            if len(rows) == 0 and each.searches > 0:
+                rows = each.violated_rows(motion, everyone, between=True)
+            if len(rows) > 0:
+                found.append(rows.worst(motion, _PIECES, gap=gap))
+        return found
+
+    def _plan(self, node: Node, motion: Motion) -> FloatArray | None:
+        """Return the accelerations of a plan on a node's sides; None if none is found."""
+        scenario = self.problem.scenario
+        requirements = (*scenario.requirements, *self.sides.requirements(node.branch))
+        narrowed = scenario.derived(requirements=requirements)
+        first = Plan.from_accelerations(narrowed, motion.accelerations)
+        subproblem = Subproblem(Problem.of(narrowed), coupled)
+        together = np.zeros(len(self.problem), dtype=int)
+        with suppress(InfeasibleError, SolverError):
+            reached = subproblem.solve_around(first)
+            return sequential_convex(
+                subproblem, reached, _TOLERANCE, labels=together, most=_LINEARISATIONS
+            ).accelerations
+        return None
+
+
+@single_threaded_blas
+def split(scenario: Scenario, node: Node, enough: float, ends: float = np.inf) -> Split:
+    """Return the parts of a node of a scenario, in this process or another.
+
+    Args:
+        scenario: scenario of the vehicles of one group.
+        node: to be split.
+        enough: bound at which a part needs no further split [m²/s⁴].
+        ends: deadline on the clock of `time.time` [s].
+    """
+    with within_time(None if ends == np.inf else ends - time.time()):
+        return Relaxation(scenario).split(node, enough)
+
+
+class Tree:
+    """Nodes that contain all motions of a group of vehicles.
+
+    Args:
+        scenario: scenario of these vehicles.
+        root: node of all motions.
+
+    Attributes:
+        scenario: scenario of these vehicles.
+        nodes: number of nodes that were bounded.
+    """
+
+    def __init__(self, scenario: Scenario, root: Node) -> None:
+        self.scenario, self.nodes = scenario, 1
+        self._open, self._closed = [(root.bound, 0, root)], np.inf
+
+    @property
+    def bound(self) -> float:
+        """Lower bound on the cost of all motions [m²/s⁴]."""
+        return min(self._open[0][0] if self._open else np.inf, self._closed)
+
+    @property
+    def left(self) -> int:
+        """Number of nodes that are left to split."""
+        return len(self._open)
+
+    def least(self, enough: float) -> list[Node]:
+        """Remove and return the nodes with the least bounds, all below what is enough."""
+        taken = list[Node]()
+        while self._open and self._open[0][0] < enough and len(taken) < AT_ONCE:
+            taken.append(heapq.heappop(self._open)[2])
+        return taken
+
+    def put_back(self, nodes: Iterable[Node]) -> None:
+        """Add nodes that were not split after all."""
+        for each in nodes:
+            heapq.heappush(self._open, (each.bound, self.nodes, each))
+            self.nodes += 1
+
+    def replace(self, node: Node, parts: Iterable[Node], enough: float) -> None:
+        """Add the parts of a node that was removed."""
+        for part in parts:
+            if part is node or part.bound >= enough:
+                self._closed = min(self._closed, part.bound)
+            else:
+                heapq.heappush(self._open, (part.bound, self.nodes, part))
+            self.nodes += 1
