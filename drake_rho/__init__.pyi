@@ -9,6 +9,8 @@ from .analysis.diagnosis import Diagnosis as Diagnosis
 from .analysis.infeasible_subset import infeasible_subset as infeasible_subset
 from .analysis.minimum_time import plan_minimum_time as plan_minimum_time
 from .analysis.minimum_time import shortest_plan as shortest_plan
+from .analysis.plan_global import GlobalPlan as GlobalPlan
+from .analysis.plan_global import plan_global as plan_global
 from .analysis.sensitivity import LimitEffect as LimitEffect
 from .analysis.sensitivity import TimeSensitivity as TimeSensitivity
 from .analysis.time_certificate import TimeCertificate as TimeCertificate

@@ -110,12 +110,9 @@ def climbed(
         nonlocal best, found
         check_time()
         given = np.maximum(x, 0.0) * sizes
-        y = lagrangian.within_prices(given[:count], given[count:])
-        at = lagrangian.minimiser(*y)
-        if at is None:
+        value, *slopes = lagrangian.value_and_slopes(given[:count], given[count:])
+        if value == -np.inf:
             return _BEYOND * max(scale, abs(best)), np.zeros_like(x)
-        slopes = lagrangian.slopes(at)
-        value = lagrangian.cost(at) + y[0] @ slopes[0] + y[1] @ slopes[1]
         if value > best:
             best, found = value, given
             if unit * value >= enough:

@@ -49,7 +49,7 @@ _PIECES = 2
 _LINEARISATIONS = 20
 """Largest number of linearisations of a plan in a branch."""
 
-_TOLERANCE = 1e-6
+_TOLERANCE = 1e-4
 """Relative fall of the cost at which such a plan has converged."""
 
 AT_ONCE = 4
@@ -258,10 +258,14 @@ class Tree:
         """Number of nodes that are left to split."""
         return len(self._open)
 
+    def has_below(self, enough: float) -> bool:
+        """Return whether there are nodes to split with bounds below what is enough [m²/s⁴]."""
+        return bool(self._open) and self._open[0][0] < enough
+
     def least(self, enough: float) -> list[Node]:
         """Remove and return the nodes with the least bounds, all below what is enough."""
         taken = list[Node]()
-        while self._open and self._open[0][0] < enough and len(taken) < AT_ONCE:
+        while self.has_below(enough) and len(taken) < AT_ONCE:
             taken.append(heapq.heappop(self._open)[2])
         return taken
 

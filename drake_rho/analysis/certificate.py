@@ -74,14 +74,18 @@ class Certificate(metaclass=Described):
     holds: bool
     """whether the plan satisfies its constraints; one that does not may cost less than the bound"""
     left_out: tuple[str, ...] = ()
-    """obstacles that are active for the plan but left out of the bound, because they are neither
-    balls nor ellipsoids, and the separation of a fleet too large to be bounded together; they may
-    account for part of the gap"""
+    """obstacles that are active for the plan but left out of the bound, because they have no
+    interior, and the separation of a fleet too large to be bounded together; they may account for
+    part of the gap"""
     cut: bool = False
     """whether time was up before the bound had converged"""
     jumps: bool = False
     """whether this is the certificate of a flight that jumps to measured states: it is not a plan
     from the starts, and may cost less than each of these"""
+    nodes: int = 0
+    """number of branches that were bounded, 0 if the bound is without branches"""
+    better: float | None = None
+    """cost of the best plan that was found on the way [m²/s⁴]; None if none was cheaper"""
 
     @property
     def cost(self) -> float:
@@ -149,8 +153,15 @@ class Certificate(metaclass=Described):
         return (
             f"{self.scenario.name}: {verdict}; cost {self.cost:.6f} m²/s⁴, "
             f"lower bound {self.lower_bound:.6f}; gap {_in_percent(self.gap)}"
-            f"{self._planned_gap()}{self._left_out()}"
+            f"{self._planned_gap()}{self._searched()}{self._left_out()}"
         )
+
+    def _searched(self) -> str:
+        branches = f" after {self.nodes} branches" if self.nodes > 0 else ""
+        if self.better is None:
+            return branches
+        less = percent(1.0 - self.better / self.cost)
+        return f"{branches}; a plan that costs {less} less was found (`plan_global` returns it)"
 
     def _rows(self) -> list[tuple[str, ...]]:
         """Return the cells of each vehicle; of many vehicles, of those with the largest gaps."""

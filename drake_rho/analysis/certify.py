@@ -18,12 +18,20 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator, Sequence
+from concurrent.futures import Executor
 from contextlib import suppress
 
 import numpy as np
 
 from drake_rho.analysis.ascent import CONVERGED, Ascent, best_bound
 from drake_rho.analysis.certificate import Certificate, VehicleCertificate
+from drake_rho.analysis.global_search import (
+    GlobalSearch,
+    Part,
+    group_name,
+    prices_of,
+    vehicle_costs,
+)
 from drake_rho.analysis.lagrangian import Proposal
 from drake_rho.motion.costs import costs_of
 from drake_rho.motion.flight import Flight
@@ -64,6 +72,8 @@ def certify(
     flown: Plan | Flight,
     *,
     solver: Solver | SolverName | None = None,
+    gap: float | None = None,
+    executor: Executor | None = None,
     progress: Progress | None = None,
     time_limit: float | None = None,
 ) -> Certificate:
@@ -85,11 +95,18 @@ def certify(
             A flight may cost less than any plan, if its windows begin at measured states or with
             thinner tubes than a plan's.
         solver: `"clarabel"`, `"daqp"` or `"osqp"`, or a Drake solver; Clarabel if not given.
+        gap: relative gap, above 0 and below 1, down to which the bound is raised by branch and
+            bound over the sides of obstacles and of other vehicles, as by `plan_global`; none if
+            not given, which is far faster.
+        executor: any PEP 3148 executor that works on the branches; the certificate does not depend
+            on the number of workers.
         progress: called with a short description of the current step, as after each linearisation.
         time_limit: seconds, above 0, after which the best bound so far is returned (`cut`), at
             least that of the minimum-effort motions.
 
     Raises:
+        ValueError: a gap is given, and is not above 0 and below 1, or the plan does not satisfy
+            its constraints.
         InfeasibleError: no plan was found from which to take multipliers.
         SolverError: the solvers fail numerically.
 
@@ -98,63 +115,182 @@ def certify(
         >>> certificate.is_globally_optimal
         True
     """
-    backend = Backend.of(solver)
-    plan = flown.plan
-    scenario, vehicles = _before_averages(plan.scenario), len(plan.scenario.vehicles)
-    dropped = list[str]()
-    if vehicles > MOST_CERTIFIED_TOGETHER and scenario.separation is not None:
-        scenario = scenario.without_separation()  # the bound is lower, but still valid
-        dropped.append("the separation")
-    start = Plan.from_accelerations(scenario, plan.accelerations)
-    cut, proposals = False, list[CuttingPlanes]()
-    try:
-        for each in _converged(start, backend.solver, progress):
-            proposals.append(_solved_around(each, backend, progress))
-    except OutOfTimeError:
-        cut = True
-    efforts = costs_of(scenario, Problem.of(scenario).effort.motion)
-    report = verify(flown)
-    costs = costs_of(scenario, plan) + _prices(report)
-    certificates, left_out = list[VehicleCertificate](), set[str]()
-    groups = _groups(vehicles, proposals)
-    for number, group in enumerate(groups, start=1):
-        name = scenario.vehicles[group[0]].name
-        name = name if len(group) == 1 else f"{name} and {len(group) - 1} more"
-        task = f"bounding the cost of {name} ({number} of {len(groups)})"
-        tell(progress, task)
-        cost, disturbed = float(np.sum(costs[group])), scenario.disturbance is not None
-        if not proposals:
-            effort = float(np.sum(efforts[group]))
-            certificates.append(_by_effort(name, cost, effort, disturbed=disturbed))
-            continue
-        ascent = Ascent(progress, task, cost, len(proposals) * (2 if disturbed else 1))
-        # excesses of averages are not those of the relaxation
-        priced = plan.scenario.smoothing is None
-        proposed = [Proposal.of(solved, group, priced=priced) for solved in proposals]
-        left_out |= set[str]().union(*(each.left_out for each in proposed))
-        bound = planned = _bound(proposed, ascent)
-        if disturbed:
-            looser = [
-                Proposal.of(solved, group, as_planned=False, priced=priced) for solved in proposals
-            ]
-            bound = _bound(looser, ascent)
-        certificates.append(
-            _by_multipliers(name, cost, proposed[0], bound, planned if disturbed else None)
-        )
-    names = [scenario.obstacle_name(number) for number, _ in scenario.known]
-    not_counted = (*dropped, *(name for name in names if name in left_out))
-    cut = cut or seconds_left() <= 0.0
+    if gap is not None:
+        check_gap(gap)
+    return certified(flown, gap, Backend.of(solver), executor, progress)[0]
+
+
+def check_gap(gap: float) -> None:
+    """Check a relative gap.
+
+    Raises:
+        ValueError: it is not above 0 and below 1.
+    """
+    if not 0.0 < gap < 1.0:
+        raise ValueError(f"gap: got {gap!r}, expected a part of the cost above 0 and below 1")
+
+
+def certified(
+    flown: Plan | Flight,
+    gap: float | None,
+    backend: Backend,
+    executor: Executor | None,
+    progress: Progress | None,
+    *,
+    of_best: bool = False,
+) -> tuple[Certificate, Plan]:
+    """Return the certificate of a plan, and the best plan that was found on the way.
+
+    Args:
+        flown: plan or flight.
+        gap: relative gap to be reached by branch and bound; None for none.
+        backend: solver of programs.
+        executor: any PEP 3148 executor, or None.
+        progress: called with a short description of the current step.
+        of_best: whether the certificate is that of the best plan.
+
+    Raises:
+        ValueError: there is a gap to be reached, and the plan does not satisfy its constraints.
+    """
+    plan, report = flown.plan, verify(flown)
     holds = all(check.holds for check in report.checks if check.asked and not check.is_measured)
     jumps = largest_jump(plan) is not None
-    return Certificate(plan.scenario, tuple(certificates), holds, not_counted, cut, jumps)
+    if gap is not None and not (holds and not jumps):
+        worst = report.violations[0].what if not holds else "jumps to measured states"
+        expected = "expected one that satisfies its constraints, or no gap"
+        raise ValueError(f"flown: got a plan that violates them ({worst}), {expected}")
+    roots = _Roots(flown, report, backend, progress)
+    certificate = Certificate(
+        plan.scenario, roots.certificates, holds, roots.not_counted, roots.cut, jumps
+    )
+    if gap is None or certificate.gap <= gap or roots.cut:
+        return certificate, plan
+    pairs = zip(roots.groups, roots.certificates, strict=True)
+    search = GlobalSearch(
+        Plan.from_accelerations(roots.scenario, plan.accelerations),
+        [Part(group, each.lower_bound) for group, each in pairs],
+        lambda around: _solved_around(around, backend, None),
+        executor,
+        progress,
+        seek=plan.scenario.smoothing is None,
+    )
+    search.run(gap)
+    best = plan if search.plan.cost >= plan.cost else _polished(plan.scenario, search.plan, backend)
+    costs = vehicle_costs(best)
+    own = costs if of_best else roots.costs
+    is_better = not of_best and float(costs.sum()) < certificate.cost
+    return dataclasses.replace(
+        certificate,
+        vehicles=roots.with_bounds(search.parts, own),
+        cut=search.cut,
+        nodes=search.nodes,
+        better=float(costs.sum()) if is_better else None,
+    ), best
 
 
-def _prices(report: Report) -> FloatArray:
-    """Return the price of the soft limits for each vehicle [m²/s⁴], shape (N,)."""
-    prices = dict.fromkeys(report.scenario.names, 0.0)
-    for check in report.exceeded:
-        prices[check.vehicle] += check.price or 0.0
-    return np.array(list(prices.values()))
+def _polished(scenario: Scenario, found: Plan, backend: Backend) -> Plan:
+    """Return a plan iterated to convergence from one that was found on the sides of a branch."""
+    best = Plan.from_accelerations(scenario, found.accelerations, found.statistics)
+    with suppress(InfeasibleError, SolverError, OutOfTimeError):
+        polished = plan_scp(scenario, reference=best, solver=backend.solver)
+        if polished.cost < best.cost and verify(polished).ok:
+            return polished
+    return best
+
+
+class _Roots:
+    """Bounds by Lagrangians alone, without branches.
+
+    Attributes:
+        scenario: the relaxation that is bounded.
+        groups: groups of vehicles that are bounded together.
+        certificates: certificate of each group.
+        not_counted: names of what the bound leaves out.
+        cut: whether time was up.
+        costs: cost of each vehicle with the prices of its soft limits [m²/s⁴], shape (N,).
+    """
+
+    def __init__(
+        self,
+        flown: Plan | Flight,
+        report: Report,
+        backend: Backend,
+        progress: Progress | None,
+    ) -> None:
+        plan, vehicles = flown.plan, len(flown.plan.scenario.vehicles)
+        self.scenario, self.cut = _before_averages(plan.scenario), False
+        dropped, left_out = list[str](), set[str]()
+        if vehicles > MOST_CERTIFIED_TOGETHER and self.scenario.separation is not None:
+            self.scenario = self.scenario.without_separation()  # the bound is lower, but valid
+            dropped.append("the separation")
+        scenario, proposals = self.scenario, list[CuttingPlanes]()
+        start = Plan.from_accelerations(scenario, plan.accelerations)
+        try:
+            for each in _converged(start, backend.solver, progress):
+                proposals.append(_solved_around(each, backend, progress))
+        except OutOfTimeError:
+            self.cut = True
+        efforts = costs_of(scenario, Problem.of(scenario).effort.motion)
+        # excesses of averages are not those of the relaxation
+        priced, found = plan.scenario.smoothing is None, list[VehicleCertificate]()
+        self.costs = costs_of(scenario, plan) + prices_of(report)
+        self.groups = _groups(vehicles, proposals)
+        for number, group in enumerate(self.groups, start=1):
+            name = group_name(scenario, group)
+            task = f"bounding the cost of {name} ({number} of {len(self.groups)})"
+            tell(progress, task)
+            cost, disturbed = float(self.costs[group].sum()), scenario.disturbance is not None
+            if not proposals:
+                effort = float(np.sum(efforts[group]))
+                found.append(_by_effort(name, cost, effort, disturbed=disturbed))
+                continue
+            ascent = Ascent(progress, task, cost, len(proposals) * (2 if disturbed else 1))
+            proposed = [Proposal.of(each, group, priced=priced) for each in proposals]
+            left_out |= set[str]().union(*(each.left_out for each in proposed))
+            bound = planned = _bound(proposed, ascent)
+            if disturbed:
+                looser = [
+                    Proposal.of(each, group, as_planned=False, priced=priced) for each in proposals
+                ]
+                bound = _bound(looser, ascent)
+            found.append(
+                _by_multipliers(name, cost, proposed[0], bound, planned if disturbed else None)
+            )
+        names = [scenario.obstacle_name(number) for number, _ in scenario.known]
+        self.certificates = tuple(found)
+        self.not_counted = (*dropped, *(name for name in names if name in left_out))
+        self.cut = self.cut or seconds_left() <= 0.0
+
+    def with_bounds(
+        self, parts: Sequence[Part], costs: FloatArray
+    ) -> tuple[VehicleCertificate, ...]:
+        """Return certificates with better bounds, of groups that may have been joined.
+
+        Args:
+            parts: groups with their bounds.
+            costs: cost of each vehicle of the plan [m²/s⁴], shape (N,).
+        """
+        found = list[VehicleCertificate]()
+        for part in sorted(parts, key=lambda each: int(each.group[0])):
+            joined = [
+                each
+                for group, each in zip(self.groups, self.certificates, strict=True)
+                if np.isin(group, part.group).all()
+            ]
+            least = min(each.least_eigenvalue for each in joined)
+            planned = [each.planned_bound for each in joined if each.planned_bound is not None]
+            found.append(
+                VehicleCertificate(
+                    vehicle=group_name(self.scenario, part.group),
+                    cost=float(costs[part.group].sum()),
+                    lower_bound=part.lower,
+                    least_eigenvalue=least,
+                    stationarity=max(each.stationarity for each in joined),
+                    complementarity=max(each.complementarity for each in joined),
+                    planned_bound=max(part.lower, sum(planned)) if planned else None,
+                )
+            )
+        return tuple(found)
 
 
 def _before_averages(scenario: Scenario) -> Scenario:

@@ -1,0 +1,206 @@
+"""Search for the global optimum: a tree of branches for each group of vehicles that interact."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import Executor
+from itertools import repeat
+
+import numpy as np
+
+from drake_rho.analysis.branch_and_bound import Node, Relaxation, Split, Tree, split
+from drake_rho.analysis.lagrangian import Proposal
+from drake_rho.motion.costs import costs_of
+from drake_rho.motion.plan import Plan
+from drake_rho.planning.call.progress import Progress, tell
+from drake_rho.planning.call.time_limit import check_time, seconds_left
+from drake_rho.planning.errors import OutOfTimeError
+from drake_rho.planning.scp.cutting_planes import CuttingPlanes
+from drake_rho.scenario.fields import FloatArray, IntArray
+from drake_rho.scenario.records import Scenario
+from drake_rho.system.numbers import percent
+from drake_rho.verification.report import Report
+from drake_rho.verification.verify import verify
+
+_CHEAPER = 1e-7
+"""Relative fall of the cost for which a plan replaces the best one."""
+
+
+@dataclasses.dataclass(eq=False)
+class Part:
+    """Group of vehicles whose costs are bounded together."""
+
+    group: IntArray
+    """indices of the vehicles, shape (G,)"""
+    bound: float
+    """lower bound on the cost of the group [m²/s⁴]"""
+    tree: Tree | None = None
+    """nodes of the group's motions; None before the first is split"""
+    alone: float = np.inf
+    """least cost of a plan of the group that was found without the other vehicles [m²/s⁴]"""
+
+    @property
+    def lower(self) -> float:
+        """Best lower bound on the cost of the group [m²/s⁴]."""
+        return self.bound if self.tree is None else max(self.bound, self.tree.bound)
+
+
+class GlobalSearch:
+    """Branch and bound for a plan, group by group.
+
+    Args:
+        plan: the best plan that is known.
+        parts: groups of vehicles and their bounds.
+        solved: function that returns converged programs around a plan.
+        executor: any PEP 3148 executor that splits nodes; None for this process.
+        progress: called with bound, cost, gap and nodes after each step.
+        seek: whether plans on the sides of a node replace the best one.
+
+    Attributes:
+        plan: the best plan found.
+        cut: whether time was up.
+    """
+
+    def __init__(
+        self,
+        plan: Plan,
+        parts: Sequence[Part],
+        solved: Callable[[Plan], CuttingPlanes],
+        executor: Executor | None = None,
+        progress: Progress | None = None,
+        *,
+        seek: bool = True,
+    ) -> None:
+        self.plan, self.parts, self.cut, self._seek = plan, list(parts), False, seek
+        self._solved, self._executor, self._progress = solved, executor, progress
+        self._costs = vehicle_costs(plan)
+
+    @property
+    def cost(self) -> float:
+        """Cost of the best plan [m²/s⁴], with the prices of soft limits."""
+        return float(self._costs.sum())
+
+    @property
+    def bound(self) -> float:
+        """Lower bound on the cost of every plan [m²/s⁴]."""
+        return sum(part.lower for part in self.parts)
+
+    @property
+    def nodes(self) -> int:
+        """Number of nodes that were bounded."""
+        return sum(part.tree.nodes for part in self.parts if part.tree is not None)
+
+    def run(self, gap: float) -> None:
+        """Split nodes until the relative gap is at most a given one, nothing is left, or time is up.
+
+        Args:
+            gap: relative gap (cost - bound) / cost.
+        """
+        try:
+            while self.cost - self.bound > gap * self.cost:
+                able = [each for each in self.parts if self._is_open(each, gap)]
+                if not able:
+                    break
+                self._step(max(able, key=lambda each: self._of(each) - each.lower), gap)
+                self._tell()
+        except OutOfTimeError:
+            self.cut = True
+
+    def _of(self, part: Part) -> float:
+        """Return the cost of a group in the best plan [m²/s⁴]."""
+        return float(self._costs[part.group].sum())
+
+    def _is_open(self, part: Part, gap: float) -> bool:
+        """Return whether the bound of a part is too low and may rise."""
+        enough = (1.0 - gap) * self._of(part)
+        if part.alone < enough:
+            return len(self.parts) > 1
+        return part.lower < enough and (part.tree is None or part.tree.has_below(enough))
+
+    def _step(self, part: Part, gap: float) -> None:
+        """Split some nodes of a part, or join it to another."""
+        enough = (1.0 - gap) * self._of(part)
+        if part.alone < enough:
+            self._join(part)
+            return
+        tree = part.tree = part.tree or self._tree(part, enough)
+        nodes = tree.least(enough)
+        try:
+            results = list(self._split(tree, nodes, enough))
+        except BaseException:
+            tree.put_back(nodes)
+            raise
+        for node, result in zip(nodes, results, strict=True):
+            tree.replace(node, result.parts, enough)
+            if self._seek and result.found is not None:
+                self._try(part, tree, result.found)
+
+    def _tree(self, part: Part, enough: float) -> Tree:
+        """Return the tree of a part, with a root bounded around the best plan."""
+        name = group_name(self.plan.scenario, part.group)
+        tell(self._progress, f"bounding the cost of {name}")
+        scenario = self.plan.scenario.of_vehicles(part.group.tolist())
+        plan = Plan.from_accelerations(scenario, self.plan.accelerations[part.group])
+        everyone = np.arange(len(part.group))
+        proposal = Proposal.of(self._solved(plan), everyone, as_planned=False)
+        return Tree(scenario, Relaxation(scenario).root([proposal], enough))
+
+    def _split(self, tree: Tree, nodes: Sequence[Node], enough: float) -> Iterable[Split]:
+        """Return the results of splitting nodes, side by side if there is an executor."""
+        check_time()
+        if self._executor is None:
+            return [split(tree.scenario, node, enough) for node in nodes]
+        ends = time.time() + seconds_left()  # workers do not have this call's deadline
+        given = repeat(tree.scenario), nodes, repeat(enough), repeat(ends)
+        return self._executor.map(split, *given)
+
+    def _try(self, part: Part, tree: Tree, accelerations: FloatArray) -> None:
+        """Replace the best plan by one with other motions of a part, if it is better."""
+        alone = Plan.from_accelerations(tree.scenario, accelerations)
+        cost = float(vehicle_costs(alone).sum())
+        if cost > (1.0 - _CHEAPER) * min(self._of(part), part.alone) or not verify(alone).ok:
+            return
+        part.alone = cost
+        every = self.plan.accelerations.copy()
+        every[part.group] = accelerations
+        plan = Plan.from_accelerations(self.plan.scenario, every, self.plan.statistics)
+        if verify(plan).ok:
+            self.plan, self._costs, part.alone = plan, vehicle_costs(plan), np.inf
+
+    def _join(self, part: Part) -> None:
+        """Join a part, of which others exclude a cheaper plan, to the one with the largest gap."""
+        others = [each for each in self.parts if each is not part]
+        other = max(others, key=lambda each: self._of(each) - each.lower)
+        joined = Part(np.sort(np.append(part.group, other.group)), part.lower + other.lower)
+        self.parts = [each for each in others if each is not other] + [joined]
+
+    def _tell(self) -> None:
+        left = sum(part.tree.left for part in self.parts if part.tree is not None)
+        gap = max(0.0, 1.0 - self.bound / self.cost) if self.cost > 0.0 else 0.0
+        tell(
+            self._progress,
+            f"bound {self.bound:.6g}, best cost {self.cost:.6g} m²/s⁴, gap {percent(gap)}, "
+            f"{self.nodes} nodes, {left} left",
+        )
+
+
+def group_name(scenario: Scenario, group: IntArray) -> str:
+    """Return the name of a group: its vehicle, or the first one and the number of others."""
+    name = scenario.vehicles[group[0]].name
+    return name if len(group) == 1 else f"{name} and {len(group) - 1} more"
+
+
+def vehicle_costs(plan: Plan) -> FloatArray:
+    """Return the cost of each vehicle with the price of its soft limits [m²/s⁴], shape (N,)."""
+    costs = costs_of(plan.scenario, plan)
+    return costs + prices_of(verify(plan)) if plan.scenario.penalties else costs
+
+
+def prices_of(report: Report) -> FloatArray:
+    """Return the price of the soft limits for each vehicle [m²/s⁴], shape (N,)."""
+    prices = dict.fromkeys(report.scenario.names, 0.0)
+    for check in report.exceeded:
+        prices[check.vehicle] += check.price or 0.0
+    return np.array(list(prices.values()))
