@@ -249,13 +249,13 @@ def test_a_concave_no_fly_zone_has_no_gap(seed: int, tmp_path: Path) -> None:
     [
         ([item(16, 5, 5, 5), {**item(16, 1, 1, 1), "frame": 10}], "item 2 .NAV_WAYPOINT., frame"),
         ([item(16, 2e5, 0, 5)], "within 100 km of home"),
-        ([other(201, 0, 0, 0, 0)], r"no place, item 1 \(DO_SET_ROI\)"),
+        ([other(201, 0, 0, 0, 0)], r"no place to fly to \(left out: item 1 \(DO_SET_ROI\)\)"),
         ([{**item(16, 1, 1, 1), "params": ["x"]}], r"mission\.items\[0\]\.params\[0\]"),
         (
             [{"type": "ComplexItem", "complexItemType": "StructureScan"}],
             r"item 1 \(StructureScan\)",
         ),
-        ([], "no place"),
+        ([], "items: got no place to fly to, expected a waypoint"),
     ],
 )
 def test_what_cannot_be_flown_is_refused_by_its_item(

@@ -102,11 +102,13 @@ def _solid(name: str, corners: FloatArray, heights: tuple[float, float]) -> Poly
         ScenarioError: it is too thin.
     """
     try:
-        return Polytope(_extruded(corners, heights))
+        solid = Polytope(_extruded(corners, heights))
+        solid.check_solid()
     except ScenarioError:
-        got = Description("corners that lie on a line, or nearly so")
+        got = Description("corners nearly on a line")
         expected = "a polygon that is no thinner than a ten-thousandth of its size"
         raise ScenarioError(name, got, expected) from None
+    return solid
 
 
 def _extruded(corners: FloatArray, tall: tuple[float, float]) -> FloatArray:

@@ -84,8 +84,8 @@ def load_mission(
     Warns:
         MissionWarning: items are left out, by number and command, as those after a return; the
             file has no home, or no altitude of it; an item has no place or altitude; a place is
-            more than a metre below home; or the mission is so far from home that a level differs
-            from constant altitude by 0.1 m.
+            more than a metre below home or 10 km above it; or the mission is so far from home that
+            a level differs from constant altitude by 0.1 m.
 
     Raises:
         ScenarioError: a file cannot be read or is malformed, an altitude is above the terrain, or
@@ -231,12 +231,7 @@ def _notes(mission: MissionFile, home: Frame | None, flight: _Flight) -> Iterato
         yield f"{mission.no_altitude} is missing, so that home is taken to be at altitude 0"
     elif home is not None and mission.home is None:
         yield f"no home, so that of {_first_placed(mission)} at altitude 0 is taken"
-    if flight.route.skipped:
-        yield f"not in the scenario: {_listed(flight.route.skipped)}"
-    if flight.route.missing:
-        yield f"not in the file, so that the present one is kept: {_listed(flight.route.missing)}"
-    if flight.route.below:
-        yield f"below home, and perhaps below the ground: {_listed(flight.route.below)}"
+    yield from (f"{what}: {_listed(each)}" for what, each in flight.route.notes.items() if each)
     away = float(np.hypot(*flight.positions[:, :2].T).max())
     if (sag := away**2 / (2.0 * EARTH_RADIUS)) > _SAGS:
         yield f"{away:.0f} m from the origin, constant z is {sag:.2g} m above its altitude"

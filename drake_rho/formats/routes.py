@@ -33,7 +33,7 @@ SAME_PLACE = 1e-3
 """Distance up to which two places in a row are one [m]."""
 _FARTHEST, _HIGHEST = 1e5, 1e4
 """Largest distance of a place from home [m], beyond which local metres mean little, and largest
-altitude above it [m], beyond which it is in another unit."""
+altitude above it [m], beyond which it may be in another unit."""
 _LONGEST = 1e5
 """Longest time at rest [s]."""
 _PASSED = WAYPOINT, SPLINE, LOITER_TIME, LOITER_TURNS, LOITER_TO_ALTITUDE
@@ -75,12 +75,8 @@ class Route:
     """place of the launch [m], shape (3,)"""
     stops: tuple[Stop, ...]
     """places after it; the last one is the goal"""
-    skipped: tuple[str, ...]
-    """items that the route leaves out, or in part"""
-    below: tuple[str, ...]
-    """places more than a metre below home, and how far"""
-    missing: tuple[str, ...]
-    """items without a place or an altitude, where those before are kept"""
+    notes: dict[str, list[str]]
+    """items to tell of, by what is told of them"""
 
 
 def route_of(mission: MissionFile, home: Frame, origin: Frame) -> Route:
@@ -106,8 +102,13 @@ def route_of(mission: MissionFile, home: Frame, origin: Frame) -> Route:
         others = ", ".join([*mission.skipped, *walk.skipped][:10])
         got = f"no place to fly to{others and f' (left out: {others})'}"
         raise ScenarioError("items", Description(got), expected)
-    skipped = (*mission.skipped, *walk.skipped)
-    return Route(walk.start, tuple(walk.stops), skipped, tuple(walk.below), tuple(walk.missing))
+    notes = {
+        "not in the scenario": [*mission.skipped, *walk.skipped],
+        "not in the file, so that the present one is kept": walk.missing,
+        "below home, and perhaps below the ground": walk.below,
+        f"more than {_HIGHEST:g} m above home, perhaps in another unit": walk.above,
+    }
+    return Route(walk.start, tuple(walk.stops), notes)
 
 
 class _Walk:
@@ -121,6 +122,7 @@ class _Walk:
         self.stops: list[Stop] = []
         self.skipped: list[str] = []
         self.below: list[str] = []
+        self.above: list[str] = []
         self.missing: list[str] = []
         self.ended: str | None = None
 
@@ -172,7 +174,7 @@ class _Walk:
             self.skipped.append(f"the speed of {item}, {speed:g} m/s")
 
     def _placed(self, item: Item) -> FloatArray:
-        """Return the place of an item, and note it if it is far below home or not in the file."""
+        """Return the place of an item, and note a height far from home's or what is not given."""
         place = item.geodetic(self.home, self.place)
         if np.isnan(item.params[6]) and item.command not in _TAKEOFFS:
             self.missing.append(f"{item}, altitude")
@@ -180,6 +182,8 @@ class _Walk:
             self.missing.append(f"{item}, latitude and longitude")
         if (depth := self.home.altitude - place[2]) > _BELOW:
             self.below.append(f"{item} by {depth:.4g} m")
+        if -depth > _HIGHEST:
+            self.above.append(f"{item} at {-depth:.0f} m")
         return place
 
     def _take_off(self, item: Item) -> None:
@@ -233,9 +237,6 @@ class _Walk:
         if not np.linalg.norm(position - self.start) <= _FARTHEST:
             expected = f"a place within {_FARTHEST / 1000.0:g} km of home, {self.home}"
             raise ScenarioError(name, place.tolist(), expected)
-        if (rise := place[2] - self.home.altitude) > _HIGHEST:
-            got = Description(f"an altitude {rise:.6g} m above home")
-            raise ScenarioError(name, got, f"at most {_HIGHEST:g} m")
         before = self.stops[-1].position if self.stops else self.start
         if np.linalg.norm(position - before) > SAME_PLACE:
             self.stops.append(Stop(name, position, self.speed))
