@@ -70,7 +70,7 @@ def load_mission(
     Positions are metres east, north and up of home, which is `Scenario.frame`.
 
     Without a grid, every waypoint has a time: each leg gets as long as from rest to rest along a
-    straight line within the limits, which can always be flown if nothing is in the way.
+    straight line within the limits, longer by the way around zones on it.
     `plan_minimum_time` finds the least time of a mission whose waypoints have none.
 
     Args:

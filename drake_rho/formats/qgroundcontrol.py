@@ -248,10 +248,7 @@ class QGroundControl(MissionFormat):
 def _written(number: int, item: Item) -> dict[str, Any]:
     """Return an item as in the file."""
     params = [None if np.isnan(each) else each for each in item.params]
-    return {
-        "AMSLAltAboveTerrain": None,
-        "Altitude": params[6],
-        "AltitudeMode": 1,  # relative to home
+    written = {
         "autoContinue": True,
         "command": item.command,
         "doJumpId": number,
@@ -259,3 +256,7 @@ def _written(number: int, item: Item) -> dict[str, Any]:
         "params": params,
         "type": "SimpleItem",
     }
+    if item.is_placed:
+        relative = {"AMSLAltAboveTerrain": None, "Altitude": params[6], "AltitudeMode": 1}
+        written = {**relative, **written}
+    return written
