@@ -834,7 +834,7 @@ def test_fences_without_an_area_are_refused_by_name(
 
 def test_an_obstacle_on_a_waypoint_names_its_item(scenario: rho.Scenario) -> None:
     with pytest.raises(rho.ScenarioError, match=r"of waypoint 3 \(item 4\) outside obstacle 1"):
-        dataclasses.replace(scenario, obstacles=[rho.Sphere(PLACES[2], 5.0)])
+        dataclasses.replace(scenario, obstacles=(rho.Sphere(PLACES[2], 5.0),))
 
 
 @pytest.mark.parametrize("name", ["m.plan", "m.waypoints"])

@@ -136,14 +136,15 @@ class FirstPlan:
             InfeasibleError: the failure, if it is proved, the vehicles need no paths, or this leads
                 to no plan either.
         """
-        if problem.scenario.separation is None or not failure.about_linearisation:
+        together = problem.scenario.separation is not None and len(problem) > 1
+        if not (together and failure.about_linearisation):
             raise failure
         try:
             alone = self.of(problem.without_separation())
             # without paths, this was the start of the search that failed
             first = None if alone.statistics.searched is None else self._apart(problem, alone)
         except (InfeasibleError, SolverError) as error:
-            spent = failure.statistics + error.statistics
+            spent = error.statistics + failure.statistics  # with the failure's path search
             raise failure.replaced(statistics=spent) from None
         if first is None:
             raise failure
