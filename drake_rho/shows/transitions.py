@@ -68,7 +68,7 @@ class Transition:
             for name, start, goal in zip(show.vehicles, self.starts, self.goals, strict=False)
         ]
         return Scenario(
-            f"{show.name}: to {self.name}",
+            self.name,
             Grid(show.step, steps + 1),
             vehicles,
             _reduced(show.limits),
