@@ -58,7 +58,11 @@ def room(rng: np.random.Generator) -> rho.Show:
             points.append(point)
     crowd = forms.Table(points)
     block = forms.Grid(4, 3, 2, spacing=1.25, center=[0, 0, 1.5])
-    scenes = {"crowd": crowd, "ring": forms.Ring(24, 2.4, **placed), "block": block}
+    scenes: dict[str, AnyFormation] = {
+        "crowd": crowd,
+        "ring": forms.Ring(24, 2.4, **placed),
+        "block": block,
+    }
     return rho.Show(
         "room",
         forms.Grid(6, 4, spacing=0.5),

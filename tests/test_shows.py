@@ -236,7 +236,11 @@ def test_twenty_four_crazyflies_fly_a_show_in_a_room() -> None:
     ]
     block = forms.Grid(4, 3, 2, spacing=1.05, center=[0, 0, 1.5])
     room, apart = rho.Box([-3, -3, 0], [3, 3, 3]), rho.Separation(0.4, downwash=2.5)
-    shapes = {"tilted": tilted, "rings": forms.Table(np.concatenate(rings)), "block": block}
+    shapes: dict[str, Any] = {
+        "tilted": tilted,
+        "rings": forms.Table(np.concatenate(rings)),
+        "block": block,
+    }
     plan = flown(
         rho.Show(
             "room",
