@@ -56,6 +56,7 @@ DRAWN = {
     "mixed_windows": 1200,
     "damaged_files": 4000,
     "show_random": 20,
+    "show_room": 20,
     "clients_bags": 1000,
     "clients_pieces": 100_000,
     "clients_damaged": 2000,
@@ -154,7 +155,7 @@ CLIENTS = tuple(each for each in (*FILES, *DRAWN) if each.startswith("clients_")
 """Benchmarks of files that other programs write or read, and of trajectories of any planner."""
 
 
-SHOWS = ("show_random", "show_large")
+SHOWS = ("show_random", "show_room", "show_large")
 """Benchmarks of shows."""
 
 

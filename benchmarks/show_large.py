@@ -19,7 +19,7 @@ _WITHIN = 1e-6
 def show(side: int = 32) -> rho.Show:
     """Return the show of side² vehicles."""
     forms, count, wide = rho.formations, side**2, SPACING * side
-    cube = round(count ** (1 / 3))
+    cube = int(count ** (1 / 3) + 1e-9)
     above = [0.0, 0.0, 20.0 + wide / 2.0]
     formations: dict[str, AnyFormation] = {
         "sphere": forms.Sphere(count, 0.45 * wide, center=above),

@@ -73,8 +73,12 @@ def run(seeds: int = 20) -> Table:
 
 
 def lap(seed: int) -> Lap:
-    """Plan and judge one show."""
-    show = random_show(np.random.default_rng(seed))
+    """Plan and judge one random show."""
+    return judged(random_show(np.random.default_rng(seed)))
+
+
+def judged(show: rho.Show) -> Lap:
+    """Plan and judge a show."""
     sizes = len(show.pads.positions), len(show.scenes)
     watch = Stopwatch()
     try:

@@ -43,6 +43,37 @@ def random_show(rng: np.random.Generator) -> rho.Show:
     )
 
 
+def room(rng: np.random.Generator) -> rho.Show:
+    """Draw three formations of 24 Crazyflies in a room of 6 m, with downwash.
+
+    The first is of random points that keep the separation with a tenth to spare.
+    """
+    apart = rho.Separation(0.4, downwash=rng.uniform(2.0, 3.0))
+    forms, placed = rho.formations, {"center": [0, 0, 1.6], "rotation": [0.4, 0, rng.uniform(0, 6)]}
+    points = list[Any]()
+    while len(points) < 24:
+        point = rng.uniform([-2.8, -2.8, 0.4], [2.8, 2.8, 2.8])
+        away = apart.scaled(np.array([point, *points]))
+        if np.linalg.norm(away[1:] - away[0], axis=1).min(initial=1.0) >= 1.1 * apart.distance:
+            points.append(point)
+    crowd = forms.Table(points)
+    block = forms.Grid(4, 3, 2, spacing=1.25, center=[0, 0, 1.5])
+    scenes: dict[str, AnyFormation] = {
+        "crowd": crowd,
+        "ring": forms.Ring(24, 2.4, **placed),
+        "block": block,
+    }
+    return rho.Show(
+        "room",
+        forms.Grid(6, 4, spacing=0.5),
+        [rho.Scene(name, each, hold=1.0) for name, each in scenes.items()],
+        rho.Limits(rho.Box([-3, -3, 0], [3, 3, 3]), max_speed=1.5, max_acceleration=3.0),
+        apart,
+        step=0.2,
+        take_off=rho.TakeOff(1.0),
+    )
+
+
 def random_formation(rng: np.random.Generator, count: int) -> AnyFormation:
     """Draw a formation of about as many points, above everything that waits."""
     forms, side = rho.formations, int(np.floor(np.cbrt(count) + 1e-9))

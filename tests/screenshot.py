@@ -13,7 +13,7 @@ import drake_rho as rho
 from drake_rho.display.viewer.film import Footage, write_film
 from tests.browser import open_page
 
-RATES = {"fleet": 1.5, "viewer": 6.0, "forest": 1.5}
+RATES = {"fleet": 1.5, "viewer": 6.0, "forest": 1.5, "show": 4.0}
 """Seconds of flight in a second of each moving picture."""
 
 
@@ -37,28 +37,28 @@ def fleet() -> rho.Scenario:
     return dataclasses.replace(swap, vehicles=vehicles, obstacles=pillars)
 
 
-def forest() -> rho.Plan:
-    """Return what twenty vehicles fly that plan for themselves, by the code of the gallery."""
+def in_gallery(film: str) -> dict[str, Any]:
+    """Return the variables of the gallery's code below a film."""
     page = Path(__file__).parents[1] / "docs" / "gallery.md"
-    below = r"figures/forest\.gif\).*?^```python\n(.*?)^```"
+    below = rf"figures/{film}\.gif\).*?^```python\n(.*?)^```"
     found = re.search(below, page.read_text(), re.DOTALL | re.MULTILINE)
     assert found
-    left: dict[str, Any] = {}
-    exec(compile(found[1], page.name, "exec"), left)  # noqa: S102  # the code is that of the page
-    plan: rho.Plan = left["flown"].plan
-    return plan
+    variables: dict[str, Any] = {}
+    exec(compile(found[1], page.name, "exec"), variables)  # noqa: S102  # of the page
+    return variables
 
 
 def main(folder: Path) -> None:
-    """Draw films of a fleet and a forest, and of Example 4 a still and a film."""
-    plan = rho.plan(fleet())
-    assert rho.verify(plan).ok
-    footage = Footage.of(plan.scenario.grid.duration, ".gif", RATES["fleet"])
-    write_film(rho.viewer_page(plan), folder / "fleet.gif", footage)
-    plan = forest()
-    assert rho.verify(plan).ok
-    footage = Footage.of(plan.scenario.grid.duration, ".gif", RATES["forest"])
-    write_film(rho.viewer_page(plan), folder / "forest.gif", footage)
+    """Draw films of a fleet, a forest and a show, and of Example 4 a still and a film."""
+    plans = {
+        "fleet": rho.plan(fleet()),
+        "forest": in_gallery("forest")["flown"].plan,
+        "show": in_gallery("show")["plan"],
+    }
+    for name, plan in plans.items():
+        assert rho.verify(plan).ok
+        footage = Footage.of(plan.scenario.grid.duration, ".gif", RATES[name])
+        write_film(rho.viewer_page(plan), folder / f"{name}.gif", footage)
     flight = rho.plan_rho(rho.load_scenario("paper"))
     html = rho.viewer_page(flight)
     with tempfile.TemporaryDirectory() as scratch, open_page() as (page, _):

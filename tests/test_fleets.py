@@ -521,6 +521,28 @@ def test_a_linear_program_that_clarabel_fails_on_goes_to_another_solver(
     assert solution.x.sum() == pytest.approx(0.5)
 
 
+def test_a_fleet_without_joint_paths_is_planned_along_own_paths() -> None:
+    """On the grids that are searched, each vehicle has a path, but not both together."""
+    above, corner = (
+        rho.Waypoint(time, [x, y, z]) for time, x, y, z in ((6, 0, 0, 10), (26, -42.5, 30, 15))
+    )
+    courier = rho.Vehicle(
+        "courier", rho.State([0, 0, 0]), rho.State([-5, 30, 15]), waypoints=[above, corner]
+    )
+    scout = rho.Vehicle("scout", rho.State([-5, 0, 0]), rho.State([-5, 0, 5]))
+    room = rho.KeepIn(rho.Box([-50, -5, -1], [7.5, 37.5, 65]))
+    scenario = rho.Scenario(
+        "notch",
+        rho.Grid.lasting(44.0, step=2.0),
+        [courier, scout],
+        rho.Limits(max_speed=4.0, max_acceleration=4.0),
+        [rho.Box([-30, 25, -5], [-20, 50, 70])],
+        separation=rho.Separation(0.5),
+        requirements=[room],
+    )
+    assert rho.verify(rho.plan(scenario)).ok
+
+
 def test_a_reference_of_other_vehicles_is_refused() -> None:
     with pytest.raises(ValueError, match="reference: got 2 vehicles"):
         rho.plan_scp(through_the_middle(3), reference=rho.plan_scp(through_the_middle(2)))

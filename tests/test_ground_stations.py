@@ -129,12 +129,11 @@ def test_the_speed_is_limited_from_its_change_on(plan: rho.Plan) -> None:
 
 
 def own_places(path: Path) -> np.ndarray:
-    """Return latitude, longitude and altitude of the items of a plan file."""
+    """Return latitude, longitude and altitude of the items with a place of a plan file."""
     mission = json.loads(path.read_text())["mission"]
     level = mission["plannedHomePosition"][2]
-    return np.array(
-        [[*each["params"][4:6], level + each["params"][6]] for each in mission["items"]]
-    )
+    placed = [each["params"][4:] for each in mission["items"] if each["command"] != 178]
+    return np.array([[*place, level + height] for *place, height in placed])
 
 
 def places_by_pymavlink(path: Path) -> np.ndarray:
@@ -142,6 +141,7 @@ def places_by_pymavlink(path: Path) -> np.ndarray:
     loader = mavwp.MAVWPLoader()
     loader.load(str(path))
     home, *items = [loader.wp(k) for k in range(loader.count())]
+    items = [each for each in items if each.command != 178]
     return np.array([[each.x, each.y, home.z + each.z] for each in items])
 
 
@@ -249,13 +249,13 @@ def test_a_concave_no_fly_zone_has_no_gap(seed: int, tmp_path: Path) -> None:
     [
         ([item(16, 5, 5, 5), {**item(16, 1, 1, 1), "frame": 10}], "item 2 .NAV_WAYPOINT., frame"),
         ([item(16, 2e5, 0, 5)], "within 100 km of home"),
-        ([other(201, 0, 0, 0, 0)], r"no place, item 1 \(DO_SET_ROI\)"),
+        ([other(201, 0, 0, 0, 0)], r"no place to fly to \(left out: item 1 \(DO_SET_ROI\)\)"),
         ([{**item(16, 1, 1, 1), "params": ["x"]}], r"mission\.items\[0\]\.params\[0\]"),
         (
             [{"type": "ComplexItem", "complexItemType": "StructureScan"}],
             r"item 1 \(StructureScan\)",
         ),
-        ([], "no place"),
+        ([], "items: got no place to fly to, expected a waypoint"),
     ],
 )
 def test_what_cannot_be_flown_is_refused_by_its_item(
@@ -614,7 +614,8 @@ def test_takeoffs_and_landings_are_vertical_and_told_as_flown(tmp_path: Path) ->
     for k, (file, commands) in enumerate(zip(written.files, ([22, 16], [22, 21]), strict=True)):
         items = json.loads(file.read_text())["mission"]["items"]
         assert [items[0]["command"], items[-1]["command"]] == commands
-        assert {each["command"] for each in items[1:-1]} <= {16}
+        assert [each["command"] for each in items[1:3]] == [178, items[2]["command"]]
+        assert {each["command"] for each in items[2:-1]} <= {16}
         assert 0.0 < items[0]["params"][6] <= 2.5
         home = json.loads(file.read_text())["mission"]["plannedHomePosition"]
         places = np.vstack([home, own_places(file)])
@@ -640,7 +641,8 @@ def test_flights_from_the_air_need_no_takeoff(tmp_path: Path) -> None:
             rho.plan(rho.Scenario("air", grid, [vehicle], frame=HOME)), tmp_path / "v.plan"
         )
         items = json.loads((tmp_path / "v.plan").read_text())["mission"]["items"]
-        assert {each["command"] for each in items} == {16}
+        assert [each["command"] for each in items[:2]] == [178, 16]
+        assert {each["command"] for each in items[1:]} == {16}
         assert written.deviation <= 0.1 + 1e-3
 
 
@@ -661,10 +663,14 @@ def test_the_distance_that_may_be_violated_is_named(tmp_path: Path) -> None:
     wall = rho.KeepIn(rho.HalfSpace([-1, 0, 0], 0.0), name="fence")
     plan = rho.plan(scouts(requirements=[wall], separation=rho.Separation(9.0)))
     written = rho.export(plan, tmp_path / "all", format="mavlink")
-    words = "(requirement 1 (fence)): separation may now be violated by up to 9 m"
-    assert str(written).endswith(words)
+    fence = "requirement 1 (fence)"
+    words = f"({fence}): separation may now be violated by up to 9 m, {fence} by up to "
+    assert str(written).endswith(f"{words}{written.deviation:.3g} m")
     assert written.spare is not None
-    assert (written.spare.closest, written.spare.lost) == ("requirement 1 (fence)", "separation")
+    assert (written.spare.closest, written.spare.lost) == (fence, "separation")
+    assert not written.spare.keeps_clear
+    most = {"separation": 9.0, fence: written.deviation}
+    assert written.spare.violated == pytest.approx(most, abs=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -684,3 +690,160 @@ def test_errors_of_places_have_few_digits(tmp_path: Path) -> None:
     with pytest.raises(rho.ScenarioError, match=r"item 2: got \[40\.0, ") as caught:
         rho.load_mission(plan_file(tmp_path, ITEMS, polygons=[fence]))
     assert re.search(r"\d\.\d{5}", str(caught.value)) is None
+
+
+def told(path: Path) -> list[str]:
+    """Return what is told of a mission."""
+    with warnings.catch_warnings(record=True) as found:
+        warnings.simplefilter("always")
+        rho.load_mission(path)
+    return [str(each.message) for each in found]
+
+
+LANDING = item(21, 60, 0, 0)
+
+
+@pytest.mark.parametrize("after", [item(22, 60, 0, 15), item(16, 40, 0, 15), other(20, 0, 0, 0, 0)])
+def test_nothing_is_flown_after_a_landing(after: dict[str, Any], tmp_path: Path) -> None:
+    path = plan_file(tmp_path, [ITEMS[0], LANDING, other(93, 5, 0, 0, 0), after])
+    words = r"item 2 \(NAV_LAND\): got a landing, .* item 4 .*: split the mission there$"
+    with pytest.raises(rho.ScenarioError, match=words):
+        rho.load_mission(path)
+    rho.load_mission(plan_file(tmp_path, [ITEMS[0], LANDING, other(93, 5, 0, 0, 0)]))
+
+
+def test_items_after_a_return_are_left_out(tmp_path: Path) -> None:
+    path = plan_file(tmp_path, [*ITEMS, item(16, 40, 30, 20), item(21, 40, 30, 0)])
+    with pytest.warns(rho.MissionWarning, match=r"item 6 \(NAV_WAYPOINT\) after item 5 \(NAV_RET"):
+        found = rho.load_mission(path)
+    np.testing.assert_allclose(places_of(found), PLACES, atol=MILLIMETRE)
+
+
+PATTERN = {
+    "type": "ComplexItem",
+    "complexItemType": "fwLandingPattern",
+    "landingApproachCoordinate": [*geodetic(60, 0, 0)[:2], 30],
+    "landCoordinate": [*geodetic(100, 0, 0)[:2], 0],
+}
+
+
+@pytest.mark.parametrize("key", ["command", "frame"])
+def test_keys_of_items_have_no_defaults(key: str, tmp_path: Path) -> None:
+    items = [dict(each) for each in ITEMS]
+    del items[1][key]
+    with pytest.raises(rho.ScenarioError, match=f"plan: item 2, {key}: got nothing"):
+        rho.load_mission(plan_file(tmp_path, items))
+    with pytest.raises(rho.ScenarioError, match="plan: item 2, altitudesAreRelative: got nothing"):
+        rho.load_mission(plan_file(tmp_path, [ITEMS[0], PATTERN]))
+    older = {"loiterAltitudeRelative": True, "landAltitudeRelative": True}
+    rho.load_mission(plan_file(tmp_path, [ITEMS[0], {**PATTERN, **older}]))
+
+
+def test_fences_say_on_which_side_vehicles_stay(tmp_path: Path) -> None:
+    circle = {"circle": {"center": on_map((200.0, 0.0))[0], "radius": 4.0}}
+    zone = polygon(False, (200, 200), (220, 200), (220, 220))
+    del zone["inclusion"]
+    for name, fence in (("circles", circle), ("polygons", zone)):
+        words = rf"geoFence\.{name}\[0\]\.inclusion: got nothing"
+        with pytest.raises(rho.ScenarioError, match=words):
+            rho.load_mission(plan_file(tmp_path, ITEMS, **{name: [fence]}))
+
+
+def changed(index: int, parameter: int, value: float | None) -> list[dict[str, Any]]:
+    """Return the mission's items with another value of a parameter."""
+    items = [{**each, "params": [*each["params"]]} for each in ITEMS]
+    items[index]["params"][parameter] = value
+    return items
+
+
+@pytest.mark.parametrize(
+    ("items", "words"),
+    [
+        (changed(1, 4, None), r"item 2 \(NAV_WAYPOINT\), latitude: got nothing, expected both"),
+        (changed(1, 5, None), r"item 2 \(NAV_WAYPOINT\), longitude: got nothing, expected both"),
+        (
+            changed(1, 0, -3),
+            r"item 2 \(NAV_WAYPOINT\), hold time: got -3\.0, expected at least 0 s",
+        ),
+        (
+            changed(2, 1, 1e-6),
+            r"item 3 \(DO_CHANGE_SPEED\): got 1e-06, expected a speed from 0\.01",
+        ),
+        (changed(2, 1, 1e6), r"item 3 \(DO_CHANGE_SPEED\): got 1000000\.0, expected a speed"),
+        ([{**ITEMS[0], "frame": 99}], "frame: got 99, expected 0 or 5 .* or 3 or 6"),
+    ],
+)
+def test_values_that_mean_nothing_are_refused(
+    items: list[dict[str, Any]], words: str, tmp_path: Path
+) -> None:
+    with pytest.raises(rho.ScenarioError, match=rf"survey\.plan: .*{words}"):
+        rho.load_mission(plan_file(tmp_path, items))
+
+
+@pytest.mark.parametrize(
+    ("items", "words"),
+    [
+        (changed(1, 6, None), r"present one is kept: item 2 \(NAV_WAYPOINT\), altitude"),
+        (changed(2, 1, 0.0), r"the speed of item 3 \(DO_CHANGE_SPEED\), 0 m/s"),
+        (changed(2, 1, -3.0), r"the speed of item 3 \(DO_CHANGE_SPEED\), -3 m/s"),
+        (changed(1, 6, 20000), r"above home, .* another unit: item 2 \(NAV_WAYPOINT\) at 20000 m"),
+        (
+            [ITEMS[0], {**ITEMS[1], "params": [0, 0, 0, None, 0, 0, 15]}, *ITEMS[2:]],
+            r"present one is kept: item 2 \(NAV_WAYPOINT\), latitude and longitude",
+        ),
+    ],
+)
+def test_what_is_guessed_is_told(items: list[dict[str, Any]], words: str, tmp_path: Path) -> None:
+    (found,) = told(plan_file(tmp_path, items))
+    assert re.search(words, found)
+
+
+def test_a_speed_goes_back_to_that_of_the_plan(tmp_path: Path) -> None:
+    items = [*ITEMS[:3], item(16, 40, 20, 20), other(178, 1, -2, -1, 0), *ITEMS[3:]]
+    (cap,) = (
+        each for each in rho.load_mission(plan_file(tmp_path, items)).requirements if each.between
+    )
+    assert (cap.between, cap.name) == (("item 2", "item 4"), "3 m/s")
+
+
+def test_without_a_home_no_altitude_above_the_sea_is_read(tmp_path: Path) -> None:
+    path = homed(plan_file(tmp_path, ITEMS), 0, 0, 0)
+    with pytest.raises(
+        rho.ScenarioError, match=r"plan: home: got nothing, .*item 4 \(NAV_WAYPOINT"
+    ):
+        rho.load_mission(path)
+    assert rho.load_mission(path, home=HOME).frame == HOME
+
+
+@pytest.mark.parametrize(
+    ("corners", "words"),
+    [
+        ([(0, 0), (10, 10), (20, 20)], "got corners nearly on a line, expected a polygon"),
+        ([(0, 0)] * 4, "got only one corner, expected a polygon of 3 to 200"),
+    ],
+)
+@pytest.mark.parametrize("inclusion", [True, False])
+def test_fences_without_an_area_are_refused_by_name(
+    corners: list[tuple[float, float]], words: str, inclusion: bool, tmp_path: Path
+) -> None:
+    name = f"{'inclusion' if inclusion else 'exclusion'} polygon 1"
+    path = plan_file(tmp_path, ITEMS, polygons=[polygon(inclusion, *corners)])
+    with pytest.raises(rho.ScenarioError, match=f"survey.plan: {name}: {words}"):
+        rho.load_mission(path)
+
+
+def test_an_obstacle_on_a_waypoint_names_its_item(scenario: rho.Scenario) -> None:
+    with pytest.raises(rho.ScenarioError, match=r"of waypoint 3 \(item 4\) outside obstacle 1"):
+        dataclasses.replace(scenario, obstacles=(rho.Sphere(PLACES[2], 5.0),))
+
+
+@pytest.mark.parametrize("name", ["m.plan", "m.waypoints"])
+def test_the_largest_speed_is_set_after_the_takeoff(
+    name: str, plan: rho.Plan, tmp_path: Path
+) -> None:
+    rho.export(plan, tmp_path / name)
+    top = round(float(np.linalg.norm(plan.velocities, axis=-1).max()), 3)
+    again = rho.load_mission(tmp_path / name)
+    assert again.limits.max_speed == top
+    assert [each.name for each in again.vehicles[0].waypoints[:2]] == ["item 1", "item 3"]
+    assert not any(each.between for each in again.requirements)

@@ -228,6 +228,42 @@ def test_random_shows_hold_everything(seed: int, count: int, landing: str) -> No
         )
 
 
+def test_twenty_four_crazyflies_fly_a_show_in_a_room() -> None:
+    """Formations fill the room; the separation of 0.4 m is 1 m vertically."""
+    tilted = forms.Ring(24, 2.4, center=[0, 0, 1.6], rotation=[0.4, 0, 0])
+    rings = [
+        forms.Ring(n, r, center=[0, 0, z]).positions for n, r, z in ((14, 2.4, 0.8), (10, 1, 2))
+    ]
+    block = forms.Grid(4, 3, 2, spacing=1.05, center=[0, 0, 1.5])
+    room, apart = rho.Box([-3, -3, 0], [3, 3, 3]), rho.Separation(0.4, downwash=2.5)
+    shapes: dict[str, Any] = {
+        "tilted": tilted,
+        "rings": forms.Table(np.concatenate(rings)),
+        "block": block,
+    }
+    plan = flown(
+        rho.Show(
+            "room",
+            forms.Grid(6, 4, spacing=0.5),
+            [rho.Scene(name, each, 1.0) for name, each in shapes.items()],
+            rho.Limits(room, max_speed=1.5, max_acceleration=3.0),
+            apart,
+            step=0.2,
+            take_off=rho.TakeOff(1.0),
+        )
+    )
+    assert rho.verify(plan).ok
+    times = np.linspace(0.0, plan.times[-1], 2000)
+    positions = plan.at(times).positions
+    assert (np.abs(positions - [0, 0, 1.5]) <= np.array([3, 3, 1.5]) + 1e-6).all()
+    scaled = positions / [1.0, 1.0, 2.5]
+    pairs = itertools.combinations(range(24), 2)
+    least = min(np.linalg.norm(scaled[i] - scaled[j], axis=1).min() for i, j in pairs)
+    assert 0.4 - 1e-6 <= least < 0.41  # the separation is kept, and has an effect
+    at_rest = np.abs(np.diff(positions[:, [0, -1]], axis=1)).max()
+    assert at_rest < 1e-6  # all are back on their own pads
+
+
 def test_vehicles_take_off_two_by_two_and_land_as_the_mirror_image() -> None:
     plan = flown(show(ring()))
     moving = np.linalg.norm(plan.positions - plan.positions[:, :1], axis=2) > 1e-9

@@ -48,7 +48,7 @@ def test_every_task_leads_to_code_or_a_command() -> None:
 def test_the_gallery_has_scenes_of_every_kind() -> None:
     text = (DOCS / "gallery.md").read_text()
     films = text.count(".gif)")
-    assert films == 1
+    assert films == 2
     drawn = len(scenes(DOCS / "gallery.md"))
     assert drawn + films == text.count("## ") == text.count("![") >= 10
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 import signal
 import socket
@@ -675,3 +676,57 @@ def test_the_choices_are_not_cut_off_at_any_size(tmp_path: Path) -> None:
                 }"""
             )
             assert needed <= there, (wide, needed, there)
+
+
+def _show() -> rho.Plan:
+    """Return a show of six vehicles in two colours and white, with one long name."""
+    forms, above = rho.formations, [0, 0, 8]
+    long = "a name that is far too long for its part of the bar, whatever the window"
+    scenes = [
+        rho.Scene("ring", forms.Ring(6, 3.0, center=above), 1.0, colours=["#ff0000"]),
+        rho.Scene(long, forms.Ring(6, 4.0, center=above), 0.0, colours=["#0000ff"]),
+        rho.Scene("wall", forms.Grid(3, 2, spacing=2.5, center=above), 1.0),
+    ]
+    limits, up = rho.Limits(max_speed=5.0, max_acceleration=3.0), rho.TakeOff(2.0)
+    pads = forms.Grid(3, 2, spacing=2.0)
+    show = rho.Show("show", pads, scenes, limits, rho.Separation(1.0), take_off=up)
+    return rho.plan_show(show, solver=rho.Daqp())
+
+
+def test_scenes_of_a_show_are_named_on_the_time_bar_and_lights_shine(tmp_path: Path) -> None:
+    plan = _show()
+    stops = plan.scenario.vehicles[0].waypoints
+    with _opened(rho.viewer_page(plan), tmp_path) as page:
+        chapters = page.locator(".scenes button")
+        assert chapters.all_inner_texts() == [stop.name for stop in stops]
+        boxes = chapters.evaluate_all(
+            "all => all.map(each => each.getBoundingClientRect().toJSON())"
+        )
+        slider = page.locator(".transport input").bounding_box()
+        assert slider
+        for box, stop in zip(boxes, stops, strict=True):  # the knob's middle is over the name
+            share = (stop.time or 0.0) / plan.scenario.grid.duration
+            begin = slider["x"] + 8.0 + share * (slider["width"] - 16.0)
+            assert box["left"] == pytest.approx(begin, abs=2.0)
+            assert box["width"] > 24.0
+        for box, other in itertools.pairwise(boxes):
+            assert box["right"] <= other["left"] + 0.5
+        for index, (stop, light) in enumerate(zip(stops, (RED, BLUE, WHITE), strict=True)):
+            chapters.nth(index).click()
+            assert (stop.name or "?") in page.locator(".headline").inner_text()
+            assert _lamp(page) == pytest.approx(light, abs=0.01)
+        _read(page, 0.0)
+        assert "to ring" in page.locator(".headline").inner_text()
+        red, green, blue = _lamp(page)  # off: grey
+        assert max(red, green, blue) - min(red, green, blue) < 0.15
+        _keep(page, "show")
+
+
+RED, BLUE, WHITE = (1, 0, 0), (0, 0, 1), (1, 1, 1)
+
+
+def _lamp(page: Page) -> tuple[float, float, float]:
+    """Return the colour of the first vehicle in the table, from 0 to 1."""
+    style = page.locator(".panel tbody tr i").first.get_attribute("style") or ""
+    red, green, blue = (int(each) / 255.0 for each in re.findall(r"\d+", style)[:3])
+    return red, green, blue

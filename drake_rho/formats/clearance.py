@@ -15,6 +15,8 @@ from drake_rho.verification.verify import verify
 
 _DISTANCES = ("position", "obstacles", "separation", "requirements")
 """Kinds of requirements on distances, which deviations reduce."""
+_NAMED = 8
+"""Largest number of constraints that the text names."""
 _NEGLIGIBLE = 1e-6
 """Clearance that is printed as zero [m]."""
 
@@ -33,13 +35,29 @@ class Spare:
     left: float
     """lower bound of the clearance if every vehicle deviates from the motion [m]: each displaced
     towards its closest constraint, and other vehicles towards it"""
-    keeps_clear: bool
-    """whether `left` is nonnegative within the tolerances of `verify`; if not, distances may be
-    violated by up to `-left`"""
+    violated: dict[str, float]
+    """largest violation of each distance that may be violated, beyond the tolerances of `verify`
+    [m], by the name of the constraint; infinite without a bound"""
     closest: str = ""
     """name of the constraint with the least clearance before; empty if there are none"""
     lost: str = ""
     """name of the constraint with the least clearance after"""
+
+    @property
+    def keeps_clear(self) -> bool:
+        """Whether all distances still hold; if not, they may be violated by up to `-left`."""
+        return not self.violated
+
+    def without(self, violations: dict[str, float]) -> Spare:
+        """Return the clearance if further distances may be violated.
+
+        Args:
+            violations: largest violations [m] by the names of their constraints.
+        """
+        violated = self.violated | violations
+        worst = ((-by, name) for name, by in violated.items())
+        left, lost = min([(self.left, self.lost), *worst])
+        return dataclasses.replace(self, left=left, violated=violated, lost=lost)
 
     def __str__(self) -> str:
         if np.isinf(self.before):
@@ -48,9 +66,17 @@ class Spare:
         spare = f"which has {much} to spare beyond the required distances ({self.closest})"
         if self.keeps_clear:
             return f"{spare}: they still hold"
-        if np.isinf(self.left):
-            return f"{spare}: {self.lost} may now be violated by any amount"
-        return f"{spare}: {self.lost} may now be violated by up to {-self.left:.3g} m"
+        (first, most), *others = sorted(self.violated.items(), key=lambda each: -each[1])
+        texts = [f"{first} may now be violated by {_up_to(most)}"]
+        texts += [f"{name} by {_up_to(by)}" for name, by in others[: _NAMED - 1]]
+        if len(others) >= _NAMED:
+            texts.append(f"{len(others) - _NAMED + 1} more")
+        return f"{spare}: {', '.join(texts)}"
+
+
+def _up_to(distance: float) -> str:
+    """Return words for a largest violation [m]."""
+    return "any amount" if np.isinf(distance) else f"up to {distance:.3g} m"
 
 
 def spare_of(flown: Flown, deviations: FloatArray) -> Spare:
@@ -70,8 +96,11 @@ def spare_of(flown: Flown, deviations: FloatArray) -> Spare:
     after = [(left - d, name) for (left, name), d in zip(before, closer, strict=True)]
     none = (np.inf, "")
     (most, closest), (left, lost) = min(before, default=none), min(after, default=none)
-    keeps = all(c.excess + d <= c.tolerance for c, d in zip(checks, closer, strict=True))
-    return Spare(most, left, keeps, closest, lost)
+    violated = dict[str, float]()
+    for check, d in zip(checks, closer, strict=True):
+        if (by := check.excess + d) > check.tolerance:
+            violated[check.constraint] = max(float(by), violated.get(check.constraint, 0.0))
+    return Spare(most, left, violated, closest, lost)
 
 
 def _closer_by(check: Check, scenario: Scenario, deviations: dict[str, float]) -> float:

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
 from drake_rho.formats.mission_items import Fence
-from drake_rho.scenario.errors import ScenarioError
+from drake_rho.scenario.errors import Description, ScenarioError
 from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.frame import Frame
 from drake_rho.scenario.obstacles import Obstacle
@@ -72,12 +72,13 @@ def zones_of(fences: tuple[Fence, ...], origin: Frame, heights: tuple[float, flo
         zones = [polygon]
         if fence.inclusion:
             hull = ConvexHull(polygon).vertices
-            whole = Polytope(_extruded(polygon[hull], heights))
+            whole = _solid(fence.name, polygon[hull], heights)
             requirements.append(KeepIn(whole, name=fence.name))
             zones = list(_pockets(polygon, hull))
         for zone in zones:
             parts = _convex_parts(fence.name, zone, heights[1] - heights[0])
-            obstacles += [_prism(fence.name, part, heights) for part in parts]
+            solids = [_solid(fence.name, part, heights) for part in parts]
+            obstacles += [Obstacle(each, name=fence.name) for each in solids]
     return Zones(tuple(requirements), tuple(obstacles))
 
 
@@ -94,17 +95,20 @@ def _local(fence: Fence, origin: Frame) -> FloatArray:
     return local
 
 
-def _prism(name: str, corners: FloatArray, heights: tuple[float, float]) -> Obstacle:
-    """Return a part of a zone as an obstacle.
+def _solid(name: str, corners: FloatArray, heights: tuple[float, float]) -> Polytope:
+    """Return a convex polygon between two heights.
 
     Raises:
-        ScenarioError: it is too thin for an obstacle.
+        ScenarioError: it is too thin.
     """
     try:
-        return Obstacle(Polytope(_extruded(corners, heights)), name=name)
+        solid = Polytope(_extruded(corners, heights))
+        solid.check_solid()
     except ScenarioError:
-        expected = "a polygon whose triangles are no thinner than a ten-thousandth of its size"
-        raise ScenarioError(name, corners.tolist(), expected) from None
+        got = Description("corners nearly on a line")
+        expected = "a polygon that is no thinner than a ten-thousandth of its size"
+        raise ScenarioError(name, got, expected) from None
+    return solid
 
 
 def _extruded(corners: FloatArray, tall: tuple[float, float]) -> FloatArray:
@@ -122,7 +126,9 @@ def _anticlockwise(name: str, corners: FloatArray) -> FloatArray:
     corners = corners[apart]
     if not 3 <= len(corners) <= _MOST_CORNERS:
         expected = f"a polygon of 3 to {_MOST_CORNERS} different corners"
-        raise ScenarioError(name, f"{len(corners)} corners", expected)
+        count = max(len(corners), 1)
+        got = "only one corner" if count == 1 else f"{count} corners"
+        raise ScenarioError(name, Description(got), expected)
     try:
         ConvexHull(corners)
     except QhullError:

@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 
-from drake_rho.scenario.errors import ScenarioError
+from drake_rho.scenario.errors import Description, ScenarioError
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.frame import Frame
 
@@ -18,6 +18,9 @@ NAVIGATION = 92
 
 AMSL, RELATIVE, TERRAIN = (0, 5), (3, 6), (10, 11)
 """Frames of MAVLink by what their altitudes are above: mean sea level, home, the terrain."""
+
+SLOWEST, FASTEST = 0.01, 1000.0
+"""Least and largest speed that is read [m/s]: others are slips, or in another unit."""
 
 MOST_ITEMS = 2000
 """Largest number of items of a mission."""
@@ -93,7 +96,7 @@ class Item:
     def geodetic(self, home: Frame, before: FloatArray) -> FloatArray:
         """Return latitude, longitude [degrees] and altitude above mean sea level [m], shape (3,).
 
-        Latitude and longitude that are both zero or missing are those of the place before, as
+        Latitude and longitude that are both zero or both missing are those of the place before, as
         autopilots take them; so is a missing altitude.
 
         Args:
@@ -101,14 +104,17 @@ class Item:
             before: the place before, in the same units.
 
         Raises:
-            ScenarioError: the altitude is above the terrain or in an unknown frame, or this is no
-                place on the Earth.
+            ScenarioError: only one of latitude and longitude is given, the altitude is above the
+                terrain or in an unknown frame, or this is no place on the Earth.
         """
         latitude, longitude, altitude = self.params[4:]
         place = np.array(before)
-        if latitude != 0.0 or longitude != 0.0:
-            given = np.array([latitude, longitude])
-            place[:2] = np.where(np.isnan(given), place[:2], given)
+        if np.isnan(latitude) != np.isnan(longitude):
+            missing = "latitude" if np.isnan(latitude) else "longitude"
+            expected = "both latitude and longitude, or neither"
+            raise ScenarioError(f"{self}, {missing}", Description("nothing"), expected)
+        if self.is_placed:
+            place[:2] = latitude, longitude
         if not (abs(place[0]) <= 90.0 and abs(place[1]) <= 180.0):
             expected = "a latitude within 90 degrees and a longitude within 180"
             raise ScenarioError(str(self), place[:2].tolist(), expected)
@@ -116,13 +122,19 @@ class Item:
             place[2] = altitude + self._datum(home)
         return place
 
+    @property
+    def is_placed(self) -> bool:
+        """Whether it has a place on the map: 0, 0 is none."""
+        latitude, longitude = self.params[4:6]
+        return (latitude != 0.0 or longitude != 0.0) and not np.isnan([latitude, longitude]).any()
+
     def _datum(self, home: Frame) -> float:
         """Return the altitude of the level from which the item's altitude counts [m]."""
         if self.frame in AMSL:
             return 0.0
         if self.frame in RELATIVE:
             return home.altitude
-        expected = "0 (above mean sea level) or 3 (relative to home)"
+        expected = "0 or 5 (above mean sea level), or 3 or 6 (relative to home)"
         if self.frame in TERRAIN:
             expected += ": the terrain's heights are not in the file"
         raise ScenarioError(f"{self}, frame", self.frame, expected)

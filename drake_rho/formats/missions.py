@@ -70,7 +70,7 @@ def load_mission(
     Positions are metres east, north and up of home, which is `Scenario.frame`.
 
     Without a grid, every waypoint has a time: each leg gets as long as from rest to rest along a
-    straight line within the limits, which can always be flown if nothing is in the way.
+    straight line within the limits, longer by the way around zones on it.
     `plan_minimum_time` finds the least time of a mission whose waypoints have none.
 
     Args:
@@ -82,15 +82,16 @@ def load_mission(
             take minutes for eight.
 
     Warns:
-        MissionWarning: items are left out, by number and command; the file has no home, or no
-            altitude of it; a place is more than a metre below home; or the mission is so far from
-            home that a level differs from constant altitude by 0.1 m.
+        MissionWarning: items are left out, by number and command, as those after a return; the
+            file has no home, or no altitude of it; an item has no place or altitude; a place is
+            more than a metre below home or 10 km above it; or the mission is so far from home that
+            a level differs from constant altitude by 0.1 m.
 
     Raises:
         ScenarioError: a file cannot be read or is malformed, an altitude is above the terrain, or
-            above mean sea level where home's is missing, a take-off is below home, a scenario
-            cannot represent an item, or the extra `missions` is not installed. The error's field
-            names file and item.
+            above mean sea level where home's is missing, a take-off is below home, an item is
+            flown after a landing, a scenario cannot represent an item, or the extra `missions` is
+            not installed. The error's field names file and item.
     """
     paths = [Path(path)] if isinstance(path, str | Path) else [Path(each) for each in path]
     if not paths:
@@ -178,10 +179,11 @@ def _home(path: Path, mission: MissionFile, given: Frame | None) -> Frame:
     """
     if given is not None:
         return given
-    if mission.no_altitude and (item := _above_sea(mission)) is not None:
+    found, unknown = mission.home, mission.no_altitude or ("" if mission.home else "home")
+    if unknown and (item := _above_sea(mission)) is not None:
         expected = f"the altitude of home, or home=Frame(...): {item} is above mean sea level"
-        raise ScenarioError(f"{path}: {mission.no_altitude}", Description("nothing"), expected)
-    if (found := mission.home) is not None:
+        raise ScenarioError(f"{path}: {unknown}", Description("nothing"), expected)
+    if found is not None:
         return found
     if (first := _first_placed(mission)) is not None:
         return Frame(*first.params[4:6])
@@ -228,13 +230,8 @@ def _notes(mission: MissionFile, home: Frame | None, flight: _Flight) -> Iterato
     if home is not None and mission.no_altitude:
         yield f"{mission.no_altitude} is missing, so that home is taken to be at altitude 0"
     elif home is not None and mission.home is None:
-        item = _above_sea(mission)
-        but = "" if item is None else f", although {item} is above mean sea level"
-        yield f"no home, so that of {_first_placed(mission)} at altitude 0 is taken{but}"
-    if flight.route.skipped:
-        yield f"not in the scenario: {_listed(flight.route.skipped)}"
-    if flight.route.below:
-        yield f"below home, and perhaps below the ground: {_listed(flight.route.below)}"
+        yield f"no home, so that of {_first_placed(mission)} at altitude 0 is taken"
+    yield from (f"{what}: {_listed(each)}" for what, each in flight.route.notes.items() if each)
     away = float(np.hypot(*flight.positions[:, :2].T).max())
     if (sag := away**2 / (2.0 * EARTH_RADIUS)) > _SAGS:
         yield f"{away:.0f} m from the origin, constant z is {sag:.2g} m above its altitude"

@@ -15,10 +15,12 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from pydantic.alias_generators import to_camel
 
 from drake_rho.formats.mission_items import (
+    FASTEST,
     LAND,
     MOST_ITEMS,
     NAVIGATION,
     RETURN,
+    SLOWEST,
     WAYPOINT,
     Fence,
     Item,
@@ -26,7 +28,7 @@ from drake_rho.formats.mission_items import (
 )
 from drake_rho.formats.written_missions import MissionFormat, WrittenMission
 from drake_rho.scenario.errors import Description, ScenarioError
-from drake_rho.scenario.fields import LARGEST, Positive
+from drake_rho.scenario.fields import LARGEST
 from drake_rho.scenario.frame import Frame
 from drake_rho.scenario.refusals import scenario_error
 
@@ -36,6 +38,7 @@ _Longitude = Annotated[float, Field(ge=-180.0, le=180.0, allow_inf_nan=False)]
 _OnMap = tuple[_Latitude, _Longitude]
 _Place = tuple[_Latitude, _Longitude, _Number]
 _Corners = Annotated[tuple[_OnMap, ...], Field(min_length=3, max_length=1000)]
+_Speed = Annotated[float, Field(ge=SLOWEST, le=FASTEST, allow_inf_nan=False)]
 _FIXED_WING = 1  # MAV_TYPE
 
 
@@ -52,12 +55,12 @@ class _Circle(_Part):
 
 class _CircleFence(_Part):
     circle: _Circle
-    inclusion: bool = True
+    inclusion: bool
 
 
 class _PolygonFence(_Part):
     polygon: _Corners
-    inclusion: bool = True
+    inclusion: bool
 
 
 class _Fences(_Part):
@@ -72,8 +75,8 @@ _PARAMETERS = 7
 
 class _Item(_Part):
     type: str = "SimpleItem"
-    command: Annotated[int, Field(ge=0, le=65535)] = 0
-    frame: Annotated[int, Field(ge=0, le=255)] = 0
+    command: Annotated[int, Field(ge=0, le=65535)] | None = None
+    frame: Annotated[int, Field(ge=0, le=255)] | None = None
     params: Annotated[tuple[_Number | None, ...], Field(max_length=_PARAMETERS)] = ()
     coordinate: tuple[_Number | None, _Number | None, _Number | None] | None = None  # older files
     complex_item_type: str | None = None
@@ -81,7 +84,9 @@ class _Item(_Part):
     landing_approach_coordinate: _Place | None = None
     loiter_coordinate: _Place | None = None
     land_coordinate: _Place | None = None
-    altitudes_are_relative: bool = True
+    altitudes_are_relative: bool | None = None
+    loiter_altitude_relative: bool | None = None  # older files have these two
+    land_altitude_relative: bool | None = None
 
 
 class _Transects(_Part):
@@ -91,8 +96,8 @@ class _Transects(_Part):
 class _Mission(_Part):
     planned_home_position: tuple[_Latitude, _Longitude, _Number | None] | None = None
     items: Annotated[tuple[_Item, ...], Field(max_length=MOST_ITEMS)]
-    cruise_speed: Positive | None = None
-    hover_speed: Positive | None = None
+    cruise_speed: _Speed | None = None
+    hover_speed: _Speed | None = None
     vehicle_type: int = 0
 
 
@@ -147,26 +152,49 @@ def _home(place: tuple[float, float, float | None] | None) -> tuple[Frame | None
 
 
 def _items(name: str, item: _Item, skipped: list[str]) -> Iterator[Item]:
-    """Yield the simple items of an item, which is added to `skipped` if it has none."""
+    """Yield the simple items of an item, which is added to `skipped` if it has none.
+
+    Raises:
+        ScenarioError: a key is missing on which the meaning of the others depends.
+    """
     if item.type == "SimpleItem":
-        placed = item.command <= NAVIGATION and item.command != RETURN
-        if placed and item.coordinate is None and len(item.params) != _PARAMETERS:
-            got = Description(f"{len(item.params)} parameters")
-            raise ScenarioError(f"{name}, params", got, f"{_PARAMETERS}, or a coordinate")
-        place = item.coordinate or item.params[4:]
-        given = [*_filled(item.params[:4], 4), *_filled(place, 3)]
-        yield Item(name, item.command, item.frame, tuple(given))
+        yield _simple(name, item)
     elif (transects := item.transect_style_complex_item) is not None and transects.items:
         for number, each in enumerate(transects.items, start=1):
             yield from _items(f"{name}.{number}", each, skipped)
     elif item.land_coordinate is not None:
-        frame = 3 if item.altitudes_are_relative else 0
+        frame = 3 if _is_relative(name, item) else 0
         approach = item.landing_approach_coordinate or item.loiter_coordinate
         if approach is not None:
             yield Item(f"{name}.1", WAYPOINT, frame, (0.0, 0.0, 0.0, 0.0, *approach))
         yield Item(f"{name}.2", LAND, frame, (0.0, 0.0, 0.0, 0.0, *item.land_coordinate))
     else:
         skipped.append(f"{name} ({item.complex_item_type or item.type})")
+
+
+def _simple(name: str, item: _Item) -> Item:
+    """Return a simple item."""
+    if item.command is None or item.frame is None:
+        key = "command" if item.command is None else "frame"
+        raise ScenarioError(f"{name}, {key}", Description("nothing"), "a number, as of every item")
+    placed = item.command <= NAVIGATION and item.command != RETURN
+    if placed and item.coordinate is None and len(item.params) != _PARAMETERS:
+        got = Description(f"{len(item.params)} parameters")
+        raise ScenarioError(f"{name}, params", got, f"{_PARAMETERS}, or a coordinate")
+    place = item.coordinate or item.params[4:]
+    params = (*_filled(item.params[:4], 4), *_filled(place, 3))
+    return Item(name, item.command, item.frame, params)
+
+
+def _is_relative(name: str, item: _Item) -> bool:
+    """Return whether the altitudes of a landing pattern are relative to home."""
+    if item.altitudes_are_relative is not None:
+        return item.altitudes_are_relative
+    older = item.loiter_altitude_relative
+    if older is None or older != item.land_altitude_relative:
+        expected = "true (to home) or false (above mean sea level)"
+        raise ScenarioError(f"{name}, altitudesAreRelative", Description("nothing"), expected)
+    return older
 
 
 def _filled(values: tuple[float | None, ...], count: int) -> list[float]:
@@ -220,10 +248,7 @@ class QGroundControl(MissionFormat):
 def _written(number: int, item: Item) -> dict[str, Any]:
     """Return an item as in the file."""
     params = [None if np.isnan(each) else each for each in item.params]
-    return {
-        "AMSLAltAboveTerrain": None,
-        "Altitude": params[6],
-        "AltitudeMode": 1,  # relative to home
+    written = {
         "autoContinue": True,
         "command": item.command,
         "doJumpId": number,
@@ -231,3 +256,7 @@ def _written(number: int, item: Item) -> dict[str, Any]:
         "params": params,
         "type": "SimpleItem",
     }
+    if item.is_placed:
+        relative = {"AMSLAltAboveTerrain": None, "Altitude": params[6], "AltitudeMode": 1}
+        written = {**relative, **written}
+    return written

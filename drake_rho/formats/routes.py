@@ -9,12 +9,14 @@ import numpy as np
 from drake_rho.formats.mission_items import (
     CHANGE_SPEED,
     DELAY,
+    FASTEST,
     LAND,
     LOITER_TIME,
     LOITER_TO_ALTITUDE,
     LOITER_TURNS,
     LOITER_UNLIMITED,
     RETURN,
+    SLOWEST,
     SPLINE,
     TAKEOFF,
     VTOL_LAND,
@@ -24,13 +26,14 @@ from drake_rho.formats.mission_items import (
     MissionFile,
 )
 from drake_rho.scenario.errors import Description, ScenarioError
-from drake_rho.scenario.fields import LARGEST, FloatArray
+from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.frame import Frame
 
 SAME_PLACE = 1e-3
 """Distance up to which two places in a row are one [m]."""
-_FARTHEST = 1e5
-"""Largest distance of a place from home [m], beyond which local metres mean little."""
+_FARTHEST, _HIGHEST = 1e5, 1e4
+"""Largest distance of a place from home [m], beyond which local metres mean little, and largest
+altitude above it [m], beyond which it may be in another unit."""
 _LONGEST = 1e5
 """Longest time at rest [s]."""
 _PASSED = WAYPOINT, SPLINE, LOITER_TIME, LOITER_TURNS, LOITER_TO_ALTITUDE
@@ -44,6 +47,8 @@ _BELOW = 1.0
 about a metre."""
 _OVER_GROUND = 0.0, 1.0
 """Kinds of speeds that an item changes: in the air and over ground, not of climbs."""
+_SAME_SPEED, _OWN_SPEED = -1.0, -2.0
+"""Speeds of MAVLink that stand for no change and for the speed before all changes."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -70,10 +75,8 @@ class Route:
     """place of the launch [m], shape (3,)"""
     stops: tuple[Stop, ...]
     """places after it; the last one is the goal"""
-    skipped: tuple[str, ...]
-    """items that the route leaves out, or in part"""
-    below: tuple[str, ...]
-    """places more than a metre below home, and how far"""
+    notes: dict[str, list[str]]
+    """items to tell of, by what is told of them"""
 
 
 def route_of(mission: MissionFile, home: Frame, origin: Frame) -> Route:
@@ -85,7 +88,8 @@ def route_of(mission: MissionFile, home: Frame, origin: Frame) -> Route:
         origin: origin of the local positions.
 
     Raises:
-        ScenarioError: an item is no place in this scenario, or there is no place.
+        ScenarioError: an item is no place in this scenario, it is flown after a landing, or there
+            is no place.
     """
     walk = _Walk(home, origin, mission.speed)
     for number, item in enumerate(mission.items):
@@ -95,10 +99,16 @@ def route_of(mission: MissionFile, home: Frame, origin: Frame) -> Route:
         walk.take(item)
     if not walk.stops:
         expected = "a waypoint, a take-off or a landing away from home"
-        others = "".join(f", {each}" for each in [*mission.skipped, *walk.skipped][:10])
-        raise ScenarioError("items", Description(f"no place{others}"), expected)
-    skipped = (*mission.skipped, *walk.skipped)
-    return Route(walk.start, tuple(walk.stops), skipped, tuple(walk.below))
+        others = ", ".join([*mission.skipped, *walk.skipped][:10])
+        got = f"no place to fly to{others and f' (left out: {others})'}"
+        raise ScenarioError("items", Description(got), expected)
+    notes = {
+        "not in the scenario": [*mission.skipped, *walk.skipped],
+        "not in the file, so that the present one is kept": walk.missing,
+        "below home, and perhaps below the ground": walk.below,
+        f"more than {_HIGHEST:g} m above home, perhaps in another unit": walk.above,
+    }
+    return Route(walk.start, tuple(walk.stops), notes)
 
 
 class _Walk:
@@ -106,15 +116,25 @@ class _Walk:
 
     def __init__(self, home: Frame, origin: Frame, speed: float | None) -> None:
         self.home, self.origin, self.speed = home, origin, speed
+        self.own_speed, self.landed = speed, ""
         self.place = self.launch = np.array([home.latitude, home.longitude, home.altitude])
         self.start = origin.local(*self.launch)
         self.stops: list[Stop] = []
         self.skipped: list[str] = []
         self.below: list[str] = []
+        self.above: list[str] = []
+        self.missing: list[str] = []
         self.ended: str | None = None
 
     def take(self, item: Item) -> None:
-        """Go on by an item."""
+        """Go on by an item.
+
+        Raises:
+            ScenarioError: it is flown after a landing, or its values are out of range.
+        """
+        if self.landed and item.command in (*PLACED, RETURN):
+            expected = f"the last item that is flown, not before {item}: split the mission there"
+            raise ScenarioError(self.landed, Description("a landing"), expected)
         match item.command:
             case command if command in _TAKEOFFS:
                 self._take_off(item)
@@ -122,27 +142,48 @@ class _Walk:
                 self._pass(item)
             case command if command in (LAND, VTOL_LAND):
                 self._descend(item, self._placed(item))
+                self.landed = str(item)
             case command if command == RETURN:
                 self._descend(item, self.launch)
+                self.ended = str(item)
             case command if command == LOITER_UNLIMITED:
                 self._go(item.name, self._placed(item))
                 self.ended = str(item)
             case command if command == DELAY and item.params[0] > 0.0 and self.stops:
                 self._wait(item.params[0])
             case command if command == CHANGE_SPEED and item.params[0] in _OVER_GROUND:
-                if item.params[1] > 0.0:  # -1 is no change, of the throttle alone
-                    if item.params[1] < 1.0 / LARGEST:
-                        expected = f"a speed of at least {1.0 / LARGEST:g} m/s"
-                        raise ScenarioError(item.name, item.params[1], expected)
-                    self.speed = item.params[1]
+                self._change_speed(item)
             case _:
                 self.skipped.append(str(item))
 
+    def _change_speed(self, item: Item) -> None:
+        """Change the speed of the legs that follow.
+
+        Raises:
+            ScenarioError: it is no speed of a vehicle.
+        """
+        speed = item.params[1]
+        if speed == _OWN_SPEED:
+            self.speed = self.own_speed
+        elif speed > 0.0:
+            if not SLOWEST <= speed <= FASTEST:
+                expected = f"a speed from {SLOWEST:g} to {FASTEST:g} m/s"
+                raise ScenarioError(str(item), speed, expected)
+            self.speed = speed
+        elif speed != _SAME_SPEED:
+            self.skipped.append(f"the speed of {item}, {speed:g} m/s")
+
     def _placed(self, item: Item) -> FloatArray:
-        """Return the place of an item, and note it if it is far below home."""
+        """Return the place of an item, and note a height far from home's or what is not given."""
         place = item.geodetic(self.home, self.place)
+        if np.isnan(item.params[6]) and item.command not in _TAKEOFFS:
+            self.missing.append(f"{item}, altitude")
+        if not (item.is_placed or item.command in (*_TAKEOFFS, LAND, VTOL_LAND)):
+            self.missing.append(f"{item}, latitude and longitude")
         if (depth := self.home.altitude - place[2]) > _BELOW:
             self.below.append(f"{item} by {depth:.4g} m")
+        if -depth > _HIGHEST:
+            self.above.append(f"{item} at {-depth:.0f} m")
         return place
 
     def _take_off(self, item: Item) -> None:
@@ -160,9 +201,16 @@ class _Walk:
         self._go(item.name, place)
 
     def _pass(self, item: Item) -> None:
-        hold = item.params[0]
+        """Go to the place of an item, and stay as long as it holds.
+
+        Raises:
+            ScenarioError: it holds for less than no time.
+        """
+        hold = item.params[0] if item.command in _HOLDING else 0.0
+        if hold < 0.0:
+            raise ScenarioError(f"{item}, hold time", hold, "at least 0 s")
         self._go(item.name, self._placed(item))
-        if item.command in _HOLDING and hold > 0.0:
+        if hold > 0.0:
             self._wait(hold)
         if item.command == LOITER_TURNS:
             self.skipped.append(f"the turns of {item}")

@@ -1,7 +1,7 @@
 """Schedules: times for the places of a route that leave enough time for every leg.
 
-Each leg gets the time from rest to rest along its straight line within the limits, in whole steps
-of a grid. So there is a plan whenever nothing is in the way: the one that stops everywhere.
+Each leg gets the time of a motion from rest to rest along its length within the limits, in whole
+steps of a grid. So there is a plan whenever nothing is in the way: the one that stops everywhere.
 """
 
 from __future__ import annotations

@@ -11,7 +11,7 @@ import numpy as np
 from drake_rho.formats.clearance import spare_of
 from drake_rho.formats.folders import write_each
 from drake_rho.formats.format import Format, planned
-from drake_rho.formats.mission_items import LAND, TAKEOFF, WAYPOINT, Item
+from drake_rho.formats.mission_items import CHANGE_SPEED, LAND, SLOWEST, TAKEOFF, WAYPOINT, Item
 from drake_rho.formats.record import Exported
 from drake_rho.formats.routes import SAME_PLACE
 from drake_rho.formats.straight_legs import Legs, legs_of
@@ -20,7 +20,8 @@ from drake_rho.motion.headings import Heading
 from drake_rho.motion.plan import Plan
 from drake_rho.scenario.frame import EARTH_RADIUS, Frame
 
-_RELATIVE = 3  # MAV_FRAME_GLOBAL_RELATIVE_ALT
+_MISSION, _RELATIVE = 2, 3  # MAV_FRAME_MISSION, without a place; MAV_FRAME_GLOBAL_RELATIVE_ALT
+_OVER_GROUND, _SAME_THROTTLE = 1.0, -1.0
 _GROUND = 0.1
 """Height above the start up to which a goal at rest is landed at [m]."""
 _UPRIGHT = 2.5
@@ -137,7 +138,10 @@ def _with_corner(legs: Legs, ground: int, other: int, apart: float) -> Legs:
 
 
 def _mission(legs: Legs, frame: Frame, speed: float) -> WrittenMission:
-    """Return the mission of a vehicle: up from home, along its legs, and down if it lands."""
+    """Return the mission of a vehicle: up from home, along its legs, and down if it lands.
+
+    Its largest speed is set after the take-off: autopilots begin with their own.
+    """
     places = frame.geodetic(legs.positions)
     places[:, :2] = places[:, :2].round(_DIGITS)
     heights = (places[:, 2] - places[0, 2]).round(_HEIGHT_DIGITS)
@@ -153,26 +157,27 @@ def _mission(legs: Legs, frame: Frame, speed: float) -> WrittenMission:
             items.append(Item("", LAND, _RELATIVE, (0.0, 0.0, 0.0, np.nan, *place)))
         else:
             items.append(Item("", WAYPOINT, _RELATIVE, (hold, _ACCEPTED, 0.0, np.nan, *place)))
+    most = round(speed, 3)
+    if most >= SLOWEST:
+        params = (_OVER_GROUND, most, _SAME_THROTTLE, 0.0, 0.0, 0.0, 0.0)
+        items.insert(int(_takes_off(legs)), Item("", CHANGE_SPEED, _MISSION, params))
     home = [*places[0, :2].tolist(), round(float(places[0, 2]), _HEIGHT_DIGITS)]
-    return WrittenMission(home, tuple(items), round(speed, 3))
+    return WrittenMission(home, tuple(items), most)
 
 
 def _exported(plan: Plan, path: Path, files: list[Path], legs: list[Legs]) -> Exported:
     """Return the record; without times, vehicles may be anywhere on their paths at once."""
     bent = [each.longest**2 / (8.0 * EARTH_RADIUS) for each in legs]
     deviations = np.array([each.deviation for each in legs]) + bent
-    spare, scenario = spare_of(plan, deviations), plan.scenario
-    together = scenario.separation is not None and len(legs) > 1
-    timed = [
-        scenario.obstacle_name(number)
+    scenario = plan.scenario
+    untimed = {
+        scenario.obstacle_name(number): np.inf
         for number, each in enumerate(scenario.bodies, start=1)
         if each.moves or each.active is not None
-    ]
-    if together or timed:
-        lost = scenario.separation.distance if together and scenario.separation else np.inf
-        who = timed[0] if np.isinf(lost) else "separation"
-        left, name = min((spare.left, spare.lost), (-lost, who))
-        spare = dataclasses.replace(spare, left=left, lost=name, keeps_clear=False)
+    }
+    if scenario.separation is not None and len(legs) > 1:
+        untimed["separation"] = scenario.separation.distance
+    spare = spare_of(plan, deviations).without(untimed)
     count = max(len(each.times) - 1 for each in legs)
     words = f"{count} places with straight legs, and no times"
     asked = {each.of for each in scenario.requirements}

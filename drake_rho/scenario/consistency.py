@@ -274,7 +274,13 @@ def check_waypoints(
         if (bounds := fleet.bounds("position")) is not None:
             bounds.check(f"{where}.position", required)
         check_outside(
-            fleet, obstacles, f"{where}.position", required, waypoints.times, hard_only=True
+            fleet,
+            obstacles,
+            f"{where}.position",
+            required,
+            waypoints.times,
+            called=f" of {waypoints.called}",
+            hard_only=True,
         )
 
 
@@ -286,6 +292,7 @@ def check_outside(
     times: FloatArray,
     margin: float = 0.0,
     *,
+    called: str = "",
     hard_only: bool = False,
 ) -> None:
     """Check that vehicles are at least their radius away from all obstacles, known or not.
@@ -300,6 +307,7 @@ def check_outside(
         times: on the scenario's clock [s], shape (N,). Where they are NaN, only steady obstacles
             count (`Obstacle.is_steady`).
         margin: further distance from obstacles that are not steady [m].
+        called: words for whose position it is, such as `" of waypoint 2 (roof)"`.
         hard_only: whether soft obstacles are left out.
 
     Raises:
@@ -324,7 +332,7 @@ def check_outside(
             actual = f"{d:g} m from" if d > 0.0 else f"{-d:g} m in"
             place = "where {} may be" if obstacle.is_uncertain else "{}"
             expected = (
-                f"a position {required} {place.format(obstacle.called(number))}, "
+                f"a position{called} {required} {place.format(obstacle.called(number))}, "
                 f"not {actual} it{_circumstances(obstacle, positions[i], times[i], margin)}"
             )
             raise ScenarioError(f"vehicles[{i}].{where}", positions[i].tolist(), expected)
@@ -385,6 +393,8 @@ class _Given(NamedTuple):
 
     field: str
     """field of a vehicle with the values"""
+    called: str
+    """words for whose values they are; empty for ends"""
     quantity: Quantity
     values: FloatArray
     """values in the quantity's unit, shape (N, 3)"""
@@ -413,7 +423,7 @@ def _check_given_states(
     for end, quantity, values in states[2 * under_way :]:
         time = grid.start if end == "start" else grid.end
         times = np.where(np.isnan(values[:, 0]), np.nan, time)
-        ends.append(_Given(f"{end}.{quantity}", quantity, values, times, exactly))
+        ends.append(_Given(f"{end}.{quantity}", "", quantity, values, times, exactly))
     if requirement.leader is None and requirement.penalty is None:
         for each in fleet.waypoints:
             field, times = (
@@ -421,7 +431,7 @@ def _check_given_states(
                 np.where(each.soft, np.nan, each.times),
             )
             at = each.positions, times, each.within
-            passed.append(_Given(field, "position", *at))
+            passed.append(_Given(field, f" of {each.called}", "position", *at))
     for required, given in ((_at_ends(requirement, grid), ends), (requirement, passed)):
         for one in given:
             if one.quantity == requirement.quantity:
@@ -451,7 +461,7 @@ def _check_values(
         of = "" if requirement.relative_to is None else " relative to "
         of += requirement.leader or ("the track" if of else "")
         expected = (
-            f"a {given.quantity}{of} in {requirement.called(number)}, "
+            f"a {given.quantity}{given.called}{of} in {requirement.called(number)}, "
             f"not {outside[worst]:.4g} {unit} outside it ({set_text(requirement.set)})"
         )
         value = given.values[vehicle].tolist()

@@ -3,8 +3,12 @@
 Vehicles from rest to rest have the least effort in proportion to the squared distance, so the
 cheapest assignment of one transition has the least sum of squares: a linear assignment. Where each
 vehicle has to return to its own pad, assignments of successive transitions depend on each other.
-Then each scene's is solved again for both transitions beside it, in turn, until the sum no longer
+Then each scene's is solved again for both transitions beside it, in turn, until the sum hardly
 falls; last, vehicles with the longest flights exchange places where that makes transitions shorter.
+
+Linear assignments are solved exactly by scipy, which is many times as fast once costs are reduced
+by nearly optimal prices. Sinkhorn's scaling finds them (Peyré and Cuturi, Computational Optimal
+Transport, 2019, chapter 4).
 """
 
 from __future__ import annotations
@@ -22,8 +26,15 @@ from drake_rho.shows.show import Show
 _ROUNDS = 20
 """Largest number of rounds over all scenes."""
 
-_FALL = 1e-3
+_FALL = 2e-3
 """Relative fall of the sum of squares in one round below which rounds end."""
+
+_BLURS, _SCALINGS = (0.1, 0.01), 20
+"""Costs at which a pair is e times as unlikely, relative to the median cost, one after another; and
+the number of scalings with each."""
+
+_UNIT = 2.0**-20
+"""Unit of prices, relative to the median cost. Rounding makes them the same on every machine."""
 
 _SHORTER = 1e-9
 """Relative fall of a time that makes an exchange worth it."""
@@ -88,15 +99,8 @@ def _cheapest(costs: FloatArray, required: int) -> IntArray:
         costs: finite costs, with at least as many columns as rows.
         required: number of columns, the first ones, that all have to be taken.
     """
-    from scipy.optimize import linear_sum_assignment  # slow to load, so only where needed
-
-    costs = costs - costs.min(axis=1, keepdims=True)  # the algorithm is several times as fast then
-    if required == costs.shape[1]:
-        costs -= costs.min(axis=0)
-    else:
-        costs[:, :required] -= costs.max() * len(costs) + 1.0
-    chosen: IntArray = linear_sum_assignment(costs)[1]
-    return chosen
+    count = len(costs)
+    return _matched(_square(costs, count, (count, required)))[:count]
 
 
 def _in_rounds(
@@ -104,11 +108,15 @@ def _in_rounds(
 ) -> list[IntArray]:
     """Return assignments with a smaller sum of squares, for landings on own pads."""
     found, last = list(found), np.inf
+    solved: dict[int, list[FloatArray]] = {}
     for _ in range(_ROUNDS):
         for index, each in enumerate(places):
-            before, after = _beside(places, home, found, index)
-            costs = _squares(before, each.all) + _squares(after, each.all)
-            found[index] = _cheapest(costs, len(each.required))
+            beside = [*_beside(places, home, found, index)]
+            if index in solved and all(map(np.array_equal, solved[index], beside)):
+                continue
+            solved[index] = beside
+            costs = sum(_squares(other, each.all) for other in beside)
+            found[index] = _cheapest(np.asarray(costs), len(each.required))
         total = sum(squares.sum() for squares in _flown(places, home, found))
         if total > last * (1.0 - _FALL):
             break
@@ -243,8 +251,9 @@ def least_sum(before: Places, after: Places, count: int) -> float:
         after: places of the scene after.
         count: number of vehicles N.
     """
-    costs = _square(before, after, _squares(before.all, after.all), count)
-    return float(_matched(costs).sum())
+    costs = _squares(before.all, after.all)
+    square = _square(costs, count, (len(before.required), len(after.required)))
+    return float(square[np.arange(len(square)), _matched(square)].sum())
 
 
 def least_longest(before: Places, after: Places, count: int, limits: Limits) -> float:
@@ -255,34 +264,63 @@ def least_longest(before: Places, after: Places, count: int, limits: Limits) -> 
     ways = after.all[None, :, :] - before.all[:, None, :]
     times = least_times(ways, limits)
     candidates = np.unique(times)
+    required = len(before.required), len(after.required)
     low, high = 0, len(candidates) - 1
     while low < high:
         middle = (low + high) // 2
-        costs = _square(before, after, (times > candidates[middle]).astype(np.float64), count)
-        low, high = (low, middle) if _matched(costs).sum() < 0.5 else (middle + 1, high)
+        square = _square((times > candidates[middle]).astype(np.float64), count, required)
+        longer = square[np.arange(len(square)), _matched(square)].sum() > 0.5
+        low, high = (middle + 1, high) if longer else (low, middle)
     return float(candidates[low])
 
 
-def _square(before: Places, after: Places, costs: FloatArray, count: int) -> FloatArray:
-    """Return a square matrix of costs whose cheapest assignment takes `count` pairs of places.
+def _square(costs: FloatArray, count: int, required: tuple[int, int]) -> FloatArray:
+    """Return a square matrix of costs whose cheapest assignment takes `count` of the given pairs.
 
-    Places to wait that no vehicle takes are matched with rows and columns without a cost; places
-    of formations cannot be, nor can these rows and columns with each other.
+    Rows and columns that are not required may be matched with further columns and rows, without a
+    cost; those cannot be matched with each other.
+
+    Args:
+        costs: finite costs, not negative.
+        count: number of pairs.
+        required: numbers of rows and of columns, the first ones, that all have to be taken.
     """
     rows, columns = costs.shape
-    spare_rows, spare_columns = columns - count, rows - count
+    more_rows, more_columns = columns - count, rows - count
     never = costs.max() * (count + 1) + 1.0
-    square = np.zeros((rows + spare_rows, columns + spare_columns))
+    square = np.zeros((rows + more_rows, columns + more_columns))
     square[:rows, :columns] = costs
-    square[rows:, : len(after.required)] = never
-    square[: len(before.required), columns:] = never
+    square[rows:, : required[1]] = never
+    square[: required[0], columns:] = never
     square[rows:, columns:] = never
     return square
 
 
-def _matched(costs: FloatArray) -> FloatArray:
-    """Return the costs of the pairs in the cheapest assignment of a square matrix."""
+def _matched(costs: FloatArray) -> IntArray:
+    """Return the column of each row in the cheapest assignment of a square matrix."""
     from scipy.optimize import linear_sum_assignment  # slow to load, so only where needed
 
-    pairs: FloatArray = costs[linear_sum_assignment(costs)]
-    return pairs
+    chosen: IntArray = linear_sum_assignment(_reduced(costs))[1]
+    return chosen
+
+
+def _reduced(costs: FloatArray) -> FloatArray:
+    """Return square costs less prices of rows and columns, for which assignments rank the same."""
+    scale = float(np.median(costs)) or 1.0
+    costs = _with_zeros(costs)
+    for blur in _BLURS:
+        kernel, columns = np.exp(costs / (-blur * scale)), np.ones(len(costs))
+        for _ in range(_SCALINGS):  # every row and column has a 1, so that no sum vanishes
+            rows = 1.0 / (kernel @ columns)
+            columns = 1.0 / (rows @ kernel)
+        prices = (blur / _UNIT) * np.log([rows, columns])
+        one, other = scale * _UNIT * np.rint(prices)
+        costs = _with_zeros(costs - one[:, None] - other)
+    return costs
+
+
+def _with_zeros(costs: FloatArray) -> FloatArray:
+    """Return costs less the least of each row, and then of each column."""
+    costs = costs - costs.min(axis=1, keepdims=True)
+    costs -= costs.min(axis=0)
+    return costs

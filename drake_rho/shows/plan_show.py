@@ -154,14 +154,20 @@ def _planned(
     executor: Executor | None,
     progress: Progress | None,
 ) -> list[_Leg]:
-    """Return the legs of all transitions, planned side by side if there is an executor."""
+    """Return the legs of all transitions, planned side by side if there is an executor.
+
+    Workers begin with the longest, so that none of them ends late.
+    """
     if executor is None:
         return [_leg(each, solver, options) for each in _told(transitions, progress)]
     ends = time.time() + seconds_left()  # workers have neither this call's clock nor its deadline
     given = repeat(solver), repeat(options), repeat(ends)
-    found = executor.map(_leg, transitions, *given)
+    order = sorted(range(len(transitions)), key=lambda index: -transitions[index].least)
+    ordered = [transitions[index] for index in order]
+    found = executor.map(_leg, ordered, *given)
     try:
-        return [leg for leg, _ in zip(found, _told(transitions, progress), strict=True)]
+        legs = [leg for _, leg in zip(_told(ordered, progress), found, strict=True)]
+        return [legs[order.index(index)] for index in range(len(legs))]
     except OutOfTimeError as error:  # of what was left for one transition
         raise OutOfTimeError(statistics=error.statistics) from None
 

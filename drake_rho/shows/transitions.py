@@ -3,31 +3,35 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Iterator
 from typing import Any
 
 from drake_rho.motion.plan import Plan
-from drake_rho.planning.call.options import Options
+from drake_rho.planning.call.options import DEFAULTS, Options
 from drake_rho.planning.call.time_limit import check_time
 from drake_rho.planning.call.work_limit import within_work
 from drake_rho.planning.errors import InfeasibleError, OutOfTimeError, SolverError
+from drake_rho.planning.planners.first_plan import FirstPlan
 from drake_rho.planning.planners.plan import plan
-from drake_rho.planning.programs.backend import Solver, SolverName
+from drake_rho.planning.problem import Problem, with_finer_margins
+from drake_rho.planning.programs.backend import Backend, Solver, SolverName
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.records import Box, Grid, Limits, Scenario, State, Vehicle
 from drake_rho.scenario.times import steps_lasting
 from drake_rho.shows.assignment import least_times
 from drake_rho.shows.show import Show
+from drake_rho.system.threads import single_threaded_blas
+
+_SLACKS = 0.01, 0.03, 0.1, 0.3, 1.0, 3.0
+"""Slacks of the longest flight that are tried, relative to its least time, after the fewest steps:
+without any slack, vehicles can hardly evade each other."""
 
 _WORK = 60.0
-"""Work on one number of steps [rounds]: most plans take less than a third of it."""
+"""Work on one number of steps [rounds]: most plans take less than 20."""
 
-_LONGER = 1.06
-"""Ratio of successive durations that are tried."""
-
-_LONGEST = 3.0
-"""Largest duration that is tried, as a multiple of the shortest."""
+_FIRST_PROGRAMS = 20_000
+"""Programs of single vehicles that are solved for the fewest steps, a smaller bound in large
+fleets."""
 
 _SPARE = 1e-6
 """Part of every limit of speed, acceleration and jerk that transitions leave free: accepted
@@ -64,7 +68,7 @@ class Transition:
             for name, start, goal in zip(show.vehicles, self.starts, self.goals, strict=False)
         ]
         return Scenario(
-            f"{show.name}: to {self.name}",
+            self.name,
             Grid(show.step, steps + 1),
             vehicles,
             _reduced(show.limits),
@@ -78,32 +82,46 @@ class Transition:
         if self.duration is not None:
             yield max(round(self.duration / step), 1)
             return
-        fewest = max(steps_lasting(self.least, step), 2)
-        last, longest = fewest, math.ceil(_LONGEST * fewest) + 4
-        while last <= longest:
-            yield last
-            last = max(last + 1, round(last * _LONGER))
+        last = 1
+        for slack in (0.0, *_SLACKS):
+            steps = max(steps_lasting(self.least * (1.0 + slack), step), last + 1)
+            yield steps
+            last = steps
 
+    @single_threaded_blas
     def planned(self, solver: Solver | SolverName | None, options: Options | None) -> Plan:
         """Return the plan with the fewest steps found.
 
         A plan is sought for growing numbers of steps, with a bound on the work for each but the
-        last, so that the result is the same on every machine.
+        last, so that the result is the same on every machine. Small fleets' plans are iterated by
+        `plan`; those of large ones are hardly cheaper then.
 
         Raises:
             InfeasibleError: no number of steps that was tried has a plan.
             OutOfTimeError: time was up before there was a plan.
         """
-        tried = list(self.steps_tried())
-        for steps in tried[:-1]:
+        options = options or DEFAULTS
+        backend = Backend.of(solver, options=options.solver_options)
+        found = self._first(backend, options)
+        if len(self.starts) > options.max_coupled:
+            return found
+        return plan(found.scenario, reference=found, solver=solver, options=options)
+
+    def _first(self, backend: Backend, options: Options) -> Plan:
+        """Return a plan with the fewest steps found, which is not iterated."""
+        search = FirstPlan(backend, options=options)
+        *tried, last = self.steps_tried()
+        work = min(_WORK, _FIRST_PROGRAMS / len(self.starts))
+        for steps in tried:
             try:
-                with within_work(_WORK):
-                    return plan(self.scenario(steps), solver=solver, options=options)
+                with within_work(work):
+                    return with_finer_margins(search.of, Problem.of(self.scenario(steps)))
             except (InfeasibleError, SolverError):
-                continue
+                pass
             except OutOfTimeError:
                 check_time()  # raises if it was not the bound on the work
-        return plan(self.scenario(tried[-1]), solver=solver, options=options)
+            work = _WORK
+        return with_finer_margins(search.of, Problem.of(self.scenario(last)))
 
 
 def _reduced(limits: Limits) -> Limits:

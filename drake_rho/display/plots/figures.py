@@ -15,6 +15,7 @@ from drake_rho.display.common.drawable import Drawn, drawn
 from drake_rho.display.common.names import as_text
 from drake_rho.display.common.obstacle_snapshots import as_obstacles
 from drake_rho.display.common.requirements import required_positions
+from drake_rho.display.common.scenes import scenes_of
 from drake_rho.display.common.style import LIMIT_STYLE, MEASURED_STYLE, PLANNED_STYLE
 from drake_rho.display.plots.curves import (
     draw_components,
@@ -28,7 +29,7 @@ from drake_rho.display.plots.legends import add_below, figure_of, vehicle_handle
 from drake_rho.display.plots.path_figure import paths_figure
 from drake_rho.display.plots.publish import save_figures, styled
 from drake_rho.display.plots.requirements import draw_margins
-from drake_rho.display.plots.scenes_figure import scenes_figure, scenes_of
+from drake_rho.display.plots.scenes_figure import scenes_figure
 from drake_rho.display.plots.tube_errors import LABELS, draw_errors, tube_handle
 from drake_rho.motion.flown import Flown
 from drake_rho.motion.simulation import Simulation

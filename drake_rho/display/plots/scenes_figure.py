@@ -9,12 +9,12 @@ from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 
 from drake_rho.display.common.names import as_text
+from drake_rho.display.common.scenes import scenes_of
 from drake_rho.display.plots.formats import DOUBLE_COLUMN, check_width
 from drake_rho.display.plots.publish import styled
 from drake_rho.motion.flown import Flown
 from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.parts import Waypoint
-from drake_rho.scenario.records import Scenario
 
 _COLUMNS = 3
 """Largest number of panels side by side."""
@@ -24,22 +24,6 @@ _VIEW = 14.0, -78.0
 """Elevation and azimuth of the eye, nearly in front of upright formations [deg]."""
 _MARKER = 110.0
 """Area of a marker on a panel one inch wide with one vehicle [points²]; that of N is smaller."""
-
-
-def scenes_of(scenario: Scenario) -> list[tuple[Waypoint, ...]]:
-    """Return the waypoints of all vehicles at the scenes of a show, scene by scene.
-
-    A scene is a waypoint of all vehicles, at one time, with one name, and with colours of lights.
-    """
-    if len({len(vehicle.waypoints) for vehicle in scenario.vehicles}) != 1:
-        return []
-    stops = zip(*(vehicle.waypoints for vehicle in scenario.vehicles), strict=True)
-    return [
-        each
-        for each in stops
-        if len({(one.name, one.time) for one in each}) == 1
-        and all(one.name and one.colour for one in each)
-    ]
 
 
 @checked

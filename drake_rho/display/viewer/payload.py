@@ -11,6 +11,7 @@ from drake_rho.display.common.map_faces import has_map, map_faces
 from drake_rho.display.common.names import as_path, brief
 from drake_rho.display.common.obstacle_snapshots import has_halo
 from drake_rho.display.common.requirements import RequiredPositions, required_positions
+from drake_rho.display.common.scenes import scenes_of
 from drake_rho.display.common.style import (
     HIGHEST,
     LOWEST,
@@ -24,6 +25,7 @@ from drake_rho.display.meshcat.requirements import margins_while_shown
 from drake_rho.display.meshcat.scene import MAX_DETAILED
 from drake_rho.display.meshcat.tubes_and_wind import largest_tube, strongest_wind
 from drake_rho.display.viewer.readings import Readings
+from drake_rho.formats.lights import lights_of
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.maps.map import Map
 from drake_rho.scenario.records import Scenario
@@ -56,6 +58,8 @@ def payload(stage: Stage) -> dict[str, object]:
         "requirements": _requirements(stage, found, decimals),
         "curves": _curves(stage, found, decimals),
         "notice": "straight lines, not planned" if stage.shown.kind == "scenario" else "",
+        "scenes": _scenes(scenario),
+        "lights": _lights(scenario),
         "windows": [window.begin for window in stage.shown.windows],
         "knotsOnly": not scenario.between_knots,
         "tolerance": TOLERANCE * scene.size,
@@ -71,6 +75,29 @@ def payload(stage: Stage) -> dict[str, object]:
         "layers": _layers(stage),
         "legend": _legend(stage),
     }
+
+
+def _scenes(scenario: Scenario) -> list[dict[str, object]]:
+    """Return the names of a show's scenes, and when each begins and ends."""
+    begins = [
+        (scene[0], (scene[0].time or 0.0) - scenario.grid.start) for scene in scenes_of(scenario)
+    ]
+    return [
+        {"name": stop.name, "begin": begin, "end": begin + stop.dwell} for stop, begin in begins
+    ]
+
+
+def _lights(scenario: Scenario) -> list[dict[str, object]]:
+    """Return the colours of the vehicles' lights, from 0 to 1, and their times; empty without."""
+    if all(each.colour is None for vehicle in scenario.vehicles for each in vehicle.waypoints):
+        return []
+    return [
+        {
+            "times": np.round(each.times - scenario.lead, 6).tolist(),
+            "colours": np.round(each.colours.T / 255.0, 4).tolist(),
+        }
+        for each in lights_of(scenario)
+    ]
 
 
 def _vehicles(stage: Stage) -> list[dict[str, object]]:
@@ -210,8 +237,10 @@ def _legend(stage: Stage) -> list[dict[str, str]]:
     passed = light or any(vehicle.waypoints for vehicle in scenario.vehicles)
     tube, wind = largest_tube(stage.simulation), strongest_wind(stage.simulation)
     small = ", too small to be visible" if tube < 2e-3 * stage.scene.size else ""
+    lit = any(each.colour for vehicle in scenario.vehicles for each in vehicle.waypoints)
     entries = [
         (stage.vehicles.kinds[0], stage.vehicles.note, True),
+        ("light", "light, grey while it is off", lit),
         ("quadrotor", "cone: heading of a quadrotor", _with_cones(stage)),
         ("prediction", "straight lines, not planned", stage.shown.kind == "scenario"),
         ("conflict", "red: vehicles and obstacles in conflict", stage.conflicts is not None),

@@ -59,7 +59,11 @@ class FirstPlan:
         try:
             return self.of(problem, reference)
         except InfeasibleError as error:
-            return self._slower(problem, error)
+            failure = error
+        try:
+            return self._slower(problem, failure)
+        except InfeasibleError as error:
+            return self._around_then_apart(problem, error)
 
     def of(self, problem: Problem, reference: Plan | None = None) -> Plan:
         """Return a first plan, with the margins of a problem.
@@ -110,13 +114,41 @@ class FirstPlan:
                     self, options=dataclasses.replace(self.options, max_ways=1)
                 )
                 plan = single._around_obstacles(independent, list(error.conflicts), error)
-            start = Plan.from_accelerations(scenario, plan.accelerations, plan.statistics)
-            return restored(problem, start, self.backend, self.progress, self.most)
+            return self._apart(problem, plan)
         except InfeasibleError as error:
             failure = error.replaced(scenario=scenario)  # with its separation
             if not (failure.about_linearisation and self.thorough):
                 raise failure from None
             return self._along_paths(problem, failure)
+
+    def _apart(self, problem: Problem, independent: Plan) -> Plan:
+        """Return a first plan of a fleet, restored from a plan without its separation."""
+        accelerations, spent = independent.accelerations, independent.statistics
+        start = Plan.from_accelerations(problem.scenario, accelerations, spent)
+        return restored(problem, start, self.backend, self.progress, self.most)
+
+    def _around_then_apart(self, problem: Problem, failure: InfeasibleError) -> Plan:
+        """Return a first plan of a fleet near vehicles' own plans along their own paths.
+
+        A fleet's paths may not exist on a grid on which every vehicle alone has one.
+
+        Raises:
+            InfeasibleError: the failure, if it is proved, the vehicles need no paths, or this leads
+                to no plan either.
+        """
+        together = problem.scenario.separation is not None and len(problem) > 1
+        if not (together and failure.about_linearisation):
+            raise failure
+        try:
+            alone = self.of(problem.without_separation())
+            # without paths, this was the start of the search that failed
+            first = None if alone.statistics.searched is None else self._apart(problem, alone)
+        except (InfeasibleError, SolverError) as error:
+            spent = error.statistics + failure.statistics  # with the failure's path search
+            raise failure.replaced(statistics=spent) from None
+        if first is None:
+            raise failure
+        return first.with_statistics(failure.statistics + first.statistics)
 
     def _along_paths(self, problem: Problem, failure: InfeasibleError | None) -> Plan:
         """Return a first plan along paths of all vehicles, after other attempts have failed."""

@@ -21,6 +21,7 @@ const state = {
   time: 0, playing: true, speed: 1, loop: true, view: "free", follow: null, colour: "vehicle",
   sort: "order", descending: false, unfolded: data.vehicles.length <= FOLDED + 4, tween: null, film: false, most: FOLDED,
 };
+if (data.lights.length) state.colour = "lights";
 if (!state.unfolded) state.sort = "clearance"; // the least clearances of a fleet first
 let order = data.vehicles.map((_, index) => index); // vehicles of the rows, from the top
 let ordered = 0; // time at which the rows were last sorted [ms]

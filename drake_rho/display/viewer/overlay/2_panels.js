@@ -21,9 +21,11 @@ const followed = choice(
   (value) => follow(value === "" ? null : Number(value)),
 );
 const coloured = choice(
-  tools, "colour by", [["vehicle", "Colour: vehicle"], ...Object.keys(data.ranges).map((by) => [by, `Colour: ${by}`])],
+  tools, "colour by",
+  ["vehicle", ...(data.lights.length ? ["lights"] : []), ...Object.keys(data.ranges)].map((by) => [by, `Colour: ${by}`]),
   colourBy,
 );
+coloured.value = state.colour;
 const menu = element(tools, "div", "menu");
 const opener = button(menu, "Show ▾", "layers", () => opener.setAttribute("aria-expanded", menu.classList.toggle("open")));
 opener.setAttribute("aria-expanded", false);
@@ -34,10 +36,21 @@ const foldButton = button(tools, "▤", "numbers (n)", () => fold(!document.body
 const transport = card("section", "transport", "playback");
 const playButton = button(transport, "", "play or pause (space)", () => play(!state.playing));
 playButton.className = "play";
-const slider = element(transport, "input");
+const bar = element(transport, "div", "bar");
+const slider = element(bar, "input");
 Object.assign(slider, { type: "range", min: 0, max: data.duration, step: "any" });
 called(slider, "time");
 slider.addEventListener("input", () => seek(Number(slider.value)));
+const chapters = element(bar, "div", "scenes"); // the scenes of a show, each named where it begins
+chapters.hidden = data.scenes.length === 0;
+document.body.classList.toggle("staged", data.scenes.length > 0);
+data.scenes.forEach(({ name, begin, end: last }, index) => {
+  const share = (time) => `${(100 * time) / data.duration}%`;
+  const next = data.scenes[index + 1]?.begin ?? data.duration;
+  const chapter = button(chapters, name, `scene: ${name}`, () => seek(begin));
+  Object.assign(chapter.style, { left: share(begin), maxWidth: share(next - begin) });
+  Object.assign(element(chapters, "i").style, { left: share(begin), width: share(last - begin) });
+});
 const end = element(transport, "span", "soft num");
 choice(transport, "speed", SPEEDS.map((speed) => [speed, `${speed} ×`]), (value) => (state.speed = Number(value))).value = 1;
 const loopButton = button(transport, "↻", "repeat (l)", () => loop(!state.loop));

@@ -27,8 +27,19 @@ const inText = (colour) => `#${colour.getHexString()}`;
 
 function vehicleColour(index, now) {
   if (state.colour === "vehicle") return seen(own[index]);
+  if (state.colour === "lights") return lightOf(index);
   return onScale(state.colour, (state.colour === "speed" ? now.speeds : now.clearances)[index]);
 }
+
+/** Return the colour of a vehicle's light at the current time, the greyer the dimmer it is. */
+function lightOf(index) {
+  const { times, colours } = data.lights[index];
+  const light = colours.map((values) => between(values, frameAt(state.time, times)));
+  const shine = Math.max(...light);
+  const colour = new THREE.Color().setRGB(...light.map((value) => value / (shine || 1)), "srgb");
+  return unlit().lerp(colour, shine);
+}
+const unlit = () => new THREE.Color(dark() ? "#3c4454" : "#a4adbb");
 const colourOf = (index, now) => inText(vehicleColour(index, now));
 
 const originals = new WeakMap();
@@ -61,8 +72,8 @@ function paint() {
   for (const material of materials([])) material.color.copy(seen(originalOf(material)));
   paintTrails();
   for (const shell of shells) shell.material.color.copy(seen(shell.userData.colour));
-  scale.parentElement.hidden = state.colour === "vehicle";
-  if (state.colour !== "vehicle") {
+  scale.parentElement.hidden = !data.ranges[state.colour];
+  if (data.ranges[state.colour]) {
     const [low, high] = data.ranges[state.colour];
     const unit = state.colour === "speed" ? "m/s" : "m";
     scale.style.background = `linear-gradient(90deg, ${SCALES[state.colour].join(", ")})`;
@@ -73,7 +84,7 @@ function paint() {
 
 /** Colour pieces of trails by the values when they were flown; large fleets keep their colours. */
 function paintTrails() {
-  if (state.colour === "vehicle" || data.light) return;
+  if (!data.ranges[state.colour] || data.light) return;
   const values = state.colour === "speed" ? data.speeds : data.clearances;
   data.vehicles.forEach(({ path }, index) => {
     for (const name of Object.keys(node(["trails", path])?.children ?? {})) {
@@ -90,6 +101,7 @@ const SIGNS = {
   aircraft: ["path", { d: "M2 8 L18 8 M10 8 L6 2 M10 8 L6 14 M4 8 L3 5 M4 8 L3 11" }],
   quadrotor: ["path", { d: "M5 4 L15 12 M15 4 L5 12 M2 4h6 M12 4h6 M2 12h6 M12 12h6" }],
   ends: ["path", { d: "M4 8m-2 0a2 2 0 1 0 4 0a2 2 0 1 0 -4 0 M14 8m-4 0a4 4 0 1 0 8 0a4 4 0 1 0 -8 0", fill: "currentColor" }],
+  light: ["circle", { cx: 10, cy: 8, r: 5, fill: "#ffb000", stroke: "#a4adbb", "stroke-width": 2 }],
   goal: ["path", { d: "M10 3 L14 8 L10 13 L6 8 Z", fill: "currentColor" }],
   prediction: ["path", { d: "M1 13 Q8 2 19 4", "stroke-width": 1 }],
   measured: ["path", { d: "M1 12 Q8 3 19 6", stroke: "#202020", "stroke-width": 1 }],

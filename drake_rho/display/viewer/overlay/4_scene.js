@@ -56,10 +56,27 @@ function show(layer, on) {
 function colourVehicles(now) {
   data.vehicles.forEach((_, index) => {
     const colour = vehicleColour(index, now);
-    for (const material of bodies[index]) material.color.copy(colour);
+    const shines = state.colour === "lights";
+    for (const material of bodies[index]) material.color.copy(shines ? unlit() : colour);
+    lamps[index]?.material.color.copy(colour);
+    if (lamps[index]) lamps[index].visible = shines;
+    shown[index] = colour;
+  });
+}
+
+const lamps = [];
+/** Put a light on every vehicle of a show. */
+function addLamps() {
+  const ball = new THREE.SphereGeometry(1, 16, 12);
+  data.lights.forEach((_, index) => {
+    const lamp = new THREE.Mesh(ball, new THREE.MeshBasicMaterial({ fog: false, toneMapped: false }));
+    lamp.scale.setScalar(0.7 * data.vehicles[index].radius);
+    node([]).object.add(lamp);
+    lamps.push(lamp);
   });
 }
 let bodies = [];
+const shown = []; // colours of the vehicles
 
 // ---------------------------------------------------------------- cameras
 
@@ -279,7 +296,7 @@ function updateLabels() {
     const top = place.clone().addScaledVector(up, shrunk).project(camera);
     if (tag.mark) {
       // vehicles that are too small to be visible get a mark
-      tag.mark.style.color = inText(bodies[tag.vehicle][0].color);
+      tag.mark.style.color = inText(shown[tag.vehicle] ?? bodies[tag.vehicle][0].color);
       tag.mark.hidden = ((top.y - at.y) / 2) * high > 5.5 || at.z > 1;
       tag.mark.style.transform = `translate(${((at.x + 1) / 2) * wide}px, ${((1 - at.y) / 2) * high}px)`;
     }

@@ -16,14 +16,16 @@ function update(atOnce = false) {
     updateLeft(now);
     const window = data.windows.findLastIndex((begin) => begin <= state.time + 1e-9) + 1;
     const pace = state.speed * data.rate;
+    const scene = data.scenes.findLast(({ begin, end }) => begin - 1e-9 <= state.time && state.time <= end + 1e-9);
+    const next = scene ?? data.scenes.find(({ begin }) => begin > state.time);
     moment.textContent = [
-      data.notice,
+      data.notice, scene ? scene.name : next ? `to ${next.name}` : data.scenes.length ? "landing" : "",
       window ? `window ${window} of ${data.windows.length}` : "", pace === 1 ? "" : `${Number(pace.toPrecision(3))} × real time`,
     ].filter(Boolean).join(" · ");
   }
   updatePlots(now);
   if (state.colour !== "vehicle" || atOnce) colourVehicles(now);
-  shells.forEach((shell, index) => shell.position.copy(nodes[index].position));
+  for (const balls of [shells, lamps]) balls.forEach((ball, index) => ball.position.copy(nodes[index].position));
   keepFollowing();
   viewer.set_dirty();
 }
@@ -111,7 +113,12 @@ function begin() {
   fold(innerWidth <= 700 || innerHeight < LOW);
   loop(true);
   play(true);
-  theme(matchMedia("(prefers-color-scheme: dark)").matches);
+  const lit = data.lights.length > 0; // a show is seen at night, without trails
+  if (lit) {
+    addLamps();
+    show("Trails", false);
+  }
+  theme(lit || matchMedia("(prefers-color-scheme: dark)").matches);
   look("free", 0);
   requestAnimationFrame(tick);
   window.drakeRho = {
