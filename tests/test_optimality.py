@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 
 import drake_rho as rho
-from drake_rho.analysis.lagrangian import Lagrangian
+from drake_rho.analysis.lagrangian import Proposal
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.scp.cutting_planes import CuttingPlanes
 from tests.scenarios import box, scenarios, single
@@ -106,14 +106,15 @@ def test_any_multipliers_give_a_bound_unless_they_are_too_large() -> None:
     scenario, best, _ = _on_the_other_side()
     solved = CuttingPlanes(Problem.of(scenario))
     solved.keep_to(Problem.of(scenario).linearized(best))
-    lagrangian = Lagrangian(solved, np.array([0]))
-    index = best.cost / lagrangian.unit**2
+    proposal = Proposal.of(solved, np.array([0]))
+    lagrangian = proposal.lagrangian
+    index = best.cost / lagrangian.changes.unit**2
     rng = np.random.default_rng(1)
     for _ in range(200):
-        weights = lagrangian.weights * rng.uniform(0, 1.5, lagrangian.weights.shape)
-        multipliers = lagrangian.multipliers * rng.uniform(0, 2, lagrangian.multipliers.shape)
+        weights = proposal.weights * rng.uniform(0, 1.5, proposal.weights.shape)
+        multipliers = proposal.multipliers * rng.uniform(0, 2, proposal.multipliers.shape)
         assert lagrangian.minimum(weights, multipliers).value <= index * (1 + INDEX)
-    huge = lagrangian.minimum(1e6 * lagrangian.weights, lagrangian.multipliers)
+    huge = lagrangian.minimum(1e6 * proposal.weights, proposal.multipliers)
     assert huge.value == -np.inf
     assert huge.curvature < 0
 
@@ -122,10 +123,15 @@ def test_the_closed_form_is_the_minimum_with_its_gradient() -> None:
     scenario, best, _ = _on_the_other_side()
     solved = CuttingPlanes(Problem.of(scenario))
     solved.keep_to(Problem.of(scenario).linearized(best))
-    lagrangian = Lagrangian(solved, np.array([0]))
-    weights, multipliers = 0.7 * lagrangian.weights, lagrangian.multipliers
+    proposal = Proposal.of(solved, np.array([0]))
+    lagrangian = proposal.lagrangian
+    weights, multipliers = 0.7 * proposal.weights, proposal.multipliers
     found = lagrangian.minimum(weights, multipliers)
     rows, _ = lagrangian.slopes(found.at)
+    quick, *slopes = lagrangian.value_and_slopes(weights, multipliers)
+    assert quick == pytest.approx(found.value, rel=1e-9)
+    for one, other in zip(slopes, lagrangian.slopes(found.at), strict=True):
+        np.testing.assert_allclose(one, other, atol=1e-9)
     for s in range(len(weights)):
         step = 1e-3 * weights.max()
         if weights[s] < step:

@@ -97,6 +97,8 @@ def climbed(
     """
     from scipy.optimize import minimize  # imported here because it is slow to load
 
+    if len(weights) + len(multipliers) == 0:
+        return weights, multipliers
     # as multipliers of rows of length one, all have about the same curvature
     sizes = np.concatenate([1.0 / lagrangian.curved.sizes, np.ones(len(multipliers))])
     loss = 1.0 - lagrangian.curvature(weights)  # proportional to the weights
@@ -120,7 +122,9 @@ def climbed(
         return -value, -np.concatenate(slopes) * sizes
 
     with suppress(OutOfTimeError, StopIteration):
-        descend(start)
+        if -descend(start)[0] < lagrangian.changes.least:  # far from the best: begin with none
+            start = np.zeros_like(start)
+            descend(start)
         minimize(
             descend,
             start,

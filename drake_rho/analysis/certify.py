@@ -24,7 +24,8 @@ from contextlib import suppress
 import numpy as np
 
 from drake_rho.analysis.ascent import CONVERGED, Ascent, best_bound
-from drake_rho.analysis.certificate import Certificate, VehicleCertificate
+from drake_rho.analysis.branch_and_bound import Relaxation
+from drake_rho.analysis.certificate import GLOBAL_GAP, Certificate, VehicleCertificate
 from drake_rho.analysis.global_search import (
     GlobalSearch,
     Part,
@@ -66,8 +67,6 @@ _MAX_POLISHINGS = 30
 
 
 @checked
-@with_time_limit
-@single_threaded_blas
 def certify(
     flown: Plan | Flight,
     *,
@@ -115,9 +114,14 @@ def certify(
         >>> certificate.is_globally_optimal
         True
     """
-    if gap is not None:
-        check_gap(gap)
-    return certified(flown, gap, Backend.of(solver), executor, progress)[0]
+    return certified(
+        flown,
+        gap=gap,
+        solver=solver,
+        executor=executor,
+        progress=progress,
+        time_limit=time_limit,
+    )[0]
 
 
 def check_gap(gap: float) -> None:
@@ -130,28 +134,26 @@ def check_gap(gap: float) -> None:
         raise ValueError(f"gap: got {gap!r}, expected a part of the cost above 0 and below 1")
 
 
+@with_time_limit
+@single_threaded_blas
 def certified(
     flown: Plan | Flight,
-    gap: float | None,
-    backend: Backend,
-    executor: Executor | None,
-    progress: Progress | None,
     *,
+    gap: float | None,
+    solver: Solver | SolverName | None = None,
+    executor: Executor | None = None,
+    progress: Progress | None = None,
+    time_limit: float | None = None,
     of_best: bool = False,
 ) -> tuple[Certificate, Plan]:
     """Return the certificate of a plan, and the best plan that was found on the way.
 
-    Args:
-        flown: plan or flight.
-        gap: relative gap to be reached by branch and bound; None for none.
-        backend: solver of programs.
-        executor: any PEP 3148 executor, or None.
-        progress: called with a short description of the current step.
-        of_best: whether the certificate is that of the best plan.
-
-    Raises:
-        ValueError: there is a gap to be reached, and the plan does not satisfy its constraints.
+    Arguments and errors are those of `certify`; with `of_best`, the certificate is that of the best
+    plan.
     """
+    if gap is not None:
+        check_gap(gap)
+    backend = Backend.of(solver)
     plan, report = flown.plan, verify(flown)
     holds = all(check.holds for check in report.checks if check.asked and not check.is_measured)
     jumps = largest_jump(plan) is not None
@@ -248,11 +250,16 @@ class _Roots:
             proposed = [Proposal.of(each, group, priced=priced) for each in proposals]
             left_out |= set[str]().union(*(each.left_out for each in proposed))
             bound = planned = _bound(proposed, ascent)
+            looser = proposed
             if disturbed:
                 looser = [
                     Proposal.of(each, group, as_planned=False, priced=priced) for each in proposals
                 ]
                 bound = _bound(looser, ascent)
+            if bound < cost * (1.0 - GLOBAL_GAP) and not scenario.penalties:
+                own = Relaxation(scenario.of_vehicles(group.tolist()))
+                with suppress(OutOfTimeError):
+                    bound = max(bound, own.root(looser, cost).bound)
             found.append(
                 _by_multipliers(name, cost, proposed[0], bound, planned if disturbed else None)
             )

@@ -179,8 +179,7 @@ class Lagrangian:
         self, weights: FloatArray, multipliers: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
         """Return multipliers, those of soft limits scaled down where they exceed the price."""
-        within = self._of_curved.within_prices(weights), self._of_affine.within_prices(multipliers)
-        return within
+        return self._of_curved.within_prices(weights), self._of_affine.within_prices(multipliers)
 
     def value(self, v: FloatArray, weights: FloatArray, multipliers: FloatArray) -> float:
         """Return L(v)."""
@@ -191,9 +190,7 @@ class Lagrangian:
         """Return the cost of a motion, given as its change v from the one of least cost."""
         return self.changes.least + float(np.sum(v**2))
 
-    def gradient(
-        self, v: FloatArray, weights: FloatArray, multipliers: FloatArray
-    ) -> FloatArray:
+    def gradient(self, v: FloatArray, weights: FloatArray, multipliers: FloatArray) -> FloatArray:
         """Return the gradient of L at v, shape (M, 3)."""
         curved = self.curved
         relative = curved.scales**2 * (curved.responses @ v + curved.offsets)
@@ -201,9 +198,7 @@ class Lagrangian:
         pulls += (self._rows.T @ multipliers).reshape(pulls.shape)
         return np.asarray(2 * v - pulls)
 
-    def beyond_slack(
-        self, curved: FloatArray, affine: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
+    def beyond_slack(self, curved: FloatArray, affine: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return violations less the slack of soft limits."""
         return self._of_curved.beyond_slack(curved), self._of_affine.beyond_slack(affine)
 

@@ -11,7 +11,7 @@ from drake_rho.motion.plan import Plan
 from drake_rho.planning.call.progress import Progress
 from drake_rho.planning.call.time_limit import with_time_limit
 from drake_rho.planning.planners.plan import plan
-from drake_rho.planning.programs.backend import Backend, Solver, SolverName
+from drake_rho.planning.programs.backend import Solver, SolverName
 from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.described import Described
 from drake_rho.scenario.records import Scenario
@@ -72,5 +72,7 @@ def plan_global(
     """
     check_gap(gap)
     first = plan(scenario, solver=solver, progress=progress)
-    backend = Backend.of(solver)
-    return GlobalPlan(*certified(first, gap, backend, executor, progress, of_best=True)[::-1])
+    certificate, best = certified(
+        first, gap=gap, solver=solver, executor=executor, progress=progress, of_best=True
+    )
+    return GlobalPlan(best, certificate)

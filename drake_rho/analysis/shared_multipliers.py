@@ -71,7 +71,7 @@ class Slacks:
         self._numbers: dict[tuple[Hashable, int], int] = {}
 
     def number(self, key: Hashable, vehicles: int) -> None:
-        """Number the slacks of all vehicles of a soft limit."""
+        """Give numbers to the slacks of all vehicles of a soft limit."""
         for vehicle in range(vehicles):
             self._numbers.setdefault((key, vehicle), len(self._numbers))
 

@@ -1,9 +1,8 @@
 """Sides of obstacles and of other vehicles on which a vehicle is at an instant: `Sides`.
 
 A position outside a convex set is in some cone of directions from a point inside, and beyond the
-plane through the points at which the cone's edges meet the surface (`outside.py`). So every motion
-is in one of the branches of a cover by cones, and the four half-spaces of a branch are convex. The
-position relative to another vehicle is treated like one relative to an obstacle.
+plane near the points at which the cone's edges meet the surface (`outside.py`). So every motion is
+in one of the branches of a cover by cones, whose half-spaces are convex constraints. The position relative to another vehicle is treated like one relative to an obstacle.
 """
 
 from __future__ import annotations
@@ -81,11 +80,12 @@ class Sides:
             if losses[index] <= 0.0:
                 break
             where = self._where(curved, index)
-            if cones := self._cones(branch, where, motion):
+            if cones := self._cones(branch, where):
                 return where, cones
-        where = self._deepest(motion)
-        cones = self._cones(branch, where, motion) if where is not None else []
-        return (where, cones) if where is not None and cones else None
+        deepest = self._deepest(motion)
+        if deepest is None or not (cones := self._cones(branch, deepest)):
+            return None
+        return deepest, cones
 
     def _where(self, curved: CurvedTerms, index: int) -> Where:
         """Return where a term's constraint is, at the nearest instant."""
@@ -94,7 +94,7 @@ class Sides:
         number, part = int(curved.obstacles[index]), int(curved.sides[index])
         return Where(min(one, other), max(one, other), number, part if number > 0 else 0, instant)
 
-    def _cones(self, branch: Branch, where: Where, motion: Motion) -> list[FloatArray]:
+    def _cones(self, branch: Branch, where: Where) -> list[FloatArray]:
         """Return the cones into which a branch is split at an instant; none if nowhere."""
         time = self.times[where.instant : where.instant + 1]
         if where.obstacle > 0:
@@ -102,7 +102,8 @@ class Sides:
             if obstacle is None or not _is_there(obstacle, time)[0]:
                 return []
         if (cone := branch.get(where)) is not None:
-            widest = np.min(np.vecdot(cone, np.roll(cone, -1, axis=0)))
+            unit = cone / np.linalg.norm(cone, axis=1, keepdims=True)
+            widest = np.min(np.vecdot(unit, np.roll(unit, -1, axis=0)))
             return halves_of(cone) if widest < np.cos(_NARROWEST) else []
         forbidden = self._forbidden(where)
         return forbidden.cones if forbidden.has_middle else []

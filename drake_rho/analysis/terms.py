@@ -1,8 +1,7 @@
 """Terms of a Lagrangian: constraints as quadratic and linear functions of a group's changes.
 
-Changes u of the motion of least cost are in coordinates of order one (`Changes`), and those that
-leave the final states unchanged are u = F v with orthonormal columns F, so that the cost is norm(v)²
-more. Rows of convex constraints are linear in v. Sets to keep out of have quadratic terms: of the
+Changes u of the motion of least cost are in coordinates of order one (`Changes`). Those that leave
+the final states unchanged are u = F v with orthonormal columns F, so the cost is norm(v)² more. Rows of convex constraints are linear in v. Sets to keep out of have quadratic terms: of the
 balls or ellipsoids themselves, or of balls inside other shapes (`Constraint.quadratics`).
 """
 
@@ -23,10 +22,6 @@ from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs.reduced import rows_of
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.system.table import Table
-
-_THINNEST = 1e-9
-"""Radius of a ball inside an obstacle, as a part of the obstacle's size, below which it has no
-term."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -182,7 +177,7 @@ class GroupChanges:
         matrix = blocks.reshape(len(rows), -1)
         lengths = np.linalg.norm(matrix, axis=1) * quadratic.lengths
         # leaving out terms lowers the bound
-        lengths[~np.isin(rows.partners, group) | (quadratic.sizes <= _THINNEST * lengths)] = np.inf
+        lengths[~np.isin(rows.partners, group) | (quadratic.sizes <= 0.0)] = np.inf
         parts = self.unit**2 * quadratic.scales.max(axis=1) / rows.penalties
         shared = self._slacks.of(rows, parts)
         numbers = rows.constraint.obstacles

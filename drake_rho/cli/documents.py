@@ -29,7 +29,7 @@ from drake_rho.verification.summary import Summary
 
 _KEYS: dict[type, str] = {
     Certificate: "scenario cost lower_bound gap planned_gap is_globally_optimal holds left_out cut "
-    "vehicles",
+    "nodes better vehicles",
     Change: "numbers",
     Check: "vehicle constraint=what time_s=time value limit excess errors unit holds asked "
     "penalty? price? deciding_rate_hz=deciding_rate?",

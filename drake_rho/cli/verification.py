@@ -7,9 +7,11 @@ from typing import Annotated
 
 import typer
 
-from drake_rho.analysis.certify import certify as certificate_of
+from drake_rho.analysis.certify import certified
 from drake_rho.analysis.certify_time import certify_time
 from drake_rho.analysis.diagnose import diagnose as diagnosis_of
+from drake_rho.cli.campaigns import worker_pool
+from drake_rho.cli.checks import check_outputs
 from drake_rho.cli.console import answer, stopping_early, working
 from drake_rho.cli.options import (
     MaxAccelerationOption,
@@ -22,6 +24,7 @@ from drake_rho.cli.options import (
 )
 from drake_rho.cli.reports import finish, finish_trajectories
 from drake_rho.cli.sources import is_result, load_any, load_result, read
+from drake_rho.motion.files import save
 from drake_rho.motion.trajectories import Trajectories
 from drake_rho.planning.programs.backend import SOLVERS
 from drake_rho.verification.verify import verify as verify_any
@@ -64,6 +67,31 @@ def certify(
         bool,
         typer.Option("--time", help="Bound the final time of a plan instead of its cost."),
     ] = False,
+    gap: Annotated[
+        str | None,
+        typer.Option(
+            metavar="GAP",
+            help="Raise the bound on the cost by branch and bound until the gap is at most this, "
+            "such as 1% or 0.01.",
+        ),
+    ] = None,
+    output: Annotated[
+        str | None,
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="FILE",
+            help="With --gap: save the best plan that was found to this file (.npz).",
+        ),
+    ] = None,
+    workers: Annotated[
+        int | None,
+        typer.Option(
+            min=1,
+            max=1024,
+            help="With --gap: number of worker processes; by default the process of the command.",
+        ),
+    ] = None,
     solver: SolverOption = Solver.CLARABEL,
     time_limit: TimeLimitOption = None,
 ) -> int:
@@ -71,23 +99,46 @@ def certify(
 
     The exit status is 0 even if a gap remains.
     """
+    part = None if gap is None else _part(gap)
+    for given, name in ((output, "--output"), (workers, "--workers")):
+        if given is not None and part is None:
+            raise ValueError(f"{name}: got {given}, expected none without --gap")
+    check_outputs(output, None)
     flown = load_result(file)
     if flown.simulation is not None:
         raise ValueError(f"{file}: got a simulation, expected a plan or a flight")
     if time:
+        if part is not None:
+            raise ValueError(f"--gap: got {gap} with --time, expected one of them")
         if flown.flight is not None:
             raise ValueError(f"{file}: got a flight, expected a plan, whose time is bounded")
         with working("bounding the least time") as work, stopping_early():
             found = certify_time(flown.plan, progress=work, time_limit=time_limit)
         return answer(found, str(found))
-    with working("computing a lower bound") as work, stopping_early():
-        certificate = certificate_of(
+    words = "computing a lower bound"
+    with working(words) as work, stopping_early(), worker_pool(workers) as executor:
+        certificate, best = certified(
             flown.flight or flown.plan,
+            gap=part,
             solver=SOLVERS[solver](),
+            executor=executor,
             progress=work,
             time_limit=time_limit,
         )
+    if output is not None:
+        save(best, output)
     return answer(certificate, str(certificate))
+
+
+def _part(gap: str) -> float:
+    """Return a gap given in per cent or as a part of the cost."""
+    digits, percent, after = gap.partition("%")
+    try:
+        if after:
+            raise ValueError
+        return float(digits) / (100.0 if percent else 1.0)
+    except ValueError:
+        raise ValueError(f"--gap: got {gap!r}, expected a gap such as 1% or 0.01") from None
 
 
 def diagnose(

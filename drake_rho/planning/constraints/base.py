@@ -52,7 +52,7 @@ class Quadratic:
     scales: FloatArray
     """factors of the three axes, shape (R, 3)"""
     sizes: FloatArray
-    """least norms of the scaled offsets [m], shape (R,)"""
+    """least norms of the scaled offsets [m]; zero where there is no such constraint, shape (R,)"""
     lengths: FloatArray
     """lengths of the scaled directions, before normalisation to unit normals, shape (R,)"""
 

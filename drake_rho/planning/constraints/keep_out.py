@@ -185,6 +185,9 @@ _HALVINGS = 60
 _DEEPEST = 1e3
 """Largest radius of such a ball beyond the required distance, in sizes of the obstacle."""
 
+_SMALLEST = 1e-3
+"""Radius of such a ball, in sizes of the obstacle, below which it counts as none: at an edge."""
+
 _TANGENT = 1e-12
 """Distance of such a ball from its row, in sizes of the obstacle."""
 
@@ -248,7 +251,7 @@ class KeepOutOfObstacle(KeepOut):
         """
 
     def quadratics(self, rows: HalfSpaces) -> Quadratic:
-        """Return balls inside the set to keep out of, each tangent to its row.
+        """Return balls inside the set to keep out of, each tangent to its row; radius 0 for none.
 
         A distance from a convex set changes by at most the way moved, so the ball around c with
         radius r - d(c) is too close everywhere. The largest one whose centre is on the normal
@@ -268,8 +271,9 @@ class KeepOutOfObstacle(KeepOut):
             low, high = np.where(tangent, depths, low), np.where(tangent, high, depths)
         within = nearest - low[:, None] * normals
         sizes = required - self.distances_at(points, within)
+        sizes[sizes < _SMALLEST * self.obstacle.shape.size] = 0.0
         ones = np.ones((len(rows), 3))
-        return Quadratic(centers + within, ones, np.maximum(sizes, 0.0), np.ones(len(rows)))
+        return Quadratic(centers + within, ones, sizes, np.ones(len(rows)))
 
     def offsets(self, motion: Motion, points: EvaluationPoints) -> FloatArray:
         """Return positions relative to the centre of the obstacle [m], shape (R, 3)."""
