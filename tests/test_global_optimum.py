@@ -1,4 +1,4 @@
-"""Global optimality: bounds with every shape, branches that close gaps, the same for any workers."""
+"""Global optima: bounds with every shape, branches that close gaps, any number of workers."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def _behind(kind: str) -> rho.Scenario:
     scenario = single(
         obstacles=obstacles, limits=limits, start=rho.State([0.0, 0.0, 0.0]), goal=goal
     )
-    vehicles = [dataclasses.replace(each, radius=0.15) for each in scenario.vehicles]
+    vehicles = tuple(dataclasses.replace(each, radius=0.15) for each in scenario.vehicles)
     return dataclasses.replace(scenario, vehicles=vehicles, between_knots=True)
 
 
@@ -125,7 +125,7 @@ def test_time_limits_end_the_search_with_what_is_known() -> None:
 
 @pytest.mark.parametrize("gap", [0.0, -0.1, 1.0, 1.5, float("nan")])
 def test_gaps_are_above_zero_and_below_one(gap: float) -> None:
-    with pytest.raises(ValueError, match="^gap: got .* above 0 and below 1"):
+    with pytest.raises(ValueError, match=r"^gap: got .* above 0 and below 1"):
         rho.plan_global(single(), gap=gap)
 
 
@@ -133,5 +133,5 @@ def test_plans_that_violate_constraints_are_refused() -> None:
     plan = rho.plan(_balls())
     scenario = dataclasses.replace(plan.scenario, limits=rho.Limits(max_speed=0.5))
     wrong = rho.Plan.from_accelerations(scenario, plan.accelerations)
-    with pytest.raises(ValueError, match="violates them .*expected one that satisfies"):
+    with pytest.raises(ValueError, match=r"violates them .*expected one that satisfies"):
         rho.certify(wrong, gap=0.01)

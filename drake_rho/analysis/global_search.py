@@ -93,7 +93,7 @@ class GlobalSearch:
         return sum(part.tree.nodes for part in self.parts if part.tree is not None)
 
     def run(self, gap: float) -> None:
-        """Split nodes until the relative gap is at most a given one, nothing is left, or time is up.
+        """Split nodes until the relative gap is at most a given one, or time or nodes end.
 
         Args:
             gap: relative gap (cost - bound) / cost.

@@ -114,8 +114,11 @@ class Lagrangian:
 
     @cached_property
     def _products(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Inner products of terms' rows: of curved ones (S, S), with affine ones on each axis
-        (3, S, R), and of these (3, R, R)."""
+        """Inner products of the terms' rows.
+
+        Those of curved terms, shape (S, S), of these with affine ones on each axis, (3, S, R), and
+        of affine ones, (3, R, R).
+        """
         curved, axes = self.curved.responses, self.affine.matrix.transpose(2, 0, 1)
         return curved @ curved.T, curved @ axes.swapaxes(1, 2), axes @ axes.swapaxes(1, 2)
 

@@ -1,8 +1,9 @@
 """Sides of obstacles and of other vehicles on which a vehicle is at an instant: `Sides`.
 
 A position outside a convex set is in some cone of directions from a point inside, and beyond the
-plane near the points at which the cone's edges meet the surface (`outside.py`). So every motion is
-in one of the branches of a cover by cones, whose half-spaces are convex constraints. The position relative to another vehicle is treated like one relative to an obstacle.
+plane through the points at which the cone's edges meet the surface (`outside.py`). So every motion
+is in one of the branches of a cover by cones, whose half-spaces are convex constraints. The
+position relative to another vehicle is treated like one relative to an obstacle.
 """
 
 from __future__ import annotations

@@ -1,8 +1,9 @@
 """Terms of a Lagrangian: constraints as quadratic and linear functions of a group's changes.
 
 Changes u of the motion of least cost are in coordinates of order one (`Changes`). Those that leave
-the final states unchanged are u = F v with orthonormal columns F, so the cost is norm(v)² more. Rows of convex constraints are linear in v. Sets to keep out of have quadratic terms: of the
-balls or ellipsoids themselves, or of balls inside other shapes (`Constraint.quadratics`).
+the final states unchanged are u = F v with orthonormal columns F, so the cost is norm(v)² more.
+Rows of convex constraints are linear in v. Sets to keep out of have quadratic terms: of the balls
+or ellipsoids themselves, or of balls inside other shapes (`Constraint.quadratics`).
 """
 
 from __future__ import annotations
@@ -120,10 +121,9 @@ class GroupChanges:
     def nothing(self) -> tuple[CurvedTerms, AffineTerms]:
         """Empty terms."""
         width, none, whole = self.free.shape[1], np.zeros(0), np.zeros(0, dtype=int)
-        vectors = np.zeros((0, 3))
-        curved = CurvedTerms(
-            np.zeros((0, width)), vectors, vectors, none, none, whole, none, *[whole] * 4, none
-        )
+        vectors, rows = np.zeros((0, 3)), np.zeros((0, width))
+        where = whole, whole, whole, whole
+        curved = CurvedTerms(rows, vectors, vectors, none, none, whole, none, *where, none)
         affine = AffineTerms(np.zeros((0, width, 3)), none, whole, none, none.astype(bool))
         return curved, affine
 
