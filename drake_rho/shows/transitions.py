@@ -26,6 +26,10 @@ _SLACKS = 0.01, 0.03, 0.1, 0.3, 1.0, 3.0
 """Slacks of the longest flight that are tried, relative to its least time, after the fewest steps:
 without any slack, vehicles can hardly evade each other."""
 
+_MORE = 4, 12
+"""Numbers of steps beyond these that are tried at last: limits of jerk and tilt, which least times
+leave out, take time however short the way is."""
+
 _WORK = 60.0
 """Work on one number of steps [rounds]: most plans take less than 20."""
 
@@ -87,6 +91,8 @@ class Transition:
             steps = max(steps_lasting(self.least * (1.0 + slack), step), last + 1)
             yield steps
             last = steps
+        for more in _MORE:
+            yield last + more
 
     @single_threaded_blas
     def planned(self, solver: Solver | SolverName | None, options: Options | None) -> Plan:
