@@ -322,14 +322,13 @@ def test_windows_use_the_position_of_an_obstacle_at_their_times() -> None:
 
 
 @pytest.mark.slow
-def test_the_bound_includes_balls_and_ellipsoids_and_lists_the_rest() -> None:
+def test_the_bound_includes_obstacles_of_every_shape() -> None:
     for kind in ("sphere", "ellipsoid"):
         for obstacle in moving(SHAPES[kind]):
             certificate = rho.certify(rho.plan(flight(obstacle)))
             assert not certificate.left_out
             assert -1e-6 < certificate.gap < 0.05
-    certificate = rho.certify(rho.plan(flight(SHAPES["box"])))
-    assert certificate.left_out == ("obstacle 1",)
-    assert "leaves out obstacle 1" in str(certificate)
-    free = rho.plan(flight()).cost
-    assert certificate.lower_bound == pytest.approx(free, rel=1e-6)
+    plan, free = rho.plan(flight(SHAPES["box"])), rho.plan(flight()).cost
+    certificate = rho.certify(plan)
+    assert certificate.left_out == ()
+    assert free * (1 - 1e-9) <= certificate.lower_bound <= plan.cost
