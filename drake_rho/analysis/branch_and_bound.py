@@ -13,6 +13,7 @@ import heapq
 import time
 from collections.abc import Iterable
 from contextlib import suppress
+from itertools import count
 
 import numpy as np
 
@@ -246,7 +247,9 @@ class Tree:
 
     def __init__(self, scenario: Scenario, root: Node) -> None:
         self.scenario, self.nodes = scenario, 1
-        self._open, self._closed = [(root.bound, 0, root)], np.inf
+        self._open, self._closed = list[tuple[float, int, Node]](), np.inf
+        self._numbers = count()  # of equal bounds, the node that was added first
+        self.put_back([root])
 
     @property
     def bound(self) -> float:
@@ -270,16 +273,15 @@ class Tree:
         return taken
 
     def put_back(self, nodes: Iterable[Node]) -> None:
-        """Add nodes that were not split after all."""
+        """Add nodes that are left to split."""
         for each in nodes:
-            heapq.heappush(self._open, (each.bound, self.nodes, each))
-            self.nodes += 1
+            heapq.heappush(self._open, (each.bound, next(self._numbers), each))
 
     def replace(self, node: Node, parts: Iterable[Node], enough: float) -> None:
         """Add the parts of a node that was removed."""
         for part in parts:
+            self.nodes += part is not node
             if part is node or part.bound >= enough:
                 self._closed = min(self._closed, part.bound)
             else:
-                heapq.heappush(self._open, (part.bound, self.nodes, part))
-            self.nodes += 1
+                self.put_back([part])

@@ -169,15 +169,15 @@ def certified(
         return certificate, plan
     pairs = zip(roots.groups, roots.certificates, strict=True)
     search = GlobalSearch(
-        Plan.from_accelerations(roots.scenario, plan.accelerations),
+        plan,
+        roots.scenario,
         [Part(group, each.lower_bound) for group, each in pairs],
         lambda around: _solved_around(around, backend, None),
         executor,
         progress,
-        seek=plan.scenario.smoothing is None,
     )
     search.run(gap)
-    best = plan if search.plan.cost >= plan.cost else _polished(plan.scenario, search.plan, backend)
+    best = plan if search.plan is plan else _polished(search.plan, backend)
     costs = vehicle_costs(best)
     own = costs if of_best else roots.costs
     is_better = not of_best and float(costs.sum()) < certificate.cost
@@ -190,14 +190,13 @@ def certified(
     ), best
 
 
-def _polished(scenario: Scenario, found: Plan, backend: Backend) -> Plan:
+def _polished(found: Plan, backend: Backend) -> Plan:
     """Return a plan iterated to convergence from one that was found on the sides of a branch."""
-    best = Plan.from_accelerations(scenario, found.accelerations, found.statistics)
     with suppress(InfeasibleError, SolverError, OutOfTimeError):
-        polished = plan_scp(scenario, reference=best, solver=backend.solver)
-        if polished.cost < best.cost and verify(polished).ok:
+        polished = plan_scp(found.scenario, reference=found, solver=backend.solver)
+        if vehicle_costs(polished).sum() < vehicle_costs(found).sum() and verify(polished).ok:
             return polished
-    return best
+    return found
 
 
 class _Roots:

@@ -52,11 +52,11 @@ class GlobalSearch:
 
     Args:
         plan: the best plan that is known.
+        relaxed: its scenario, or one with more plans, which is bounded.
         parts: groups of vehicles and their bounds.
         solved: function that returns converged programs around a plan.
         executor: any PEP 3148 executor that splits nodes; None for this process.
         progress: called with bound, cost, gap and nodes after each step.
-        seek: whether plans on the sides of a node replace the best one.
 
     Attributes:
         plan: the best plan found.
@@ -66,14 +66,13 @@ class GlobalSearch:
     def __init__(
         self,
         plan: Plan,
+        relaxed: Scenario,
         parts: Sequence[Part],
         solved: Callable[[Plan], CuttingPlanes],
         executor: Executor | None = None,
         progress: Progress | None = None,
-        *,
-        seek: bool = True,
     ) -> None:
-        self.plan, self.parts, self.cut, self._seek = plan, list(parts), False, seek
+        self.plan, self.parts, self.cut, self._relaxed = plan, list(parts), False, relaxed
         self._solved, self._executor, self._progress = solved, executor, progress
         self._costs = vehicle_costs(plan)
 
@@ -115,14 +114,22 @@ class GlobalSearch:
     def _is_open(self, part: Part, gap: float) -> bool:
         """Return whether the bound of a part is too low and may rise."""
         enough = (1.0 - gap) * self._of(part)
-        if part.alone < enough:
-            return len(self.parts) > 1
+        if self._excluded(part, enough):
+            return True
         return part.lower < enough and (part.tree is None or part.tree.has_below(enough))
+
+    def _excluded(self, part: Part, enough: float) -> bool:
+        """Return whether other vehicles exclude a cheaper plan of a part, with more than the gap.
+
+        The part's bound alone is at most the cost of that plan.
+        """
+        apart = self._relaxed.separation is not None and len(self.parts) > 1
+        return apart and part.alone < enough
 
     def _step(self, part: Part, gap: float) -> None:
         """Split some nodes of a part, or join it to another."""
         enough = (1.0 - gap) * self._of(part)
-        if part.alone < enough:
+        if self._excluded(part, enough):
             self._join(part)
             return
         tree = part.tree = part.tree or self._tree(part, enough)
@@ -134,14 +141,14 @@ class GlobalSearch:
             raise
         for node, result in zip(nodes, results, strict=True):
             tree.replace(node, result.parts, enough)
-            if self._seek and result.found is not None:
+            if result.found is not None:
                 self._try(part, tree, result.found)
 
     def _tree(self, part: Part, enough: float) -> Tree:
         """Return the tree of a part, with a root bounded around the best plan."""
         name = group_name(self.plan.scenario, part.group)
         tell(self._progress, f"bounding the cost of {name}")
-        scenario = self.plan.scenario.of_vehicles(part.group.tolist())
+        scenario = self._relaxed.of_vehicles(part.group.tolist())
         plan = Plan.from_accelerations(scenario, self.plan.accelerations[part.group])
         everyone = np.arange(len(part.group))
         proposal = Proposal.of(self._solved(plan), everyone, as_planned=False)

@@ -77,6 +77,8 @@ class Sides:
                 were the least cost, shape (S,).
             motion: motion at the Lagrangian's minimum.
         """
+        if len(self.times) == 0:  # start and goal alone
+            return None
         for index in np.argsort(-losses, kind="stable").tolist():
             if losses[index] <= 0.0:
                 break
