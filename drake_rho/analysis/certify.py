@@ -241,20 +241,20 @@ class _Roots:
             task = f"bounding the cost of {name} ({number} of {len(self.groups)})"
             tell(progress, task)
             cost, disturbed = float(self.costs[group].sum()), scenario.disturbance is not None
+            effort = float(np.sum(efforts[group]))
             if not proposals:
-                effort = float(np.sum(efforts[group]))
                 found.append(_by_effort(name, cost, effort, disturbed=disturbed))
                 continue
             ascent = Ascent(progress, task, cost, len(proposals) * (2 if disturbed else 1))
             proposed = [Proposal.of(each, group, priced=priced) for each in proposals]
             left_out |= set[str]().union(*(each.left_out for each in proposed))
-            bound = planned = _bound(proposed, ascent)
+            bound = planned = _bound(proposed, effort, ascent)
             looser = proposed
             if disturbed:
                 looser = [
                     Proposal.of(each, group, as_planned=False, priced=priced) for each in proposals
                 ]
-                bound = _bound(looser, ascent)
+                bound = _bound(looser, effort, ascent)
             if bound < cost * (1.0 - GLOBAL_GAP) and not scenario.penalties:
                 own = Relaxation(scenario.of_vehicles(group.tolist()))
                 with suppress(OutOfTimeError):
@@ -336,9 +336,10 @@ def _by_effort(name: str, cost: float, effort: float, *, disturbed: bool) -> Veh
     )
 
 
-def _bound(proposed: Sequence[Proposal], ascent: Ascent) -> float:
-    """Return the best lower bound on a group's cost [m²/s⁴]."""
-    return max(0.0, *(best_bound(each, ascent) for each in proposed))
+def _bound(proposed: Sequence[Proposal], effort: float, ascent: Ascent) -> float:
+    """Return the best lower bound on a group's cost, at least its minimum effort [m²/s⁴]."""
+    least = effort * (1.0 - CONVERGED)  # if time is up before a Lagrangian gives more
+    return max(least, *(best_bound(each, ascent) for each in proposed))
 
 
 def _by_multipliers(
