@@ -106,6 +106,53 @@ def test_vehicles_that_exchange_places_have_cheaper_plans_on_other_sides() -> No
     assert "a plan that costs" in str(known)
 
 
+def test_groups_are_joined_where_one_excludes_a_cheaper_plan_of_another() -> None:
+    rng = np.random.default_rng([5, 39])
+    lanes = np.array([-1.2, 0.0, 1.2])
+    starts = np.stack([np.zeros(3), lanes, 0.1 * rng.normal(size=3)], axis=1)
+    goals = np.stack([np.full(3, 8.0), rng.permutation(lanes), 0.1 * rng.normal(size=3)], axis=1)
+    scenario = fleet(
+        starts,
+        goals,
+        obstacles=[
+            rho.Sphere([4.0, rng.uniform(-0.5, 0.5), 0.0], 1.1),
+            rho.Box([5.5, -1.5, -0.5], [6.0, -0.3, 0.5]),
+        ],
+        separation=rho.Separation(0.8),
+        grid=rho.Grid(0.4, 17),
+        between_knots=False,
+    )
+    plan = rho.plan(scenario)
+    best = rho.plan_global(scenario, gap=0.002)
+    assert len(rho.certify(plan).vehicles) == 2
+    assert len(best.certificate.vehicles) == 1
+    assert rho.verify(best.plan).ok
+    assert best.plan.cost < 0.98 * plan.cost
+    assert best.certificate.gap <= 0.002
+
+
+def test_a_fleet_too_large_for_pairs_keeps_its_separation() -> None:
+    """The bound leaves the separation out; plans that are found on the way do not."""
+    rng, lanes = np.random.default_rng(3), np.arange(26) * 1.05
+    starts = np.stack([0.0 * lanes, lanes, 0.0 * lanes], axis=1)
+    balls = [
+        rho.Sphere([5.0, y + rng.uniform(-0.3, 0.3), rng.uniform(-0.2, 0.2)], 0.7)
+        for y in (1.0, 5.0, 9.0, 13.0)
+    ]
+    scenario = fleet(
+        starts,
+        starts + np.array([10.0, 0.0, 0.0]),
+        obstacles=balls,
+        separation=rho.Separation(1.0),
+        between_knots=False,
+    )
+    best = rho.plan_global(scenario, gap=1e-4)
+    assert best.certificate.nodes > 0
+    assert best.certificate.left_out == ("the separation",)
+    assert rho.verify(rho.Plan.from_accelerations(scenario, best.plan.accelerations)).ok
+    assert best.certificate.lower_bound <= best.plan.cost * (1 + 1e-9)
+
+
 def test_certificates_do_not_depend_on_the_number_of_workers() -> None:
     alone = rho.plan_global(_balls(), gap=0.052)
     with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:

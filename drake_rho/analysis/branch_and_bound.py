@@ -262,11 +262,11 @@ class Tree:
         return len(self._open)
 
     def has_below(self, enough: float) -> bool:
-        """Return whether there are nodes to split with bounds below what is enough [m²/s⁴]."""
+        """Return whether a node to split has a bound below `enough` [m²/s⁴]."""
         return bool(self._open) and self._open[0][0] < enough
 
     def least(self, enough: float) -> list[Node]:
-        """Remove and return the nodes with the least bounds, all below what is enough."""
+        """Remove and return the nodes with the least bounds below `enough` [m²/s⁴]."""
         taken = list[Node]()
         while self.has_below(enough) and len(taken) < AT_ONCE:
             taken.append(heapq.heappop(self._open)[2])

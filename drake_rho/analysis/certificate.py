@@ -157,7 +157,8 @@ class Certificate(metaclass=Described):
         )
 
     def _searched(self) -> str:
-        branches = f" after {self.nodes} branches" if self.nodes > 0 else ""
+        count = f"{self.nodes} branches" if self.nodes > 1 else "one branch"
+        branches = f" after {count}" if self.nodes > 0 else ""
         if self.better is None:
             return branches
         less = percent(1.0 - self.better / self.cost)

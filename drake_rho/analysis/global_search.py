@@ -12,6 +12,7 @@ import numpy as np
 
 from drake_rho.analysis.branch_and_bound import Node, Relaxation, Split, Tree, split
 from drake_rho.analysis.lagrangian import Proposal
+from drake_rho.analysis.sides import Sides
 from drake_rho.motion.costs import costs_of
 from drake_rho.motion.plan import Plan
 from drake_rho.planning.call.progress import Progress, tell
@@ -39,7 +40,9 @@ class Part:
     tree: Tree | None = None
     """nodes of the group's motions; None before the first is split"""
     alone: float = np.inf
-    """least cost of a plan of the group that was found without the other vehicles [m²/s⁴]"""
+    """least cost of the group's plans that other vehicles exclude [m²/s⁴]"""
+    nearest: int = -1
+    """index of the vehicle of another group that comes closest to such a plan; -1 without one"""
 
     @property
     def lower(self) -> float:
@@ -113,25 +116,25 @@ class GlobalSearch:
 
     def _is_open(self, part: Part, gap: float) -> bool:
         """Return whether the bound of a part is too low and may rise."""
-        enough = (1.0 - gap) * self._of(part)
-        if self._excluded(part, enough):
+        if self._excluded(part, gap):
             return True
+        enough = self._enough(part, gap)
         return part.lower < enough and (part.tree is None or part.tree.has_below(enough))
 
-    def _excluded(self, part: Part, enough: float) -> bool:
-        """Return whether other vehicles exclude a cheaper plan of a part, with more than the gap.
+    def _enough(self, part: Part, gap: float) -> float:
+        """Return the bound of a part at which its tree ends [m²/s⁴]: it is at most `alone`."""
+        return (1.0 - gap) * min(self._of(part), part.alone)
 
-        The part's bound alone is at most the cost of that plan.
-        """
-        apart = self._relaxed.separation is not None and len(self.parts) > 1
-        return apart and part.alone < enough
+    def _excluded(self, part: Part, gap: float) -> bool:
+        """Return whether another vehicle excludes a plan of a part that closes the gap."""
+        return part.nearest >= 0 and part.alone < (1.0 - gap) * self._of(part)
 
     def _step(self, part: Part, gap: float) -> None:
         """Split some nodes of a part, or join it to another."""
-        enough = (1.0 - gap) * self._of(part)
-        if self._excluded(part, enough):
+        if self._excluded(part, gap):
             self._join(part)
             return
+        enough = self._enough(part, gap)
         tree = part.tree = part.tree or self._tree(part, enough)
         nodes = tree.least(enough)
         try:
@@ -169,19 +172,29 @@ class GlobalSearch:
         cost = float(vehicle_costs(alone).sum())
         if cost > (1.0 - _CHEAPER) * min(self._of(part), part.alone) or not verify(alone).ok:
             return
-        part.alone = cost
         every = self.plan.accelerations.copy()
         every[part.group] = accelerations
         plan = Plan.from_accelerations(self.plan.scenario, every, self.plan.statistics)
         if verify(plan).ok:
             self.plan, self._costs, part.alone = plan, vehicle_costs(plan), np.inf
+        else:
+            part.alone, part.nearest = cost, self._nearest(part, plan)
+
+    def _nearest(self, part: Part, plan: Plan) -> int:
+        """Return the vehicle of another part that comes closest to a part; -1 without any."""
+        others = np.setdiff1d(np.arange(len(self._costs)), part.group)
+        if self._relaxed.separation is None or len(others) == 0:
+            return -1
+        at = plan.motion().at("position", Sides(self._relaxed).times)
+        pairs = at[part.group][:, None] - at[others]
+        distances = self._relaxed.separation.shape.local_distance(pairs)
+        return int(others[np.argmin(distances.min(axis=(0, 2), initial=np.inf))])
 
     def _join(self, part: Part) -> None:
-        """Join a part, of which others exclude a cheaper plan, to the one with the largest gap."""
-        others = [each for each in self.parts if each is not part]
-        other = max(others, key=lambda each: self._of(each) - each.lower)
+        """Join a part to that of the vehicle which excludes a cheaper plan."""
+        (other,) = (each for each in self.parts if part.nearest in each.group)
         joined = Part(np.sort(np.append(part.group, other.group)), part.lower + other.lower)
-        self.parts = [each for each in others if each is not other] + [joined]
+        self.parts = [each for each in self.parts if each not in (part, other)] + [joined]
 
     def _tell(self) -> None:
         left = sum(part.tree.left for part in self.parts if part.tree is not None)

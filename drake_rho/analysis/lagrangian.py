@@ -82,7 +82,7 @@ class Lagrangian:
         return [slice(a, b) for a, b in zip(first, [*first[1:], 3], strict=True)]
 
     def curvature(self, weights: FloatArray) -> float:
-        """Return the least curvature for weights λ, relative to that of norm(v)²."""
+        """Return the Hessian's least eigenvalue for weights λ; that of norm(v)² counts as 1."""
         if self.changes.free.shape[1] == 0:  # the goal determines the motion
             return 1.0
         half = self._half(weights)
@@ -181,7 +181,7 @@ class Lagrangian:
     def within_prices(
         self, weights: FloatArray, multipliers: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Return multipliers, those of soft limits scaled down where they exceed the price."""
+        """Return the multipliers, scaled down where those of a soft limit exceed its price."""
         return self._of_curved.within_prices(weights), self._of_affine.within_prices(multipliers)
 
     def value(self, v: FloatArray, weights: FloatArray, multipliers: FloatArray) -> float:
@@ -284,7 +284,7 @@ class Proposal:
 
     @property
     def curvature(self) -> float:
-        """Least curvature of the Lagrangian, relative to that of norm(v)²."""
+        """The Hessian's least eigenvalue at the program's multipliers; that of norm(v)² is 1."""
         return self.lagrangian.curvature(self.weights)
 
     def kkt_residuals(self) -> tuple[float, float]:

@@ -17,7 +17,7 @@ from rich.progress import BarColumn, TextColumn, TimeRemainingColumn
 from drake_rho.cli.checks import check_outputs, check_writable, requested_drawing
 from drake_rho.cli.console import answer, bar, err, remark, say, tell, working, write
 from drake_rho.cli.failures import InterruptedByUserError
-from drake_rho.cli.options import FormatOption, WidthOption
+from drake_rho.cli.options import FormatOption, WidthOption, WorkersOption
 from drake_rho.cli.sources import refuse_empty_file
 from drake_rho.scenario.errors import ScenarioError
 
@@ -36,15 +36,7 @@ def campaign(
         str | None,
         typer.Option(metavar="FILE", help="Store of the runs, one row per run (SQLite)."),
     ] = None,
-    workers: Annotated[
-        int | None,
-        typer.Option(
-            min=1,
-            max=1024,
-            help="Number of worker processes on this machine; by default the runs are done in the "
-            "process of the command.",
-        ),
-    ] = None,
+    workers: WorkersOption = None,
     scheduler: Annotated[
         str | None,
         typer.Option(

@@ -92,6 +92,15 @@ OutputOption = Annotated[
     str | None,
     typer.Option("--output", "-o", metavar="FILE", help="Save the result to this file (.npz)."),
 ]
+WorkersOption = Annotated[
+    int | None,
+    typer.Option(
+        min=1,
+        max=1024,
+        help="Number of worker processes on this machine; by default the process of the command "
+        "works alone.",
+    ),
+]
 FiguresOption = Annotated[
     str | None,
     typer.Option(

@@ -18,6 +18,7 @@ from drake_rho.cli.options import (
     SolverOption,
     TimeLimitOption,
     WidthOption,
+    WorkersOption,
 )
 from drake_rho.cli.reports import finish
 from drake_rho.cli.sources import refuse_empty_file
@@ -32,15 +33,7 @@ def storyboard(
     ] = None,
     output: OutputOption = None,
     solver: SolverOption = Solver.CLARABEL,
-    workers: Annotated[
-        int | None,
-        typer.Option(
-            min=1,
-            max=1024,
-            help="Number of worker processes, which plan transitions side by side (only with "
-            "--solver daqp); by default the process of the command plans.",
-        ),
-    ] = None,
+    workers: WorkersOption = None,
     time_limit: TimeLimitOption = None,
     figures: FiguresOption = None,
     file_format: FormatOption = None,
@@ -52,7 +45,10 @@ def storyboard(
         bool, typer.Option("--schema", help="Print the JSON schema of shows and exit.")
     ] = False,
 ) -> int:
-    """Plan a show, from pads through formations and back, and verify it."""
+    """Plan a show, from pads through formations and back, and verify it.
+
+    Workers plan transitions side by side, with --solver daqp only.
+    """
     from drake_rho.shows.certificate import certify_show
     from drake_rho.shows.plan_show import plan_show
     from drake_rho.shows.show import example_show, load_show, show_schema

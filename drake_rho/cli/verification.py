@@ -15,12 +15,14 @@ from drake_rho.cli.checks import check_outputs
 from drake_rho.cli.console import answer, stopping_early, working
 from drake_rho.cli.options import (
     MaxAccelerationOption,
+    OutputOption,
     ResultArgument,
     Solver,
     SolverOption,
     TimeLimitOption,
     TopicOption,
     TrajectoriesOption,
+    WorkersOption,
 )
 from drake_rho.cli.reports import finish, finish_trajectories
 from drake_rho.cli.sources import is_result, load_any, load_result, read
@@ -75,29 +77,15 @@ def certify(
             "such as 1% or 0.01.",
         ),
     ] = None,
-    output: Annotated[
-        str | None,
-        typer.Option(
-            "--output",
-            "-o",
-            metavar="FILE",
-            help="With --gap: save the best plan that was found to this file (.npz).",
-        ),
-    ] = None,
-    workers: Annotated[
-        int | None,
-        typer.Option(
-            min=1,
-            max=1024,
-            help="With --gap: number of worker processes; by default the process of the command.",
-        ),
-    ] = None,
+    output: OutputOption = None,
+    workers: WorkersOption = None,
     solver: SolverOption = Solver.CLARABEL,
     time_limit: TimeLimitOption = None,
 ) -> int:
     """Bound how far a plan is from the optimum, in cost or in time.
 
-    The exit status is 0 even if a gap remains.
+    With --gap, --output saves the best plan that was found. The exit status is 0 even if a gap
+    remains.
     """
     part = None if gap is None else _part(gap)
     for given, name in ((output, "--output"), (workers, "--workers")):
@@ -127,7 +115,8 @@ def certify(
         )
     if output is not None:
         save(best, output)
-    return answer(certificate, str(certificate))
+    saved = [f"the best plan is saved to {output}"] if output is not None else []
+    return answer(certificate, str(certificate), *saved)
 
 
 def _part(gap: str) -> float:
