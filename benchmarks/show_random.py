@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -12,6 +13,9 @@ from benchmarks.sampling import sample
 from benchmarks.show_scenes import APART, random_show
 from benchmarks.stopwatch import Stopwatch
 from benchmarks.tables import Goal, Table
+
+PACKAGES = ("drake-rho", "drake", "numpy", "scipy", "daqp")
+"""Packages that a show is planned with."""
 
 _WITHIN = 1e-6
 """Violation of the separation that counts as rounding, relative to it."""
@@ -41,8 +45,6 @@ class Lap:
 def run(seeds: int = 20) -> Table:
     """Plan and judge as many random shows, on all cores."""
     laps = on_all_cores(lap, range(seeds), "random shows", at_once=1)
-    planned = [each for each in laps if each.planned]
-    wrong = sum(not each.ok or each.least < APART.distance * (1.0 - _WITHIN) for each in planned)
     return Table(
         name="show_random",
         title="Random shows",
@@ -64,11 +66,18 @@ def run(seeds: int = 20) -> Table:
             "separation is 1 m, twice as much vertically. Samples integrate the accelerations, 100 "
             "a step. The bound of a transition is the least time of its longest flight.",
         ),
-        goals=(
-            Goal("shows without a plan", 0, len(laps) - len(planned)),
-            Goal("violated, by `rho.verify` or by samples", 0, wrong),
-        ),
-        packages=("drake-rho", "drake", "numpy", "scipy", "daqp"),
+        goals=goals_of(laps, APART.distance),
+        packages=PACKAGES,
+    )
+
+
+def goals_of(laps: Sequence[Lap], apart: float) -> tuple[Goal, ...]:
+    """Return the goals of shows: all planned, none closer than a distance [m]."""
+    planned = [each for each in laps if each.planned]
+    wrong = sum(not each.ok or each.least < apart * (1.0 - _WITHIN) for each in planned)
+    return (
+        Goal("shows without a plan", 0, len(laps) - len(planned)),
+        Goal("violated, by `rho.verify` or by samples", 0, wrong),
     )
 
 

@@ -5,19 +5,17 @@ from __future__ import annotations
 import numpy as np
 
 from benchmarks.all_cores import on_all_cores
-from benchmarks.show_random import Lap, judged
+from benchmarks.show_random import PACKAGES, Lap, goals_of, judged
 from benchmarks.show_scenes import room
-from benchmarks.tables import Goal, Table
+from benchmarks.tables import Table
 
-_APART, _WITHIN = 0.4, 1e-6
-"""Required distance [m], and the violation of it that counts as rounding, relative to it."""
+_APART = 0.4
+"""Required distance [m]."""
 
 
 def run(seeds: int = 20) -> Table:
     """Plan and judge as many shows, on all cores."""
     laps = on_all_cores(lap, range(seeds), "shows in a room", at_once=1)
-    planned = [each for each in laps if each.planned]
-    wrong = sum(not each.ok or each.least < _APART * (1.0 - _WITHIN) for each in planned)
     return Table(
         name="show_room",
         title="Shows in a room",
@@ -37,11 +35,8 @@ def run(seeds: int = 20) -> Table:
             "formations, own pads; a separation of 0.4 m, two to three times as much vertically, "
             "1.5 m/s and 3 m/s². Samples integrate the accelerations, 100 a step.",
         ),
-        goals=(
-            Goal("shows without a plan", 0, len(laps) - len(planned)),
-            Goal("violated, by `rho.verify` or by samples", 0, wrong),
-        ),
-        packages=("drake-rho", "drake", "numpy", "scipy", "daqp"),
+        goals=goals_of(laps, _APART),
+        packages=PACKAGES,
     )
 
 
