@@ -108,6 +108,17 @@ def test_a_costlier_plan_is_not_accepted_and_the_window_says_so() -> None:
     assert rho.verify(bounded).ok
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_a_plan_that_is_the_rest_of_the_previous_one_moved_is_accepted(seed: int) -> None:
+    """Where nothing is active, the least accelerations to the goal are those of the rest, moved."""
+    around = rho.Disturbance(0.05, 0.01, 0.02, feedback_every=0.1)
+    vehicle = rho.Vehicle("v", rho.State([0, 0, 1]), rho.State([8, 1, 2]))
+    scenario = rho.Scenario("alone", rho.Grid.lasting(6.0, step=0.2), [vehicle], disturbance=around)
+    horizon = rho.RecedingHorizon(scenario, replan_every=3, bounded_cost=True)
+    flight = rho.simulate(horizon, rng=np.random.default_rng(seed)).flight
+    assert not any(window.infeasible for window in flight.windows)
+
+
 def test_bounds_grow_with_the_wind_and_with_the_number_of_windows() -> None:
     plans = [rho.plan(scene(wind)) for wind in (0.1, 0.3)]
     increases = [np.sqrt(cost_bound(plan, 5)) - np.sqrt(plan.cost) for plan in plans]

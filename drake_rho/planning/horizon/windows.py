@@ -33,6 +33,10 @@ from drake_rho.scenario.clock import clock_time
 from drake_rho.scenario.records import Scenario
 from drake_rho.verification.holds import first_violation
 
+ROUNDED = 1e-9
+"""Relative difference below which two costs are equal: where nothing is active, a new plan is the
+moved rest of the previous one but for rounding, and is accepted whatever the last digits."""
+
 _BEFORE = "it is violated before vehicles could brake"
 """Reason why a window whose plan violates constraints has no contingency."""
 
@@ -203,7 +207,7 @@ class WindowPlanner:
 
     def _is_cheap(self, plan: Plan, previous: Plan) -> bool:
         """Return whether a plan costs no more than the rest of the previous one, moved."""
-        return not self.bounded_cost or plan.cost <= previous.cost
+        return not self.bounded_cost or plan.cost <= previous.cost * (1.0 + ROUNDED)
 
     def still_holds(self, start: WindowStart) -> bool:
         """Return whether the rest of the plan in force meets every constraint.
