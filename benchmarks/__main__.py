@@ -155,7 +155,7 @@ CLIENTS = tuple(each for each in (*FILES, *DRAWN) if each.startswith("clients_")
 """Benchmarks of files that other programs write or read, and of trajectories of any planner."""
 
 
-SHOWS = ("show_random", "show_room", "show_large")
+SHOWS = ("show_random", "show_room", "show_large", "show_thousands")
 """Benchmarks of shows."""
 
 
