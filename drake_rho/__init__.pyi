@@ -4,6 +4,8 @@ from .analysis.certificate import Certificate as Certificate
 from .analysis.certificate import VehicleCertificate as VehicleCertificate
 from .analysis.certify import certify as certify
 from .analysis.certify_time import certify_time as certify_time
+from .analysis.check_certificate import CheckedBound as CheckedBound
+from .analysis.check_certificate import check_certificate as check_certificate
 from .analysis.diagnose import diagnose as diagnose
 from .analysis.diagnosis import Diagnosis as Diagnosis
 from .analysis.infeasible_subset import infeasible_subset as infeasible_subset

@@ -51,7 +51,7 @@ def test_obstacles_of_every_kind_count_in_bounds(kind: str) -> None:
     assert least * (1 + 1e-6) < proof.lower_bound <= plan.cost * (1 + 1e-9)
 
 
-def _balls() -> rho.Scenario:
+def balls() -> rho.Scenario:
     """Return one vehicle behind three balls, whose sides multipliers alone do not decide."""
     rng = np.random.default_rng([9, 32])
     balls = [
@@ -71,7 +71,7 @@ def _circle(count: int) -> rho.Scenario:
 
 
 def test_branches_raise_the_bound_and_no_other_plan_is_below_it() -> None:
-    scenario = _balls()
+    scenario = balls()
     before = rho.certify(rho.plan(scenario))
     best = rho.plan_global(scenario, gap=0.052)
     proof = best.certificate
@@ -154,16 +154,16 @@ def test_a_fleet_too_large_for_pairs_keeps_its_separation() -> None:
 
 
 def test_certificates_do_not_depend_on_the_number_of_workers() -> None:
-    alone = rho.plan_global(_balls(), gap=0.052)
+    alone = rho.plan_global(balls(), gap=0.052)
     with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
-        together = rho.plan_global(_balls(), gap=0.052, executor=pool)
+        together = rho.plan_global(balls(), gap=0.052, executor=pool)
     assert alone.certificate.nodes > 1
     assert str(together) == str(alone)
     np.testing.assert_array_equal(together.plan.accelerations, alone.plan.accelerations)
 
 
 def test_time_limits_end_the_search_with_what_is_known() -> None:
-    plan = rho.plan(_balls())
+    plan = rho.plan(balls())
     proof = rho.certify(plan, gap=1e-6, time_limit=1.5)
     assert proof.cut
     assert "time was up" in str(proof)
@@ -177,7 +177,7 @@ def test_gaps_are_above_zero_and_below_one(gap: float) -> None:
 
 
 def test_plans_that_violate_constraints_are_refused() -> None:
-    plan = rho.plan(_balls())
+    plan = rho.plan(balls())
     scenario = dataclasses.replace(plan.scenario, limits=rho.Limits(max_speed=0.5))
     wrong = rho.Plan.from_accelerations(scenario, plan.accelerations)
     with pytest.raises(ValueError, match=r"violates them .*expected one that satisfies"):

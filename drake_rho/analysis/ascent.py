@@ -58,22 +58,26 @@ class Ascent:
         tell(self._progress, f"{self._task}: gap {percent(gap)}, at most {seconds:.0f} s left")
 
 
-def best_bound(proposal: Proposal, ascent: Ascent) -> float:
-    """Return the largest minimum of the Lagrangian that is found [m²/s⁴].
+def best_bound(proposal: Proposal, ascent: Ascent) -> tuple[float, FloatArray, FloatArray]:
+    """Return the largest minimum of the Lagrangian that is found, and its multipliers λ and y.
 
     The multipliers of the converged program are tried first; if the Lagrangian is convex there,
     they are optimal. Else the obstacles' multipliers are scaled down until it is convex. Then the
     minimum, a concave function of the multipliers whose gradient consists of the constraints'
     violations, is maximised.
+
+    Returns:
+        The minimum [m²/s⁴], λ, shape (S,), and y, shape (R,).
     """
-    lagrangian, weights, multipliers = proposal.lagrangian, proposal.weights, proposal.multipliers
+    lagrangian, given = proposal.lagrangian, (proposal.weights, proposal.multipliers)
     unit = lagrangian.changes.unit**2
-    first = lagrangian.minimum(weights, multipliers).value
+    first = lagrangian.minimum(*given).value
     ascent.begin()
-    if first >= proposal.index * (1 - CONVERGED) or len(weights) + len(multipliers) == 0:
-        return unit * first
-    found = climbed(lagrangian, weights, multipliers, progress=ascent.report)
-    return unit * max(first, lagrangian.minimum(*found).value)
+    if first >= proposal.index * (1 - CONVERGED) or sum(map(len, given)) == 0:
+        return unit * first, *given
+    found = climbed(lagrangian, *given, progress=ascent.report)
+    value = lagrangian.minimum(*found).value
+    return (unit * value, *found) if value > first else (unit * first, *given)
 
 
 def climbed(

@@ -14,13 +14,16 @@ import time
 from collections.abc import Iterable
 from contextlib import suppress
 from itertools import count
+from typing import Any
 
 import numpy as np
 
 from drake_rho.analysis.ascent import climbed
 from drake_rho.analysis.lagrangian import Lagrangian, Proposal
-from drake_rho.analysis.sides import Branch, Sides
-from drake_rho.analysis.terms import AffineTerms, CurvedTerms, GroupChanges
+from drake_rho.analysis.nodes import Node, Split
+from drake_rho.analysis.proof import Proof
+from drake_rho.analysis.sides import Sides
+from drake_rho.analysis.terms import GroupChanges
 from drake_rho.motion.dynamics import Motion
 from drake_rho.motion.plan import Plan
 from drake_rho.planning.call.time_limit import check_time, within_time
@@ -57,34 +60,6 @@ AT_ONCE = 4
 """Number of nodes that are split at a time, whatever the number of workers."""
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class Node:
-    """Set of motions on given sides, with a lower bound on their costs."""
-
-    branch: Branch
-    """sides of all its motions"""
-    bound: float
-    """lower bound on their costs [m²/s⁴]"""
-    curved: CurvedTerms
-    """terms of obstacles and separations in its Lagrangian"""
-    affine: AffineTerms
-    """terms of convex constraints and sides"""
-    weights: FloatArray
-    """multipliers λ of the former, shape (S,)"""
-    multipliers: FloatArray
-    """multipliers y of the latter, shape (R,)"""
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class Split:
-    """Result of splitting a node."""
-
-    parts: tuple[Node, ...]
-    """nodes that contain all its motions; the node alone if nothing is left to split"""
-    found: FloatArray | None = None
-    """accelerations of a plan on its sides [m/s²], shape (G, K-1, 3); None if none was found"""
-
-
 class Relaxation:
     """Bounds of nodes of one scenario.
 
@@ -99,20 +74,15 @@ class Relaxation:
 
     def root(self, proposals: Iterable[Proposal], enough: float) -> Node:
         """Return the node of all motions, with the multipliers of one of the proposals."""
-        nodes = [self._bounded(self._proposed(each), enough) for each in proposals]
+        nodes = [self._bounded(Node.proposed(each), enough) for each in proposals]
         return max(nodes, key=lambda each: each.bound)
-
-    def _proposed(self, proposal: Proposal) -> Node:
-        lagrangian = proposal.lagrangian
-        terms = lagrangian.curved, lagrangian.affine
-        return Node({}, 0.0, *terms, proposal.weights, proposal.multipliers)
 
     def split(self, node: Node, enough: float) -> Split:
         """Return the parts of a node with their bounds, and a plan on its sides."""
         motion, losses = self._at(node)
         where = self.sides.parts_of(node.branch, node.curved, losses, motion)
         if where is None:
-            return Split((node,))
+            return Split(())
         found = self._plan(node, motion)
         parts = []
         for cone in where[1]:
@@ -124,7 +94,7 @@ class Relaxation:
                 multipliers=np.append(node.multipliers, np.zeros(len(beyond))),
             )
             parts.append(self._bounded(part, enough))
-        return Split(tuple(parts), found)
+        return Split(tuple(parts), where[0], *self.sides.place(where[0]), found)
 
     def _at(self, node: Node) -> tuple[Motion, FloatArray]:
         """Return the motion at the minimum of a node's Lagrangian, and the sizes of its terms."""
@@ -249,6 +219,7 @@ class Tree:
         self.scenario, self.nodes = scenario, 1
         self._open, self._closed = list[tuple[float, int, Node]](), np.inf
         self._numbers = count()  # of equal bounds, the node that was added first
+        self._proof = Proof(root)
         self.put_back([root])
 
     @property
@@ -260,6 +231,11 @@ class Tree:
     def left(self) -> int:
         """Number of nodes that are left to split."""
         return len(self._open)
+
+    @property
+    def proof(self) -> dict[str, Any]:
+        """Branches and their multipliers, as a certificate's file has them."""
+        return self._proof.content
 
     def has_below(self, enough: float) -> bool:
         """Return whether a node to split has a bound below `enough` [m²/s⁴]."""
@@ -277,11 +253,15 @@ class Tree:
         for each in nodes:
             heapq.heappush(self._open, (each.bound, next(self._numbers), each))
 
-    def replace(self, node: Node, parts: Iterable[Node], enough: float) -> None:
-        """Add the parts of a node that was removed."""
-        for part in parts:
-            self.nodes += part is not node
-            if part is node or part.bound >= enough:
+    def replace(self, node: Node, result: Split, enough: float) -> None:
+        """Add the parts of a node that was removed; the node itself if it has none."""
+        if not result.parts:
+            self._closed = min(self._closed, node.bound)
+            return
+        self._proof.split(node, result)
+        for part in result.parts:
+            self.nodes += 1
+            if part.bound >= enough:
                 self._closed = min(self._closed, part.bound)
             else:
                 self.put_back([part])

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
+from pathlib import Path
 
+from drake_rho.analysis.check_certificate import CheckedBound
+from drake_rho.analysis.proof import Proved, written
 from drake_rho.scenario.described import Described
 from drake_rho.scenario.records import Scenario
 from drake_rho.system.html import html_table
@@ -86,6 +89,9 @@ class Certificate(metaclass=Described):
     """number of branches that were bounded, 0 if the bound is without branches"""
     better: float | None = None
     """cost of the best plan that was found on the way [m²/s⁴]; None if none was cheaper"""
+    proofs: tuple[Proved, ...] = dataclasses.field(default=(), repr=False, compare=False)
+    """groups of vehicles with the branches and multipliers that prove their bounds, as `save`
+    writes them; none if time was up before there were any"""
 
     @property
     def cost(self) -> float:
@@ -121,6 +127,27 @@ class Certificate(metaclass=Described):
     def least_eigenvalue(self) -> float:
         """Least of the vehicles' eigenvalues."""
         return min(each.least_eigenvalue for each in self.vehicles)
+
+    def save(self, path: str | Path) -> CheckedBound:
+        """Write the proof of the bound to a file, which `check_certificate` checks.
+
+        The file has the scenario, the branches and the multipliers, as numbers. It is checked
+        before it is written, and the bound that it proves is returned: it may be lower than
+        `lower_bound` by rounding and, with ellipsoids, since the checker takes smaller ones.
+
+        Args:
+            path: file to write, such as `mission.proof`.
+
+        Raises:
+            OSError: the file cannot be written.
+            ValueError: there are no multipliers, since time was up, or the scenario has what such
+                files do not hold: other costs than effort, prices, disturbances, smoothing,
+                requirements, maps, shapes other than spheres, ellipsoids, boxes and cylinders, and
+                errors that grow.
+        """
+        if not self.proofs:
+            raise ValueError("certificate: got none with multipliers, since time was up")
+        return written(Path(path), self.scenario, self.proofs)
 
     def _planned_gap(self) -> str:
         if self.scenario.smoothing is not None:

@@ -132,16 +132,23 @@ def certified(
         expected = "expected one that satisfies its constraints, or no gap"
         raise ValueError(f"flown: got a plan that violates them ({worst}), {expected}")
     roots = RootBounds(flown, report, backend, progress)
+    proofs = roots.proofs
     certificate = Certificate(
-        plan.scenario, roots.certificates, holds, roots.not_counted, roots.cut, jumps
+        plan.scenario,
+        roots.certificates,
+        holds,
+        roots.not_counted,
+        roots.cut,
+        jumps,
+        proofs=tuple(each for own in proofs for each in own),
     )
     if gap is None or certificate.gap <= gap or roots.cut:
         return certificate, plan
-    pairs = zip(roots.groups, roots.certificates, strict=True)
+    parts = zip(roots.groups, roots.certificates, proofs, strict=True)
     search = GlobalSearch(
         plan,
         roots.scenario,
-        [Part(group, each.lower_bound) for group, each in pairs],
+        [Part(group, each.lower_bound, proofs=own) for group, each, own in parts],
         lambda around: solved_around(around, backend, None),
         executor,
         progress,
@@ -156,6 +163,7 @@ def certified(
         vehicles=roots.with_bounds(search.parts, own),
         cut=search.cut,
         nodes=search.nodes,
+        proofs=tuple(each for part in search.parts for each in part.proved),
         better=float(costs.sum()) if is_better else None,
     ), best
 

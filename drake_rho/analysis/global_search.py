@@ -10,8 +10,10 @@ from itertools import repeat
 
 import numpy as np
 
-from drake_rho.analysis.branch_and_bound import Node, Relaxation, Split, Tree, split
+from drake_rho.analysis.branch_and_bound import Relaxation, Tree, split
 from drake_rho.analysis.lagrangian import Proposal
+from drake_rho.analysis.nodes import Node, Split
+from drake_rho.analysis.proof import Proved
 from drake_rho.analysis.sides import Sides
 from drake_rho.motion.costs import costs_of
 from drake_rho.motion.plan import Plan
@@ -43,11 +45,20 @@ class Part:
     """least cost of the group's plans that other vehicles exclude [m²/s⁴]"""
     nearest: int = -1
     """index of the vehicle of another group that comes closest to such a plan; -1 without one"""
+    proofs: tuple[Proved, ...] = ()
+    """trees of branches that prove `bound`"""
 
     @property
     def lower(self) -> float:
         """Best lower bound on the cost of the group [m²/s⁴]."""
         return self.bound if self.tree is None else max(self.bound, self.tree.bound)
+
+    @property
+    def proved(self) -> tuple[Proved, ...]:
+        """Trees of branches that prove the best lower bound."""
+        if self.tree is None or self.tree.bound < self.bound:
+            return self.proofs
+        return ((self.group, self.tree.proof),)
 
 
 class GlobalSearch:
@@ -143,7 +154,7 @@ class GlobalSearch:
             tree.put_back(nodes)
             raise
         for node, result in zip(nodes, results, strict=True):
-            tree.replace(node, result.parts, enough)
+            tree.replace(node, result, enough)
             if result.found is not None:
                 self._try(part, tree, result.found)
 
@@ -193,7 +204,9 @@ class GlobalSearch:
     def _join(self, part: Part) -> None:
         """Join a part to that of the vehicle which excludes a cheaper plan."""
         (other,) = (each for each in self.parts if part.nearest in each.group)
-        joined = Part(np.sort(np.append(part.group, other.group)), part.lower + other.lower)
+        group = np.sort(np.append(part.group, other.group))
+        proofs = (*part.proved, *other.proved)
+        joined = Part(group, part.lower + other.lower, proofs=proofs)
         self.parts = [each for each in self.parts if each not in (part, other)] + [joined]
 
     def _tell(self) -> None:

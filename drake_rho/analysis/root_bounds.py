@@ -17,6 +17,8 @@ from drake_rho.analysis.branch_and_bound import Relaxation
 from drake_rho.analysis.certificate import GLOBAL_GAP, VehicleCertificate
 from drake_rho.analysis.global_search import Part, group_name, prices_of
 from drake_rho.analysis.lagrangian import Proposal
+from drake_rho.analysis.nodes import Node
+from drake_rho.analysis.proof import Proved, of_node
 from drake_rho.motion.costs import costs_of
 from drake_rho.motion.flight import Flight
 from drake_rho.motion.plan import Plan
@@ -50,6 +52,7 @@ class RootBounds:
     Attributes:
         scenario: the relaxation that is bounded.
         groups: groups of vehicles that are bounded together.
+        roots: nodes of all motions of each group; none if time was up before there was one.
         certificates: certificate of each group.
         not_counted: names of what the bound leaves out.
         cut: whether time was up.
@@ -80,7 +83,7 @@ class RootBounds:
         # excesses of averages are not those of the relaxation
         priced, found = plan.scenario.smoothing is None, list[VehicleCertificate]()
         self.costs = costs_of(scenario, plan) + prices_of(report)
-        self.groups = _groups(vehicles, proposals)
+        self.groups, self.roots = _groups(vehicles, proposals), list[Node]()
         for number, group in enumerate(self.groups, start=1):
             name = group_name(scenario, group)
             task = f"bounding the cost of {name} ({number} of {len(self.groups)})"
@@ -93,24 +96,33 @@ class RootBounds:
             ascent = Ascent(progress, task, cost, len(proposals) * (2 if disturbed else 1))
             proposed = [Proposal.of(each, group, priced=priced) for each in proposals]
             left_out |= set[str]().union(*(each.left_out for each in proposed))
-            bound = planned = _bound(proposed, effort, ascent)
-            looser = proposed
+            node = _bound(proposed, effort, ascent)
+            looser, planned = proposed, node.bound
             if disturbed:
                 looser = [
                     Proposal.of(each, group, as_planned=False, priced=priced) for each in proposals
                 ]
-                bound = _bound(looser, effort, ascent)
-            if bound < cost * (1.0 - GLOBAL_GAP) and not scenario.penalties:
+                node = _bound(looser, effort, ascent)
+            if node.bound < cost * (1.0 - GLOBAL_GAP) and not scenario.penalties:
                 own = Relaxation(scenario.of_vehicles(group.tolist()))
                 with suppress(OutOfTimeError):
-                    bound = max(bound, own.root(looser, cost).bound)
+                    node = max(node, own.root(looser, cost), key=lambda each: each.bound)
             found.append(
-                _by_multipliers(name, cost, proposed[0], bound, planned if disturbed else None)
+                _by_multipliers(name, cost, proposed[0], node.bound, planned if disturbed else None)
             )
+            self.roots.append(node)
         names = [scenario.obstacle_name(number) for number, _ in scenario.known]
         self.certificates = tuple(found)
         self.not_counted = (*dropped, *(name for name in names if name in left_out))
         self.cut = self.cut or seconds_left() <= 0.0
+
+    @property
+    def proofs(self) -> list[tuple[Proved, ...]]:
+        """Branches that prove the bound of each group: one of all motions, if there is a root."""
+        if len(self.roots) < len(self.groups):
+            return [()] * len(self.groups)
+        pairs = zip(self.groups, self.roots, strict=True)
+        return [((group, of_node(root)),) for group, root in pairs]
 
     def with_bounds(
         self, parts: Sequence[Part], costs: FloatArray
@@ -181,10 +193,20 @@ def _by_effort(name: str, cost: float, effort: float, *, disturbed: bool) -> Veh
     )
 
 
-def _bound(proposed: Sequence[Proposal], effort: float, ascent: Ascent) -> float:
-    """Return the best lower bound on a group's cost, at least its minimum effort [m²/s⁴]."""
-    least = effort * (1.0 - CONVERGED)  # if time is up before a Lagrangian gives more
-    return max(least, *(best_bound(each, ascent) for each in proposed))
+def _bound(proposed: Sequence[Proposal], effort: float, ascent: Ascent) -> Node:
+    """Return the node of a group's motions with the best bound, at least the minimum effort."""
+    found = list[Node]()
+    for each in proposed:
+        bound, weights, multipliers = best_bound(each, ascent)
+        node = Node.proposed(each)
+        found.append(
+            dataclasses.replace(node, bound=bound, weights=weights, multipliers=multipliers)
+        )
+    best, least = max(found, key=lambda each: each.bound), effort * (1.0 - CONVERGED)
+    if best.bound >= least:
+        return best
+    nothing = np.zeros(len(best.weights)), np.zeros(len(best.multipliers))
+    return dataclasses.replace(best, bound=least, weights=nothing[0], multipliers=nothing[1])
 
 
 def _by_multipliers(

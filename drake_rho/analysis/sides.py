@@ -127,6 +127,10 @@ class Sides:
             np.ones(count),
         )
 
+    def place(self, where: Where) -> tuple[float, FloatArray]:
+        """Return the time of an instant since the first knot [s], and the scales of cones, (3,)."""
+        return float(self.times[where.instant]), self._forbidden(where).scales
+
     def _half_spaces(self, where: Where, cone: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return half-spaces n · p >= b, with normals of shape (4, 3) and bounds [m], (4,)."""
         forbidden = self._forbidden(where)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterable
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 from scipy.linalg import block_diag, null_space
@@ -22,7 +22,11 @@ from drake_rho.planning.constraints.margins import Margins
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs.reduced import rows_of
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
+from drake_rho.scenario.parts import Quantity
 from drake_rho.system.table import Table
+
+QUANTITIES: tuple[Quantity, ...] = get_args(Quantity)
+"""Quantities that rows bound."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -54,6 +58,8 @@ class CurvedTerms(Table):
     """number of the part of a map, shape (S,)"""
     times: FloatArray
     """time since the first knot [s], shape (S,)"""
+    centers: FloatArray
+    """centre of the ball [m], shape (S, 3); zero for a separation"""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -70,6 +76,18 @@ class AffineTerms(Table):
     """part of the price for y = 1, shape (R,)"""
     kept: BoolArray
     """whether the term stays where its multiplier is zero, shape (R,)"""
+    quantities: IntArray
+    """index of the quantity that the row bounds in `QUANTITIES`, shape (R,)"""
+    vehicles: IntArray
+    """index of the vehicle in the scenario, shape (R,)"""
+    partners: IntArray
+    """index of the other vehicle, or of the same one, shape (R,)"""
+    times: FloatArray
+    """time since the first knot [s], shape (R,)"""
+    normals: FloatArray
+    """unit normal of the half-space, shape (R, 3)"""
+    bounds: FloatArray
+    """least value along the normal, in the quantity's unit, shape (R,)"""
 
 
 class GroupChanges:
@@ -123,8 +141,9 @@ class GroupChanges:
         width, none, whole = self.free.shape[1], np.zeros(0), np.zeros(0, dtype=int)
         vectors, rows = np.zeros((0, 3)), np.zeros((0, width))
         where = whole, whole, whole, whole
-        curved = CurvedTerms(rows, vectors, vectors, none, none, whole, none, *where, none)
-        affine = AffineTerms(np.zeros((0, width, 3)), none, whole, none, none.astype(bool))
+        curved = CurvedTerms(rows, vectors, vectors, none, none, whole, none, *where, none, vectors)
+        of = whole, whole, whole, none, vectors, none
+        affine = AffineTerms(np.zeros((0, width, 3)), none, whole, none, none.astype(bool), *of)
         return curved, affine
 
     def terms(self, found: Iterable[HalfSpaces]) -> tuple[CurvedTerms, AffineTerms]:
@@ -152,8 +171,19 @@ class GroupChanges:
         by_axis = matrix.toarray().reshape(len(rows), -1, 3)
         reduced = np.einsum("rua,um->rma", by_axis, self.free)
         shared = self._slacks.of(rows, 1.0 / penalties)
-        stay = np.full(len(rows), kept)
-        return AffineTerms(reduced, lower, shared.labels, shared.parts, stay)
+        return AffineTerms(
+            reduced,
+            lower,
+            shared.labels,
+            shared.parts,
+            np.full(len(rows), kept),
+            np.full(len(rows), QUANTITIES.index(rows.form.quantity)),
+            rows.vehicles,
+            rows.partners,
+            rows.times,
+            rows.normals,
+            rows.bounds,
+        )
 
     def _curved(self, rows: HalfSpaces, quadratic: Quadratic) -> CurvedTerms:
         """Return the terms of rows of an obstacle or of a separation."""
@@ -194,6 +224,7 @@ class GroupChanges:
             rows.partners,
             rows.sides,
             rows.times,
+            quadratic.centers,
         )
 
 

@@ -10,8 +10,9 @@ import typer
 from drake_rho.analysis.certify import certified
 from drake_rho.analysis.certify_time import certify_time
 from drake_rho.analysis.diagnose import diagnose as diagnosis_of
+from drake_rho.analysis.proof import of_scenario
 from drake_rho.cli.campaigns import worker_pool
-from drake_rho.cli.checks import check_outputs
+from drake_rho.cli.checks import check_outputs, check_writable
 from drake_rho.cli.console import answer, stopping_early, working
 from drake_rho.cli.options import (
     MaxAccelerationOption,
@@ -78,6 +79,13 @@ def certify(
         ),
     ] = None,
     output: OutputOption = None,
+    proof: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FILE",
+            help="Save the proof of the bound (.proof), which rho.check_certificate checks.",
+        ),
+    ] = None,
     workers: WorkersOption = None,
     solver: SolverOption = Solver.CLARABEL,
     time_limit: TimeLimitOption = None,
@@ -92,17 +100,21 @@ def certify(
         if given is not None and part is None:
             raise ValueError(f"{name}: got {given}, expected none without --gap")
     check_outputs(output, None)
+    check_writable(proof, (".proof",), "--proof")
     flown = load_result(file)
     if flown.simulation is not None:
         raise ValueError(f"{file}: got a simulation, expected a plan or a flight")
     if time:
-        if part is not None:
-            raise ValueError(f"--gap: got {gap} with --time, expected one of them")
+        for given, name in ((gap, "--gap"), (proof, "--proof")):
+            if given is not None:
+                raise ValueError(f"{name}: got {given} with --time, expected one of them")
         if flown.flight is not None:
             raise ValueError(f"{file}: got a flight, expected a plan, whose time is bounded")
         with working("bounding the least time") as work, stopping_early():
             found = certify_time(flown.plan, progress=work, time_limit=time_limit)
         return answer(found, str(found))
+    if proof is not None:
+        of_scenario(flown.plan.scenario)  # raises what its file does not hold
     words = "computing a lower bound"
     with working(words) as work, stopping_early(), worker_pool(workers) as executor:
         certificate, best = certified(
@@ -113,9 +125,12 @@ def certify(
             progress=work,
             time_limit=time_limit,
         )
+    saved = list[str]()
     if output is not None:
         save(best, output)
-    saved = [f"the best plan is saved to {output}"] if output is not None else []
+        saved.append(f"the best plan is saved to {output}")
+    if proof is not None:
+        saved.append(f"saved to {proof}: {certificate.save(proof)}")
     return answer(certificate, str(certificate), *saved)
 
 

@@ -1,0 +1,430 @@
+"""`check_certificate`: an independent check of the bound that a certificate's file proves.
+
+It needs numpy only and shares no code with the search that found the bound. So this file may be
+copied, read, and run by itself: `python check_certificate.py FILE`. Nothing in a certificate's file
+is trusted but the scenario, which is for the reader to compare with the one that is meant:
+
+- The branches are generated here: the eight cones of directions from the middle of an obstacle or
+  of another vehicle, and the halves of a cone. Each branch has a bound of its own in the file's
+  tree, so that the branches cover all motions.
+- Every term is recomputed from the scenario. A ball counts with the largest radius with which it
+  is known to be inside the space to avoid, and a row with the least value that the limits imply.
+- Multipliers may be any that are not negative. The bound of a branch is the least value of its
+  Lagrangian L, a quadratic, for any v as good as found here: with the least eigenvalue m of half
+  its Hessian and its gradient g at v, L is at least L(v) - norm(g)² / (4 m) everywhere.
+
+The sets of a cover meet up to rounding, 1e-15 of their size.
+"""
+
+from __future__ import annotations
+
+import gzip
+import hashlib
+import json
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+FORMAT = "drake_rho certificate 1"
+"""Format of the files."""
+
+_Array = npt.NDArray[np.float64]
+_Side = tuple[str, float, int, int, _Array, float]
+"""Half-space of a branch: quantity, time, vehicles, normal and bound."""
+
+_Branch = dict[tuple[Any, ...], tuple[_Array, _Array]]
+"""Cones of a branch as their edges in units of scales, shape (3, 3), and the scales [m], (3,)."""
+
+_SIGNS = [(x, y, z) for y in (1.0, -1.0) for x in (1.0, -1.0) for z in (1.0, -1.0)]
+"""Directions between the edges of eight cones that cover all directions."""
+
+_FAR, _HALVINGS, _TIMES, _ROUNDED, _CONVEX = 1e4, 60, 1e-9, 1e-12, 1e-7
+"""Longest ray, in scales; halvings of a ray; largest difference of equal times [s]; part of the
+sizes of a Lagrangian's terms that rounding may take; least curvature of one that is convex."""
+
+
+class CheckedBound(NamedTuple):
+    """Lower bound that a certificate's file proves, computed anew; prints as one line."""
+
+    scenario: str
+    """name of the scenario in the file"""
+    lower_bound: float
+    """lower bound on the cost of every plan of that scenario [m²/s⁴]"""
+    groups: tuple[float, ...]
+    """parts of it, one of each group of vehicles [m²/s⁴]"""
+    branches: int
+    """number of branches that cover all motions"""
+
+    def __str__(self) -> str:
+        many = "one branch" if self.branches == 1 else f"{self.branches} branches"
+        return f"{self.scenario}: no plan costs less than {self.lower_bound:.6f} m²/s⁴ ({many})"
+
+
+def check_certificate(path: str | Path) -> CheckedBound:
+    """Check the certificate in a file, and return the bound that it proves.
+
+    Args:
+        path: file that `Certificate.save` wrote.
+
+    Raises:
+        OSError: the file cannot be read.
+        ValueError: it is no certificate, was damaged, or does not prove a bound; the message names
+            the place.
+    """
+    if not isinstance(path, (str, Path)):
+        raise TypeError(f"path: got an object of type {type(path).__name__}, expected str or Path")
+    try:
+        with gzip.open(path, "rt", encoding="utf-8") as file:
+            stored = json.load(file)
+        if stored["format"] != FORMAT or stored["digest"] != digest_of(stored["content"]):
+            raise ValueError("its content does not match its digest")
+        return proved_by(stored["content"])
+    except (gzip.BadGzipFile, EOFError, KeyError, TypeError, IndexError, RecursionError) as error:
+        raise ValueError(f"{path}: no certificate, or a damaged one ({error!r})") from None
+    except (ValueError, ArithmeticError, np.linalg.LinAlgError) as error:
+        raise ValueError(f"{path}: {error}") from None
+
+
+def digest_of(content: Mapping[str, Any]) -> str:
+    """Return the digest of a certificate's content, which tells accidental changes."""
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+
+def proved_by(content: Mapping[str, Any]) -> CheckedBound:
+    """Return the bound that a certificate's content proves.
+
+    Raises:
+        ValueError: it proves none.
+    """
+    scenario, groups = content["scenario"], content["groups"]
+    members = sorted(i for each in groups for i in each["vehicles"])
+    if members != list(range(len(scenario["vehicles"]))):
+        raise ValueError("groups: expected every vehicle in exactly one")
+    bounds, branches = list[float](), 0
+    for number, each in enumerate(groups):
+        group = _Group(scenario, each["vehicles"], f"groups[{number}]")
+        bounds.append(group.bound(each["tree"], {}, []))
+        branches += group.branches
+    return CheckedBound(scenario["name"], float(sum(bounds)), tuple(bounds), branches)
+
+
+class _Group:
+    """Vehicles that are bounded together.
+
+    Accelerations a are u = sqrt(weight) a, so the cost is norm(u)². With u = u_0 + F v, where u_0
+    is the least that reaches what is given and F an orthonormal basis of what changes nothing of
+    it, the cost is norm(u_0)² + norm(v)².
+    """
+
+    def __init__(self, scenario: Mapping[str, Any], group: Sequence[int], where: str) -> None:
+        self.scenario, self.group, self.where, self.branches = scenario, group, where, 0
+        self.step, self.steps = float(scenario["step"]), int(scenario["steps"])
+        self.vehicles = [scenario["vehicles"][i] for i in group]
+        if not (self.step > 0.0 and self.steps > 0):
+            raise ValueError("scenario: expected steps of more than 0 s")
+        self._bases, self._least = list[_Array](), list[_Array]()
+        for each in self.vehicles:
+            if not (each["weight"] > 0.0 and each["radius"] >= 0.0):
+                raise ValueError("scenario: expected weights above 0 and no negative radius")
+            rows = np.zeros((0, self.steps))
+            values = np.zeros((0, 3))
+            for quantity, time, value in each["given"]:
+                row = self._response(quantity, time) / np.sqrt(each["weight"])
+                rows = np.vstack([rows, row])
+                values = np.vstack([values, _vector(value) - self._free(each, quantity, time)])
+            left, sizes, right = np.linalg.svd(rows)
+            rank = int(np.sum(sizes > 1e-10 * sizes.max(initial=0.0)))
+            inverse = right[:rank].T @ (left[:, :rank].T / sizes[:rank, None])
+            self._least.append(inverse @ values)
+            self._bases.append(right[rank:].T)
+        self._first = np.cumsum([0, *(each.shape[1] for each in self._bases)])
+        self._effort = float(sum(np.sum(each**2) for each in self._least))
+
+    def _response(self, quantity: str, time: float) -> _Array:
+        """Return what accelerations add to a vehicle's quantity at a time, shape (K-1,)."""
+        h = self.step
+        if not -_TIMES <= time <= self.steps * h + _TIMES:
+            raise ValueError(f"{self.where}: got a time of {time} s, which is not in the flight")
+        since = np.maximum(time - h * np.arange(self.steps), 0.0)
+        if quantity == "position":
+            return np.asarray(np.where(since >= h, h * (since - h / 2.0), since**2 / 2.0))
+        if quantity == "velocity":
+            return np.asarray(np.minimum(since, h))
+        if quantity == "acceleration":
+            step = min(int(np.floor(time / h + _TIMES)), self.steps - 1)
+            return np.asarray(np.eye(self.steps)[step])
+        raise ValueError(f"{self.where}: got {quantity}, which certificate files do not hold")
+
+    def _free(self, vehicle: Mapping[str, Any], quantity: str, time: float) -> _Array:
+        """Return a vehicle's quantity at a time without accelerations."""
+        position, velocity = _vector(vehicle["start"][0]), _vector(vehicle["start"][1])
+        return {"position": position + time * velocity, "velocity": velocity}.get(
+            quantity, np.zeros(3)
+        )
+
+    def _of(self, quantity: str, time: float, one: int, other: int) -> tuple[_Array, _Array, float]:
+        """Return a quantity, less that of another vehicle, as r · v + offset.
+
+        Returns:
+            r, shape (M,), the offset, and the length of r before the given values are left out.
+        """
+        if not (0 <= one < len(self.vehicles) and 0 <= other < len(self.vehicles)):
+            raise ValueError(f"{self.where}: got vehicles {one} and {other}")
+        whole, offset, square = np.zeros(self._first[-1]), np.zeros(3), 0.0
+        for i, sign in [(one, 1.0)] if one == other else [(one, 1.0), (other, -1.0)]:
+            vehicle, basis = self.vehicles[i], self._bases[i]
+            row = self._response(quantity, time) / np.sqrt(vehicle["weight"])
+            whole[self._first[i] : self._first[i + 1]] = sign * row @ basis
+            offset = offset + sign * (self._free(vehicle, quantity, time) + row @ self._least[i])
+            square += float(row @ row)
+        return whole, offset, float(np.sqrt(square))
+
+    def bound(self, tree: Mapping[str, Any], cones: _Branch, sides: list[_Side]) -> float:
+        """Return the lower bound of a tree of branches.
+
+        Args:
+            tree: a branch with multipliers, or where it is split and the parts.
+            cones: cones of the branch so far.
+            sides: half-spaces of the branch so far.
+        """
+        if "parts" not in tree:
+            self.branches += 1
+            return self._leaf(tree, sides)
+        one, other, number, time = tree["at"]
+        if "part" in tree:
+            raise ValueError(f"{self.where}: certificate files hold no parts of maps")
+        key, forbidden = (one, other, number, time), self._forbidden(one, other, number, time)
+        if key in cones:
+            cone, scales = cones[key]
+            parts = _halves(cone)
+        else:
+            scales = _vector(tree["scales"])
+            parts = [np.diag(each) for each in _SIGNS]
+        if len(parts) != len(tree["parts"]):
+            raise ValueError(f"{self.where}: got {len(tree['parts'])} parts of {len(parts)}")
+        least = np.inf
+        for cone, each in zip(parts, tree["parts"], strict=True):
+            normals, bounds = _half_spaces(cone * scales, forbidden)
+            bounds = bounds + normals @ self._center(number, time)
+            rows = [("position", time, one, other, *of) for of in zip(normals, bounds, strict=True)]
+            inner = {**cones, key: (cone, scales)}
+            least = min(least, self.bound(each, inner, [*sides, *rows]))
+        return least
+
+    def _leaf(self, tree: Mapping[str, Any], sides: Sequence[_Side]) -> float:
+        """Return the least value of a branch's Lagrangian, less a bound on rounding errors."""
+        curved = [self._ball(*each) for each in tree["curved"]]
+        rows = [self._row(*each) for each in tree["rows"]]
+        if len(tree["sides"]) != len(sides):
+            raise ValueError(f"{self.where}: got {len(tree['sides'])} multipliers of sides")
+        rows += [
+            self._scaled(*of, _multiplier(y)) for of, y in zip(sides, tree["sides"], strict=True)
+        ]
+        width = int(self._first[-1])
+        r = np.array([each[0] for each in curved]).reshape(-1, width)
+        o = np.array([each[1] for each in curved]).reshape(-1, 3)
+        s = np.array([each[2] for each in curved]).reshape(-1, 3)
+        radii, weights = np.array([each[3:] for each in curved]).reshape(-1, 2).T
+        a = np.array([each[0] for each in rows]).reshape(-1, width, 3)
+        b, y = np.array([each[1:] for each in rows]).reshape(-1, 2).T
+        half = weights / radii / 2.0
+        v, m = np.zeros((width, 3)), 1.0
+        pull = np.einsum("rma,r->ma", a, y) + r.T @ (2.0 * half[:, None] * s**2 * o)
+        for axis in range(3):
+            hessian = np.eye(width) - (r.T * (half * s[:, axis] ** 2)) @ r
+            if width > 0:
+                m = min(m, float(np.linalg.eigvalsh(hessian)[0]))
+            if m < _CONVEX:
+                return -np.inf
+            v[:, axis] = np.linalg.solve(hessian, pull[:, axis] / 2.0)
+        at = s * (r @ v + o)
+        gradient = 2.0 * v - pull - r.T @ (2.0 * half[:, None] * s**2 * (r @ v))
+        balls = half * (radii**2 - np.sum(at**2, axis=1))
+        planes = y * (b - np.einsum("rma,ma->r", a, v))
+        parts = [self._effort, float(np.sum(v**2)), *balls, *planes]
+        sizes = [self._effort, float(np.sum(v**2)), *(half * radii**2), *np.abs(y * b)]
+        lost = float(np.sum(gradient**2)) / (4.0 * m) + _ROUNDED * float(np.sum(sizes)) / m
+        value = float(np.sum(parts)) - lost
+        return value if np.isfinite(value) else -np.inf
+
+    def _ball(
+        self, number: int, one: int, other: int, time: float, c: Any, s: Any, size: float, w: float
+    ) -> tuple[_Array, _Array, _Array, float, float]:
+        """Return a ball or ellipsoid to keep out of: r, offset, scales, radius and multiplier."""
+        forbidden, scales = self._forbidden(one, other, number, time), _vector(s)
+        center = _vector(c) - self._center(number, time)
+        if not np.all(scales > 0.0):
+            raise ValueError(f"{self.where}: got scales {scales}, expected more than 0")
+        inside = forbidden.ball(center, scales)
+        if not inside > 0.0:
+            raise ValueError(f"{self.where}: a ball at {time} s is not inside what it is to avoid")
+        row, offset, _ = self._of("position", time, one, other)
+        return row, offset - _vector(c), scales, min(size, inside), _multiplier(w)
+
+    def _row(
+        self, quantity: str, one: int, other: int, time: float, n: Any, b: float, y: float
+    ) -> tuple[_Array, float, float]:
+        """Return a row that limits imply: its matrix, bound and multiplier."""
+        normal = _vector(n)
+        if one != other or not 0 <= one < len(self.vehicles):
+            raise ValueError(f"{self.where}: got a row of vehicles {one} and {other}")
+        least = self._implied(self.vehicles[one], quantity, time, normal)
+        return self._scaled(quantity, time, one, one, normal, min(b, least), _multiplier(y))
+
+    def _scaled(
+        self, quantity: str, time: float, one: int, other: int, n: _Array, b: float, y: float
+    ) -> tuple[_Array, float, float]:
+        """Return a row of length one."""
+        row, offset, length = self._of(quantity, time, one, other)
+        length = length * float(np.linalg.norm(n)) or 1.0
+        return row[:, None] * n / length, (b - float(n @ offset)) / length, y
+
+    def _implied(self, vehicle: Mapping[str, Any], quantity: str, time: float, n: _Array) -> float:
+        """Return the largest b for which the limits of a vehicle imply n · quantity >= b."""
+        limits, known = vehicle["limits"], [-np.inf]
+        if quantity != "position" or self._counts(time):
+            if (box := limits.get(quantity)) is not None:
+                low, high = _vector(box[0]), _vector(box[1])
+                with np.errstate(invalid="ignore"):
+                    sides = np.where(n > 0.0, n * low, np.where(n < 0.0, n * high, 0.0))
+                known.append(float(np.sum(sides)))
+            if (most := limits.get(f"largest {quantity}")) is not None:
+                known.append(-float(most) * float(np.linalg.norm(n)))
+        if quantity == "position":
+            for at, place, within in vehicle["near"]:
+                if abs(at - time) <= _TIMES:
+                    known.append(float(n @ _vector(place) - within * np.linalg.norm(n)))
+        if max(known) == -np.inf:
+            raise ValueError(f"{self.where}: no limit implies a row of {quantity} at {time} s")
+        return max(known)
+
+    def _counts(self, time: float) -> bool:
+        """Return whether positions are constrained at a time: at knots, or at every instant."""
+        knot = time / self.step
+        return bool(self.scenario["between_knots"]) or abs(knot - round(knot)) <= _TIMES
+
+    def _center(self, number: int, time: float) -> _Array:
+        """Return the centre of an obstacle at a time; zero for another vehicle."""
+        if number == 0:
+            return np.zeros(3)
+        obstacle = self.scenario["obstacles"][str(number)]
+        times = np.array(obstacle["times"], dtype=float)
+        places = np.array([_vector(each) for each in obstacle["positions"]])
+        if len(times) != len(places) or not np.all(np.diff(times) > 0.0):
+            raise ValueError(f"scenario: got times of obstacle {number} that do not increase")
+        if time > times[-1] and obstacle["goes_on"] and len(times) > 1:
+            speed = (places[-1] - places[-2]) / (times[-1] - times[-2])
+            return np.asarray(places[-1] + (time - times[-1]) * speed)
+        return np.array([np.interp(time, times, each) for each in places.T])
+
+    def _forbidden(self, one: int, other: int, number: int, time: float) -> _Forbidden:
+        """Return the space that a position is to be outside of, relative to its centre."""
+        if not self._counts(time):
+            raise ValueError(f"{self.where}: positions are not constrained at {time} s")
+        if number == 0:
+            if one == other or self.scenario["separation"] is None:
+                raise ValueError(f"{self.where}: got a separation of one vehicle, or none is asked")
+            return _Forbidden({"kind": "Ellipsoid", "semi_axes": self.scenario["separation"]}, 0.0)
+        if one != other or not 0 <= one < len(self.vehicles):
+            raise ValueError(f"{self.where}: got an obstacle of vehicles {one} and {other}")
+        obstacle, radius = self.scenario["obstacles"][str(number)], self.vehicles[one]["radius"]
+        first, last = obstacle["active"] or (-np.inf, np.inf)
+        if not first - _TIMES <= time <= last + _TIMES:
+            raise ValueError(f"{self.where}: obstacle {number} is not avoided at {time} s")
+        return _Forbidden(obstacle["shape"], radius + float(obstacle["margin"]))
+
+
+class _Forbidden:
+    """Convex set around zero, enlarged by a radius."""
+
+    def __init__(self, shape: Mapping[str, Any], radius: float) -> None:
+        self._kind, self._shape, self._radius = shape["kind"], shape, float(radius)
+        known: dict[str, Callable[[_Array], float]] = {
+            "Sphere": lambda x: float(shape["radius"]) - float(np.linalg.norm(x)),
+            "Box": lambda x: -_beyond(np.abs(x) - _vector(shape["half"])),
+            "Cylinder": self._in_cylinder,
+            "Ellipsoid": self._in_ellipsoid,
+        }
+        if self._kind not in known:
+            raise ValueError(f"scenario: got a {self._kind}, which certificate files do not hold")
+        self.depth = known[self._kind]
+
+    def _in_cylinder(self, x: _Array) -> float:
+        axis = int(self._shape["axis"])
+        across = float(np.linalg.norm(np.delete(x, axis))) - float(self._shape["radius"])
+        half = self._shape["half_height"]
+        return -_beyond(np.array([across, -np.inf if half is None else abs(x[axis]) - half]))
+
+    def _in_ellipsoid(self, x: _Array) -> float:
+        """Return a depth in the ellipsoid whose semi-axes are longer by the radius, less that."""
+        axes = _vector(self._shape["semi_axes"]) + self._radius
+        inside = 1.0 - float(np.linalg.norm(x / axes))
+        return inside * float(axes.min()) - self._radius
+
+    def contains(self, x: _Array) -> bool:
+        """Return whether a point is in the enlarged set."""
+        return self.depth(x) + self._radius >= 0.0
+
+    def ball(self, center: _Array, scales: _Array) -> float:
+        """Return a radius with which a ball, of scaled axes, is in the enlarged set."""
+        if self._kind == "Ellipsoid" and not np.any(center):
+            axes = _vector(self._shape["semi_axes"]) + self._radius
+            return float(np.min(scales * axes))
+        return (self.depth(center) + self._radius) * float(scales.min())
+
+
+def _beyond(over: _Array) -> float:
+    """Return the distance from a set with these distances beyond its sides; negative inside."""
+    outside = np.maximum(over, 0.0)
+    return float(np.linalg.norm(outside)) + min(float(np.max(over)), 0.0)
+
+
+def _halves(cone: _Array) -> list[_Array]:
+    """Return the halves of a cone, across its widest side."""
+    first = int(np.argmin(np.vecdot(cone, np.roll(cone, -1, axis=0))))
+    middle = cone[first] + cone[(first + 1) % 3]
+    one, other = cone.copy(), cone.copy()
+    one[first] = other[(first + 1) % 3] = middle / np.linalg.norm(middle)
+    return [one, other]
+
+
+def _half_spaces(cone: _Array, forbidden: _Forbidden) -> tuple[_Array, _Array]:
+    """Return half-spaces n · p >= b that contain what is outside of a set within a cone.
+
+    A convex function that is at most 1 at three points of the edges is at most the sum of the
+    coordinates at every point of the cone, which is at least 1 outside of the set.
+    """
+    edges = cone / np.linalg.norm(cone, axis=1, keepdims=True)
+    if not forbidden.contains(np.zeros(3)):
+        raise ValueError("a cone begins outside of what is to be avoided")
+    low, high = np.zeros(3), np.full(3, _FAR * float(np.abs(cone).max()))
+    for _ in range(_HALVINGS):
+        half = (low + high) / 2.0
+        inside = [forbidden.contains(x * edge) for x, edge in zip(half, edges, strict=True)]
+        low, high = np.where(inside, half, low), np.where(inside, high, half)
+    across = np.cross(edges[[1, 2, 0]], edges[[2, 0, 1]]) * np.sign(np.linalg.det(edges))
+    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    beyond = np.linalg.solve(edges, 1.0 / low)
+    length = float(np.linalg.norm(beyond))
+    return np.vstack([across, beyond / length]), np.array([0.0, 0.0, 0.0, 1.0 / length])
+
+
+def _vector(values: Any) -> _Array:
+    found = np.array(values, dtype=float)
+    if found.shape != (3,) or np.any(np.isnan(found)):
+        raise ValueError(f"got {values!r}, expected three numbers")
+    return found
+
+
+def _multiplier(value: Any) -> float:
+    if not (isinstance(value, (int, float)) and 0.0 <= value < np.inf):
+        raise ValueError(f"got a multiplier of {value!r}, expected a number from 0")
+    return float(value)
+
+
+if __name__ == "__main__":
+    sys.stdout.write(f"{check_certificate(sys.argv[1])}\n")

@@ -1,0 +1,65 @@
+"""Nodes of branch and bound: sets of motions, each with a bound that its multipliers prove."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Self, TypeVar
+
+import numpy as np
+
+from drake_rho.analysis.lagrangian import Proposal
+from drake_rho.analysis.sides import Branch, Where
+from drake_rho.analysis.terms import AffineTerms, CurvedTerms
+from drake_rho.scenario.fields import FloatArray, IntArray
+
+_Terms = TypeVar("_Terms", CurvedTerms, AffineTerms)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Node:
+    """Set of motions on given sides, with a lower bound on their costs."""
+
+    branch: Branch
+    """sides of all its motions"""
+    bound: float
+    """lower bound on their costs [m²/s⁴]"""
+    curved: CurvedTerms
+    """terms of obstacles and separations in its Lagrangian; vehicles are numbered in the group"""
+    affine: AffineTerms
+    """terms of convex constraints and sides"""
+    weights: FloatArray
+    """multipliers λ of the former, shape (S,)"""
+    multipliers: FloatArray
+    """multipliers y of the latter, shape (R,)"""
+    unit: float
+    """unit of the motions about which the terms are [m/s²]"""
+
+    @classmethod
+    def proposed(cls, proposal: Proposal) -> Self:
+        """Return the node of all motions of a group, without a bound so far."""
+        lagrangian = proposal.lagrangian
+        group, given = lagrangian.changes.group, (proposal.weights, proposal.multipliers)
+        curved, affine = _in(group, lagrangian.curved), _in(group, lagrangian.affine)
+        return cls({}, 0.0, curved, affine, *given, lagrangian.changes.unit)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Split:
+    """Result of splitting a node."""
+
+    parts: tuple[Node, ...]
+    """nodes that contain all its motions; none if nothing is left to split"""
+    where: Where | None = None
+    """where it was split; None if nothing is left"""
+    time: float = 0.0
+    """time of the split since the first knot [s]"""
+    scales: FloatArray = dataclasses.field(default_factory=lambda: np.ones(3))
+    """scales of the cones there [m], shape (3,)"""
+    found: FloatArray | None = None
+    """accelerations of a plan on its sides [m/s²], shape (G, K-1, 3); None if none was found"""
+
+
+def _in(group: IntArray, terms: _Terms) -> _Terms:
+    """Return terms whose vehicles are numbered in a group."""
+    one, other = np.searchsorted(group, terms.vehicles), np.searchsorted(group, terms.partners)
+    return dataclasses.replace(terms, vehicles=one, partners=other)

@@ -1,0 +1,242 @@
+"""Files of certificates: an independent check of numbers proves the bound, and nothing higher."""
+
+from __future__ import annotations
+
+import copy
+import gzip
+import hashlib
+import inspect
+import json
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import drake_rho as rho
+from tests.scenarios import box, fleet, single
+from tests.test_global_optimum import balls
+
+CLOSE = 1e-6
+"""Largest relative difference of the bound in a file from the certificate's."""
+
+AHEAD = rho.State([10.0, 0.0, 0.0])
+"""Goal straight ahead of the obstacles."""
+
+
+def _crossing() -> rho.Scenario:
+    """Return two vehicles of different weights that meet, with limits and a waypoint."""
+    scenario = fleet(
+        [[0.0, 0.0, 0.0], [8.0, 0.1, 0.0]],
+        [[8.0, 0.0, 0.1], [0.0, 0.0, 0.0]],
+        limits=rho.Limits(max_speed=3.0, position=box(9.0), acceleration=box(1.5)),
+    )
+    first = scenario.vehicles[0]
+    near = rho.Waypoint(3.3, [4.0, 0.3, 0.5], within=0.2)
+    vehicle = rho.Vehicle(first.name, first.start, first.goal, weight=2.0, waypoints=[near])
+    return scenario.derived(vehicles=(vehicle, scenario.vehicles[1]))
+
+
+SCENES: dict[str, Callable[[], rho.Scenario]] = {
+    "the paper's": lambda: rho.load_scenario("paper"),
+    "two that meet": _crossing,
+    "balls": balls,
+    "a box that moves": lambda: single(
+        obstacles=[
+            rho.Obstacle(rho.Box([3.5, -1.0, -2.0], [5.0, 0.5, 2.0]), velocity=[0.1, 0.1, 0.0])
+        ],
+        goal=AHEAD,
+        between_knots=True,
+    ),
+    "a cylinder for a while": lambda: single(
+        obstacles=[
+            rho.Obstacle(rho.Cylinder([3.5, 0.3, 0.0], 1.2, 6.0), active=(1.0, 6.0)),
+            rho.Obstacle(rho.Ellipsoid([7.0, -0.2, 0.1], [1.0, 1.5, 0.5]), position_error=0.1),
+        ],
+        goal=AHEAD,
+    ),
+}
+"""Scenes whose bounds are saved; that of the balls has branches."""
+
+
+@pytest.fixture(scope="module", params=list(SCENES))
+def saved(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
+) -> tuple[rho.Certificate, Path]:
+    """Return a certificate of a scene, and its file."""
+    path = tmp_path_factory.mktemp("proofs") / "mission.proof"
+    certificate = rho.plan_global(SCENES[request.param](), gap=0.052).certificate
+    certificate.save(path)
+    return certificate, path
+
+
+def test_a_file_proves_the_bound(saved: tuple[rho.Certificate, Path]) -> None:
+    certificate, path = saved
+    found = rho.check_certificate(path)
+    assert found.lower_bound == pytest.approx(certificate.lower_bound, rel=CLOSE)
+    assert found.lower_bound <= certificate.cost * (1 + 1e-9)
+    assert (found.branches > len(found.groups)) == (certificate.nodes > 1)
+    assert certificate.scenario.name in str(found)
+
+
+def test_the_checker_runs_without_the_package(tmp_path: Path) -> None:
+    path = tmp_path / "paper.proof"
+    certificate = rho.certify(rho.plan(rho.load_scenario("paper")))
+    certificate.save(path)
+    copied = tmp_path / "alone.py"
+    source = inspect.getsourcefile(rho.check_certificate) or "none"
+    copied.write_text(Path(source).read_text())
+    code = (
+        "import alone, sys; print(alone.check_certificate(sys.argv[1]).lower_bound); "
+        "assert not {'drake_rho', 'scipy', 'pydrake', 'pydantic'} & set(sys.modules)"
+    )
+    run = subprocess.run(
+        [sys.executable, "-c", code, str(path)],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert float(run.stdout) == pytest.approx(certificate.lower_bound, rel=CLOSE)
+
+
+def _content(path: Path) -> dict[str, Any]:
+    with gzip.open(path, "rt") as file:
+        content: dict[str, Any] = json.load(file)["content"]
+    return content
+
+
+def _check(content: dict[str, Any], path: Path) -> rho.CheckedBound:
+    """Return the bound of other content, whose digest is made anew."""
+    digest = hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+    stored = {"format": "drake_rho certificate 1", "digest": digest, "content": content}
+    path.write_bytes(gzip.compress(json.dumps(stored).encode()))
+    return rho.check_certificate(path)
+
+
+def _places(content: Any, at: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
+    """Yield the path to every value in nested lists and mappings."""
+    if isinstance(content, (dict, list)):
+        pairs = content.items() if isinstance(content, dict) else enumerate(content)
+        for key, each in pairs:
+            yield from _places(each, (*at, key))
+    else:
+        yield at
+
+
+def _changed(content: dict[str, Any], at: tuple[Any, ...], rng: np.random.Generator) -> Any:
+    """Return a copy in which one value is changed."""
+    changed = copy.deepcopy(content)
+    inner: Any = changed
+    for key in at[:-1]:
+        inner = inner[key]
+    value = inner[at[-1]]
+    if isinstance(value, str):
+        inner[at[-1]] = str(rng.choice(["velocity", "acceleration", "position", "no quantity"]))
+    elif isinstance(value, int):
+        inner[at[-1]] = int(rng.integers(-2, 4))
+    else:
+        other = [value * rng.uniform(0.0, 3.0), value + rng.normal(), -value, 1e6, np.nan, None]
+        inner[at[-1]] = other[rng.integers(len(other))]
+    return changed
+
+
+def test_no_change_of_a_proof_raises_the_bound_above_the_cost(
+    saved: tuple[rho.Certificate, Path], tmp_path: Path
+) -> None:
+    """A file in which branches or multipliers are changed proves less, or is refused."""
+    certificate, path = saved
+    content, rng = _content(path), np.random.default_rng(1)
+    places = [("groups", *each) for each in _places(content["groups"])]
+    chosen = rng.permutation(len(places))[:60]
+    refused = lower = 0
+    for at in (places[index] for index in chosen):
+        try:
+            found = _check(_changed(content, at, rng), tmp_path / "changed.proof")
+        except ValueError:
+            refused += 1
+        else:
+            assert found.lower_bound <= certificate.cost * (1 + 1e-9), at
+            lower += found.lower_bound < certificate.lower_bound * (1 - CLOSE)
+    assert refused > 0
+    assert lower > 0
+
+
+def test_a_branch_that_is_left_out_is_missed(tmp_path: Path) -> None:
+    certificate = rho.plan_global(balls(), gap=0.052).certificate
+    ((group, tree),) = certificate.proofs
+    cut = {**tree, "parts": tree["parts"][1:]}
+    short = rho.Certificate(
+        certificate.scenario, certificate.vehicles, certificate.holds, proofs=((group, cut),)
+    )
+    with pytest.raises(ValueError, match="parts of 8"):
+        short.save(tmp_path / "never.proof")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("change", ["radius", "center", "goal", "weight"])
+def test_a_changed_scenario_is_another_scenario(change: str, tmp_path: Path) -> None:
+    """The bound of a file is one of the scenario in it: plans of that one cost no less."""
+    scenario = single(obstacles=[rho.Sphere([4.0, 4.0, 0.0], 1.5)], between_knots=True)
+    rho.certify(rho.plan(scenario)).save(tmp_path / "ball.proof")
+    content = _content(tmp_path / "ball.proof")
+    vehicle, ball = scenario.vehicles[0], [4.0, 4.0, 0.0]
+    stored, obstacle = content["scenario"]["vehicles"][0], content["scenario"]["obstacles"]["1"]
+    radius, weight, goal = 1.5, 1.0, vehicle.goal
+    if change == "radius":
+        radius = obstacle["shape"]["radius"] = 0.7
+    elif change == "center":
+        ball = obstacle["positions"][0] = [4.0, 3.0, 1.0]
+    elif change == "weight":
+        weight = stored["weight"] = 0.5
+    else:
+        goal = rho.State([7.0, 5.0, 1.0])
+        stored["given"][0][2] = [7.0, 5.0, 1.0]
+    other = rho.Vehicle(vehicle.name, vehicle.start, goal, weight=weight)
+    meant = scenario.derived(vehicles=(other,), obstacles=(rho.Sphere(ball, radius),))
+    try:
+        found = _check(content, tmp_path / "changed.proof")
+    except ValueError:
+        return  # a ball is outside of the smaller obstacle
+    assert found.lower_bound <= rho.plan(meant).cost * (1 + 1e-9)
+
+
+def test_damaged_files_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "paper.proof"
+    rho.certify(rho.plan(rho.load_scenario("paper"))).save(path)
+    stored = json.loads(gzip.decompress(path.read_bytes()))
+    stored["content"]["scenario"]["step"] *= 2.0
+    path.write_bytes(gzip.compress(json.dumps(stored).encode()))
+    with pytest.raises(ValueError, match="digest"):
+        rho.check_certificate(path)
+    for damaged in (b"", b"no gzip", gzip.compress(b"{}"), gzip.compress(b"[1"), b"\x1f\x8b\x08"):
+        path.write_bytes(damaged)
+        with pytest.raises(ValueError, match=r"paper\.proof"):
+            rho.check_certificate(path)
+    with pytest.raises(FileNotFoundError):
+        rho.check_certificate(tmp_path / "none.proof")
+
+
+@pytest.mark.parametrize(
+    ("scenario", "named"),
+    [
+        (lambda: single().derived(objective=rho.Objective(jerk=1.0)), "objective"),
+        (lambda: single().derived(disturbance=rho.Disturbance(0.1)), "disturbance"),
+        (
+            lambda: single(
+                obstacles=[rho.Polytope(np.random.default_rng(0).normal(size=(8, 3)) + 4.0)]
+            ),
+            "Polytope",
+        ),
+    ],
+)
+def test_what_files_do_not_hold_is_named(
+    scenario: Callable[[], rho.Scenario], named: str, tmp_path: Path
+) -> None:
+    certificate = rho.certify(rho.plan(scenario()))
+    with pytest.raises(ValueError, match=named):
+        certificate.save(tmp_path / "mission.proof")
+    assert list(tmp_path.iterdir()) == []
