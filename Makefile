@@ -7,7 +7,7 @@ PYTEST := $(BIN)/python -m pytest -n auto -q
 SEED := $(shell od -An -N4 -tu4 /dev/urandom | tr -d ' ')
 PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check
 
-.PHONY: help reproduce animate notebooks pictures docs bench bench-against bench-fleet bench-world bench-flight bench-scale bench-open bench-map bench-time bench-mixed bench-objective bench-online bench-clients bench-show test test-all lint format clean
+.PHONY: help reproduce animate notebooks pictures docs bench bench-against bench-fleet bench-world bench-flight bench-scale bench-open bench-map bench-time bench-mixed bench-objective bench-online bench-clients bench-show bench-bound test test-all lint format clean
 .DEFAULT_GOAL := help
 
 help: ## This list
@@ -71,6 +71,9 @@ bench-clients: $(VENV)/.bench $(VENV)/.test ## The same for files of other progr
 
 bench-show: $(VENV)/.bench ## The same for shows
 	$(BIN)/python -m benchmarks --shows
+
+bench-bound: $(VENV)/.bench ## The same for global optima
+	$(BIN)/python -m benchmarks --bounds
 
 test: $(VENV)/.test ## Run the tests, but for slow ones (some five minutes on two cores)
 	@sh tools/setup-browser $(VENV)

@@ -57,6 +57,9 @@ DRAWN = {
     "damaged_files": 4000,
     "show_random": 20,
     "show_room": 20,
+    "bound_fleets": 12,
+    "bound_shapes": 200,
+    "bound_referee": 50,
     "clients_bags": 1000,
     "clients_pieces": 100_000,
     "clients_damaged": 2000,
@@ -159,6 +162,10 @@ SHOWS = ("show_random", "show_room", "show_large", "show_thousands")
 """Benchmarks of shows."""
 
 
+BOUNDS = tuple(each for each in DRAWN if each.startswith("bound_"))
+"""Benchmarks of global optima."""
+
+
 MIXED = ("mixed_scenes", "mixed_windows", "damaged_files")
 """Benchmarks of random scenes, flights and files that mix everything."""
 
@@ -174,6 +181,7 @@ GROUPS: dict[str, tuple[tuple[str, ...], str]] = {
     "online": (ONLINE, "all benchmarks of missions online"),
     "clients": (CLIENTS, "benchmarks of other programs' files"),
     "shows": (SHOWS, "benchmarks of shows"),
+    "bounds": (BOUNDS, "benchmarks of global optima"),
     "mixed": (MIXED, "benchmarks that mix everything"),
 }
 """Groups of benchmarks by their options, each with the option's help."""

@@ -23,7 +23,7 @@ def test_every_benchmark_that_is_named_exists() -> None:
     groups: list[Iterable[str]] = [names.RACES, names.STUDIES, names.EARLIER, names.DRAWN]
     groups += [names.MISSIONS, names.FILES, names.SCALE, names.SWAPS, names.FLIGHT, names.WORLDS]
     groups += [names.MAPS, names.TIMES, names.OPEN, names.OBJECTIVE, names.ONLINE, names.CLIENTS]
-    groups += [names.FLOWN_MISSIONS, names.MIXED, names.SHOWS]
+    groups += [names.FLOWN_MISSIONS, names.MIXED, names.SHOWS, names.BOUNDS]
     for name in {each for group in groups for each in group}:
         assert find_spec(f"benchmarks.{name}"), name
 

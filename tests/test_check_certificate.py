@@ -51,6 +51,20 @@ SCENES: dict[str, Callable[[], rho.Scenario]] = {
         goal=AHEAD,
         between_knots=True,
     ),
+    "a polytope": lambda: single(
+        obstacles=[
+            rho.Polytope(
+                [
+                    [4.0, -1.0, -1.0],
+                    [6.0, -1.5, -1.0],
+                    [5.0, 1.0, -1.0],
+                    [5.0, 0.0, 1.5],
+                    [5.0, 0.2, 0.0],
+                ]
+            )
+        ],
+        goal=AHEAD,
+    ),
     "a cylinder for a while": lambda: single(
         obstacles=[
             rho.Obstacle(rho.Cylinder([3.5, 0.3, 0.0], 1.2, 6.0), active=(1.0, 6.0)),
@@ -226,10 +240,8 @@ def test_damaged_files_are_refused(tmp_path: Path) -> None:
         (lambda: single().derived(objective=rho.Objective(jerk=1.0)), "objective"),
         (lambda: single().derived(disturbance=rho.Disturbance(0.1)), "disturbance"),
         (
-            lambda: single(
-                obstacles=[rho.Polytope(np.random.default_rng(0).normal(size=(8, 3)) + 4.0)]
-            ),
-            "Polytope",
+            lambda: single(obstacles=[rho.Capsule([4, -1, 0], [6, 1, 0], 0.5)], goal=AHEAD),
+            "Capsule",
         ),
     ],
 )

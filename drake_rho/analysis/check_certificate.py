@@ -23,6 +23,8 @@ import hashlib
 import json
 import sys
 from collections.abc import Callable, Mapping, Sequence
+from functools import cached_property
+from itertools import combinations
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -41,6 +43,9 @@ _Branch = dict[tuple[Any, ...], tuple[_Array, _Array]]
 
 _SIGNS = [(x, y, z) for y in (1.0, -1.0) for x in (1.0, -1.0) for z in (1.0, -1.0)]
 """Directions between the edges of eight cones that cover all directions."""
+
+_MOST_VERTICES, _PLANAR = 64, 1e-6
+"""Most vertices of a polytope, and part of its size by which vertices may be beyond a facet."""
 
 _FAR, _HALVINGS, _TIMES, _ROUNDED, _CONVEX = 1e4, 60, 1e-9, 1e-12, 1e-7
 """Longest ray, in scales; halvings of a ray; largest difference of equal times [s]; part of the
@@ -348,6 +353,7 @@ class _Forbidden:
             "Box": lambda x: -_beyond(np.abs(x) - _vector(shape["half"])),
             "Cylinder": self._in_cylinder,
             "Ellipsoid": self._in_ellipsoid,
+            "Polytope": self._in_polytope,
         }
         if self._kind not in known:
             raise ValueError(f"scenario: got a {self._kind}, which certificate files do not hold")
@@ -364,6 +370,34 @@ class _Forbidden:
         axes = _vector(self._shape["semi_axes"]) + self._radius
         inside = 1.0 - float(np.linalg.norm(x / axes))
         return inside * float(axes.min()) - self._radius
+
+    @cached_property
+    def _facets(self) -> tuple[_Array, _Array]:
+        """Planes n · x <= b through three vertices that have hardly any vertex beyond."""
+        vertices = np.array([_vector(each) for each in self._shape["vertices"]])
+        if not 4 <= len(vertices) <= _MOST_VERTICES:
+            raise ValueError(f"scenario: got {len(vertices)} vertices, expected at most 64")
+        scale = float(np.abs(vertices).max())
+        one, two, three = vertices[np.array(list(combinations(range(len(vertices)), 3))).T]
+        normals = np.cross(two - one, three - one)
+        sizes = np.linalg.norm(normals, axis=1)
+        flat = sizes > _ROUNDED * scale**2
+        normals, one = normals[flat] / sizes[flat, None], one[flat]
+        normals, offsets = np.vstack([normals, -normals]), np.vecdot(normals, one)
+        offsets = np.concatenate([offsets, -offsets])
+        outer = (normals @ vertices.T).max(axis=1) <= offsets + _PLANAR * scale
+        return normals[outer], offsets[outer]
+
+    def _in_polytope(self, x: _Array) -> float:
+        """Return a depth; beyond a facet only where the nearest point of its plane is of it."""
+        normals, offsets = self._facets
+        over = normals @ x - offsets
+        first = int(np.argmax(over))
+        if over[first] > 0.0:
+            nearest = x - over[first] * normals[first]
+            if np.any(normals @ nearest - offsets > _ROUNDED):
+                return -np.inf
+        return -float(over[first])
 
     def contains(self, x: _Array) -> bool:
         """Return whether a point is in the enlarged set."""

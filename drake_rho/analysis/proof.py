@@ -21,7 +21,16 @@ from drake_rho.analysis.terms import QUANTITIES
 from drake_rho.scenario.fields import IntArray
 from drake_rho.scenario.limits import Limits
 from drake_rho.scenario.obstacles import Obstacle
-from drake_rho.scenario.records import Box, Cylinder, Ellipsoid, Scenario, Sphere, State, Vehicle
+from drake_rho.scenario.records import (
+    Box,
+    Cylinder,
+    Ellipsoid,
+    Polytope,
+    Scenario,
+    Sphere,
+    State,
+    Vehicle,
+)
 from drake_rho.system.files import atomic_write
 
 Proved = tuple[IntArray, dict[str, Any]]
@@ -179,11 +188,13 @@ def _of_obstacle(obstacle: Obstacle, number: int, scenario: Scenario) -> dict[st
         held["half"] = ((shape.upper - shape.lower) / 2.0).tolist()
     elif isinstance(shape, Ellipsoid):
         held["semi_axes"] = shape.semi_axes.tolist()
+    elif isinstance(shape, Polytope):
+        held["vertices"] = (shape.vertices - shape.center).tolist()
     elif isinstance(shape, Cylinder):
         half = None if shape.height is None else shape.height / 2.0
         held |= {"radius": shape.radius, "half_height": half, "axis": "xyz".index(shape.axis)}
     if len(held) == 1 or held["kind"] != type(shape).__name__:
-        expected = "spheres, ellipsoids, boxes and cylinders without such an error"
+        expected = "spheres, ellipsoids, boxes, cylinders and polytopes without such an error"
         name = scenario.obstacle_name(number)
         raise ValueError(f"certificate: got {name} ({kind}), its files hold {expected}")
     track = obstacle.track
