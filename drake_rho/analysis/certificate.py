@@ -89,6 +89,9 @@ class Certificate(metaclass=Described):
     """number of branches that were bounded, 0 if the bound is without branches"""
     better: float | None = None
     """cost of the best plan that was found on the way [m²/s⁴]; None if none was cheaper"""
+    history: tuple[tuple[int, float, float], ...] = dataclasses.field(default=(), repr=False)
+    """number of branches, lower bound and best cost [m²/s⁴] at the beginning and after each step of
+    branch and bound; empty without"""
     proofs: tuple[Proved, ...] = dataclasses.field(default=(), repr=False, compare=False)
     """groups of vehicles with the branches and multipliers that prove their bounds, as `save`
     writes them; none if time was up before there were any"""

@@ -163,6 +163,7 @@ def certified(
         vehicles=roots.with_bounds(search.parts, own),
         cut=search.cut,
         nodes=search.nodes,
+        history=tuple(search.history),
         proofs=tuple(each for part in search.parts for each in part.proved),
         better=float(costs.sum()) if is_better else None,
     ), best

@@ -75,6 +75,7 @@ class GlobalSearch:
     Attributes:
         plan: the best plan found.
         cut: whether time was up.
+        history: number of nodes, bound and best cost [m²/s⁴] after each step.
     """
 
     def __init__(
@@ -89,6 +90,7 @@ class GlobalSearch:
         self.plan, self.parts, self.cut, self._relaxed = plan, list(parts), False, relaxed
         self._solved, self._executor, self._progress = solved, executor, progress
         self._costs = vehicle_costs(plan)
+        self.history = [(0, self.bound, self.cost)]
 
     @property
     def cost(self) -> float:
@@ -211,6 +213,7 @@ class GlobalSearch:
 
     def _tell(self) -> None:
         left = sum(part.tree.left for part in self.parts if part.tree is not None)
+        self.history.append((self.nodes, self.bound, self.cost))
         gap = max(0.0, 1.0 - self.bound / self.cost) if self.cost > 0.0 else 0.0
         tell(
             self._progress,
