@@ -179,6 +179,19 @@ def test_no_change_of_a_proof_raises_the_bound_above_the_cost(
     assert lower > 0
 
 
+@pytest.mark.parametrize("column", [6, 7], ids=["radius", "multiplier"])
+def test_negative_radii_and_multipliers_are_refused(column: int, tmp_path: Path) -> None:
+    path = tmp_path / "paper.proof"
+    rho.certify(rho.plan(rho.load_scenario("paper"))).save(path)
+    content = _content(path)
+    balls = [ball for each in content["groups"] for ball in each["tree"]["curved"]]
+    assert balls
+    for ball in balls:
+        ball[column] *= -1.0
+    with pytest.raises(ValueError, match=r"paper\.proof: "):
+        _check(content, path)
+
+
 def test_a_branch_that_is_left_out_is_missed(tmp_path: Path) -> None:
     certificate = rho.plan_global(balls(), gap=0.052).certificate
     ((group, tree),) = certificate.proofs

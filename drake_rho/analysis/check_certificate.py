@@ -248,13 +248,12 @@ class _Group:
             v[:, axis] = np.linalg.solve(hessian, pull[:, axis] / 2.0)
         at = s * (r @ v + o)
         gradient = 2.0 * v - pull - r.T @ (2.0 * half[:, None] * s**2 * (r @ v))
-        balls = half * (radii**2 - np.sum(at**2, axis=1))
-        planes = y * (b - np.einsum("rma,ma->r", a, v))
-        parts = [self._effort, float(np.sum(v**2)), *balls, *planes]
-        sizes = [self._effort, float(np.sum(v**2)), *(half * radii**2), *np.abs(y * b)]
-        lost = float(np.sum(gradient**2)) / (4.0 * m) + _ROUNDED * float(np.sum(sizes)) / m
-        value = float(np.sum(parts)) - lost
-        return value if np.isfinite(value) else -np.inf
+        effort, squares = self._effort + float(np.sum(v**2)), np.sum(at**2, axis=1)
+        reached = np.einsum("rma,ma->r", a, v)
+        value = effort + half @ (radii**2 - squares) + y @ (b - reached)
+        sizes = effort + half @ (radii**2 + squares) + y @ (np.abs(b) + np.abs(reached))
+        value -= float(np.sum(gradient**2)) / (4.0 * m) + _ROUNDED * sizes / m
+        return float(value) if np.isfinite(value) else -np.inf
 
     def _ball(
         self, number: int, one: int, other: int, time: float, c: Any, s: Any, size: float, w: float
@@ -265,7 +264,7 @@ class _Group:
         if not np.all(scales > 0.0):
             raise ValueError(f"{self.where}: got scales {scales}, expected more than 0")
         inside = forbidden.ball(center, scales)
-        if not inside > 0.0:
+        if not (inside > 0.0 and size > 0.0):
             raise ValueError(f"{self.where}: a ball at {time} s is not inside what it is to avoid")
         row, offset, _ = self._of("position", time, one, other)
         return row, offset - _vector(c), scales, min(size, inside), _multiplier(w)
