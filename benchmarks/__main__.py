@@ -49,7 +49,7 @@ DRAWN = {
     "objective_goals": 60,
     "objective_mixed": 1000,
     "online_missions": 300,
-    "online_horizons": 6,
+    "online_horizons": 2,
     "online_circle": 20,
     "online_fleets": 4,
     "mixed_scenes": 5000,
