@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 
@@ -9,7 +10,7 @@ import drake_rho as rho
 from benchmarks.sampling import sample
 from benchmarks.show_random import PACKAGES
 from benchmarks.show_scenes import APART, SPACING
-from benchmarks.stopwatch import Stopwatch
+from benchmarks.stopwatch import Stopwatch, Taken
 from benchmarks.tables import Goal, Table
 from drake_rho.shows.formations import AnyFormation
 
@@ -44,17 +45,40 @@ def show(side: int = 32) -> rho.Show:
     )
 
 
-def run() -> Table:
-    """Plan the show in two processes, and judge it by `rho.verify` and dense samples."""
-    shown, watch = show(), Stopwatch()
+@dataclasses.dataclass(frozen=True)
+class Judged:
+    """Plan of a show, judged by `rho.verify` and dense samples."""
+
+    plan: rho.Plan
+    """plan of the whole show"""
+    certificate: rho.ShowCertificate
+    """bounds of its assignment and of its transitions"""
+    violated: int
+    """number of violated checks"""
+    least: float
+    """least distance of two vehicles by samples, with downwash [m]"""
+    planning: Taken
+    """time of planning in two processes"""
+    verifying: Taken
+    """time of `rho.verify`"""
+
+
+def judged(shown: rho.Show) -> Judged:
+    """Plan a show in two processes, and judge it."""
+    watch = Stopwatch()
     with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as processes:
         plan = rho.plan_show(shown, solver=rho.Daqp(), executor=processes)
-    planning = watch.taken()
-    watch = Stopwatch()
-    report = rho.verify(plan)
-    verifying = watch.taken()
-    least = sample(plan, SAMPLES).least
-    certificate = rho.certify_show(shown, plan)
+    planning, watch = watch.taken(), Stopwatch()
+    violated = sum(not each.holds for each in rho.verify(plan).checks)
+    verifying, least = watch.taken(), sample(plan, SAMPLES).least
+    return Judged(plan, rho.certify_show(shown, plan), violated, least, planning, verifying)
+
+
+def run() -> Table:
+    """Plan the show of 1024 vehicles, and judge it."""
+    shown = show()
+    found = judged(shown)
+    certificate, planning = found.certificate, found.planning
     rows = tuple(
         (each.scene, each.duration, each.bound, each.any_assignment)
         for each in certificate.transitions
@@ -66,17 +90,17 @@ def run() -> Table:
         rows=rows,
         notes=(
             f"Two processes planned it in {planning.wall:.0f} s ({planning.processor:.0f} s of "
-            f"processor time), `rho.verify` took {verifying.processor:.1f} s. The show lasts "
-            f"{plan.scenario.grid.duration:g} s; its sum of squared distances is at most "
+            f"processor time), `rho.verify` took {found.verifying.processor:.1f} s. The show lasts "
+            f"{found.plan.scenario.grid.duration:g} s; its sum of squared distances is at most "
             f"{100.0 * certificate.gap:.2g} % above the least. Samples: {SAMPLES // 10} a step.",
         ),
         goals=(
             Goal("wall time of planning on two cores [s]", 120.0, planning.wall),
-            Goal("checks violated", 0, sum(not each.holds for each in report.checks)),
+            Goal("checks violated", 0, found.violated),
             Goal(
                 "separation less the least sampled distance [m]",
                 WITHIN,
-                APART.distance - least,
+                APART.distance - found.least,
             ),
         ),
         packages=PACKAGES,

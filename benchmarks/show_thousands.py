@@ -3,16 +3,11 @@
 from __future__ import annotations
 
 import resource
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
 
-import drake_rho as rho
-from benchmarks.sampling import sample
-from benchmarks.show_large import SAMPLES, WITHIN, show
+from benchmarks.show_large import SAMPLES, WITHIN, judged, show
 from benchmarks.show_random import PACKAGES
 from benchmarks.show_scenes import APART
-from benchmarks.stopwatch import Stopwatch
-from benchmarks.tables import Goal, Table
+from benchmarks.tables import Cell, Goal, Table
 
 SIDES = 45, 71
 """Vehicles along a side of the pads."""
@@ -20,22 +15,17 @@ SIDES = 45, 71
 
 def run() -> Table:
     """Plan each show in two processes, and judge it by `rho.verify` and dense samples."""
-    rows, violated, nearest = [], 0, float("inf")
+    rows, violated, nearest = list[tuple[Cell, ...]](), 0, float("inf")
     for side in SIDES:
-        shown, watch = show(side), Stopwatch()
-        with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as processes:
-            plan = rho.plan_show(shown, solver=rho.Daqp(), executor=processes)
-        planning, watch = watch.taken(), Stopwatch()
-        report = rho.verify(plan)
-        verifying, least = watch.taken(), sample(plan, SAMPLES).least
-        certificate = rho.certify_show(shown, plan)
-        longer = max(each.duration / each.bound - 1.0 for each in certificate.transitions)
-        violated += sum(not each.holds for each in report.checks)
-        nearest = min(nearest, least)
+        found = judged(show(side))
+        transitions, gap = found.certificate.transitions, found.certificate.gap
+        longer = max(each.duration / each.bound - 1.0 for each in transitions)
+        violated, nearest = violated + found.violated, min(nearest, found.least)
         rows.append(
             (
-                *(side**2, plan.scenario.grid.duration, longer, certificate.gap),
-                *(least, planning.wall, planning.processor, verifying.processor, _memory()),
+                *(side**2, found.plan.scenario.grid.duration, longer, gap, found.least),
+                *(found.planning.wall, found.planning.processor, found.verifying.processor),
+                _memory(),
             )
         )
     return Table(

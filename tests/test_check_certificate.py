@@ -40,6 +40,22 @@ def _crossing() -> rho.Scenario:
     return scenario.derived(vehicles=(vehicle, scenario.vehicles[1]))
 
 
+def _through_gates() -> rho.Scenario:
+    """Return a vehicle past a capsule, on a clock far from zero, through two waypoints."""
+    scenario = single(
+        obstacles=[rho.Capsule([4.0, -1.0, -0.5], [6.0, 1.0, 0.5], 0.7)],
+        goal=AHEAD,
+        grid=rho.Grid(0.5, 17, start=1.7e9 + 0.3),
+    )
+    gates = [
+        rho.Waypoint(1.7e9 + 2.4, [2.0, 0.5, 0.2], velocity=[1.5, 0.2, 0.0]),
+        rho.Waypoint(1.7e9 + 6.61, [8.0, 0.0, 0.5], within=0.3),
+    ]
+    vehicle = scenario.vehicles[0]
+    made = rho.Vehicle(vehicle.name, vehicle.start, vehicle.goal, radius=0.2, waypoints=gates)
+    return scenario.derived(vehicles=(made,))
+
+
 SCENES: dict[str, Callable[[], rho.Scenario]] = {
     "the paper's": lambda: rho.load_scenario("paper"),
     "two that meet": _crossing,
@@ -51,6 +67,7 @@ SCENES: dict[str, Callable[[], rho.Scenario]] = {
         goal=AHEAD,
         between_knots=True,
     ),
+    "gates": _through_gates,
     "a polytope": lambda: single(
         obstacles=[
             rho.Polytope(
@@ -82,7 +99,8 @@ def saved(
 ) -> tuple[rho.Certificate, Path]:
     """Return a certificate of a scene, and its file."""
     path = tmp_path_factory.mktemp("proofs") / "mission.proof"
-    certificate = rho.plan_global(SCENES[request.param](), gap=0.052).certificate
+    gap = 0.052 if request.param == "balls" else None
+    certificate = rho.certify(rho.plan(SCENES[request.param]()), gap=gap)
     certificate.save(path)
     return certificate, path
 
@@ -251,10 +269,18 @@ def test_damaged_files_are_refused(tmp_path: Path) -> None:
     ("scenario", "named"),
     [
         (lambda: single().derived(objective=rho.Objective(jerk=1.0)), "objective"),
+        (
+            lambda: single(waypoints=[rho.Waypoint(4.0, [5.0, 3.0, 0.0], dwell=0.5)]),
+            "waypoint of solo",
+        ),
+        (lambda: single(limits=rho.Limits(max_jerk=0.8)), "a row of jerk"),
         (lambda: single().derived(disturbance=rho.Disturbance(0.1)), "disturbance"),
         (
-            lambda: single(obstacles=[rho.Capsule([4, -1, 0], [6, 1, 0], 0.5)], goal=AHEAD),
-            "Capsule",
+            lambda: single(
+                obstacles=[rho.Posed(rho.Box([4, -1, -1], [6, 1, 1]), rotation=[0.0, 0.0, 0.2])],
+                goal=AHEAD,
+            ),
+            "Posed",
         ),
     ],
 )

@@ -254,7 +254,7 @@ class Tree:
             heapq.heappush(self._open, (each.bound, next(self._numbers), each))
 
     def replace(self, node: Node, result: Split, enough: float) -> None:
-        """Add the parts of a node that was removed; the node itself if it has none."""
+        """Add the parts of a node that was removed; without any, keep its bound."""
         if not result.parts:
             self._closed = min(self._closed, node.bound)
             return

@@ -145,8 +145,8 @@ class Certificate(metaclass=Described):
             OSError: the file cannot be written.
             ValueError: there are no multipliers, since time was up, or the scenario has what such
                 files do not hold: other costs than effort, prices, disturbances, smoothing,
-                requirements, maps, other shapes than spheres, ellipsoids, boxes, cylinders and
-                polytopes, and errors that grow.
+                requirements, maps, posed shapes, errors that grow, limits of jerk, thrust and tilt
+                that are active, and waypoints with free times, dwells or sets of velocities.
         """
         if not self.proofs:
             raise ValueError("certificate: got none with multipliers, since time was up")

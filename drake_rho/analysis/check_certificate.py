@@ -47,9 +47,10 @@ _SIGNS = [(x, y, z) for y in (1.0, -1.0) for x in (1.0, -1.0) for z in (1.0, -1.
 _MOST_VERTICES, _PLANAR = 64, 1e-6
 """Most vertices of a polytope, and part of its size by which vertices may be beyond a facet."""
 
-_FAR, _HALVINGS, _TIMES, _ROUNDED, _CONVEX = 1e4, 60, 1e-9, 1e-12, 1e-7
+_FAR, _HALVINGS, _TIMES, _ROUNDED, _CONVEX, _CLOSE = 1e4, 60, 1e-9, 1e-12, 1e-7, 1e-6
 """Longest ray, in scales; halvings of a ray; largest difference of equal times [s]; part of the
-sizes of a Lagrangian's terms that rounding may take; least curvature of one that is convex."""
+sizes of a Lagrangian's terms that rounding may take; least curvature of one that is convex; and
+largest part by which the bound of a row is lowered to what the limits imply."""
 
 
 class CheckedBound(NamedTuple):
@@ -150,7 +151,7 @@ class _Group:
         self._effort = float(sum(np.sum(each**2) for each in self._least))
 
     def _response(self, quantity: str, time: float) -> _Array:
-        """Return what accelerations add to a vehicle's quantity at a time, shape (K-1,)."""
+        """Return the response of a quantity at a time to accelerations, shape (K-1,)."""
         h = self.step
         if not -_TIMES <= time <= self.steps * h + _TIMES:
             raise ValueError(f"{self.where}: got a time of {time} s, which is not in the flight")
@@ -172,7 +173,7 @@ class _Group:
         )
 
     def _of(self, quantity: str, time: float, one: int, other: int) -> tuple[_Array, _Array, float]:
-        """Return a quantity, less that of another vehicle, as r · v + offset.
+        """Return a quantity, or the difference of two vehicles' positions, as r · v + offset.
 
         Returns:
             r, shape (M,), the offset, and the length of r before the given values are left out.
@@ -222,12 +223,12 @@ class _Group:
 
     def _leaf(self, tree: Mapping[str, Any], sides: Sequence[_Side]) -> float:
         """Return the least value of a branch's Lagrangian, less a bound on rounding errors."""
-        curved = [self._ball(*each) for each in tree["curved"]]
-        rows = [self._row(*each) for each in tree["rows"]]
+        curved = [self._ball(each) for each in tree["curved"]]
+        rows = [self._row(each) for each in tree["rows"]]
         if len(tree["sides"]) != len(sides):
             raise ValueError(f"{self.where}: got {len(tree['sides'])} multipliers of sides")
         rows += [
-            self._scaled(*of, _multiplier(y)) for of, y in zip(sides, tree["sides"], strict=True)
+            self._scaled(side, _multiplier(y)) for side, y in zip(sides, tree["sides"], strict=True)
         ]
         width = int(self._first[-1])
         r = np.array([each[0] for each in curved]).reshape(-1, width)
@@ -255,10 +256,9 @@ class _Group:
         value -= float(np.sum(gradient**2)) / (4.0 * m) + _ROUNDED * sizes / m
         return float(value) if np.isfinite(value) else -np.inf
 
-    def _ball(
-        self, number: int, one: int, other: int, time: float, c: Any, s: Any, size: float, w: float
-    ) -> tuple[_Array, _Array, _Array, float, float]:
+    def _ball(self, stored: Sequence[Any]) -> tuple[_Array, _Array, _Array, float, float]:
         """Return a ball or ellipsoid to keep out of: r, offset, scales, radius and multiplier."""
+        number, one, other, time, c, s, size, w = stored
         forbidden, scales = self._forbidden(one, other, number, time), _vector(s)
         center = _vector(c) - self._center(number, time)
         if not np.all(scales > 0.0):
@@ -269,20 +269,20 @@ class _Group:
         row, offset, _ = self._of("position", time, one, other)
         return row, offset - _vector(c), scales, min(size, inside), _multiplier(w)
 
-    def _row(
-        self, quantity: str, one: int, other: int, time: float, n: Any, b: float, y: float
-    ) -> tuple[_Array, float, float]:
+    def _row(self, stored: Sequence[Any]) -> tuple[_Array, float, float]:
         """Return a row that limits imply: its matrix, bound and multiplier."""
+        quantity, one, other, time, n, b, y = stored
         normal = _vector(n)
         if one != other or not 0 <= one < len(self.vehicles):
             raise ValueError(f"{self.where}: got a row of vehicles {one} and {other}")
         least = self._implied(self.vehicles[one], quantity, time, normal)
-        return self._scaled(quantity, time, one, one, normal, min(b, least), _multiplier(y))
+        if b > least + _CLOSE * (1.0 + abs(b)):
+            raise ValueError(f"{self.where}: no limit implies a row of {quantity} at {time} s")
+        return self._scaled((quantity, time, one, one, normal, min(b, least)), _multiplier(y))
 
-    def _scaled(
-        self, quantity: str, time: float, one: int, other: int, n: _Array, b: float, y: float
-    ) -> tuple[_Array, float, float]:
-        """Return a row of length one."""
+    def _scaled(self, side: _Side, y: float) -> tuple[_Array, float, float]:
+        """Return a half-space as a row of length one: its matrix, bound and multiplier."""
+        quantity, time, one, other, n, b = side
         row, offset, length = self._of(quantity, time, one, other)
         length = length * float(np.linalg.norm(n)) or 1.0
         return row[:, None] * n / length, (b - float(n @ offset)) / length, y
@@ -298,12 +298,11 @@ class _Group:
                 known.append(float(np.sum(sides)))
             if (most := limits.get(f"largest {quantity}")) is not None:
                 known.append(-float(most) * float(np.linalg.norm(n)))
-        if quantity == "position":
-            for at, place, within in vehicle["near"]:
-                if abs(at - time) <= _TIMES:
-                    known.append(float(n @ _vector(place) - within * np.linalg.norm(n)))
-        if max(known) == -np.inf:
-            raise ValueError(f"{self.where}: no limit implies a row of {quantity} at {time} s")
+        known += [
+            float(n @ _vector(value) - within * np.linalg.norm(n))
+            for kind, at, value, within in vehicle["near"]
+            if kind == quantity and abs(at - time) <= _TIMES
+        ]
         return max(known)
 
     def _counts(self, time: float) -> bool:
@@ -353,6 +352,7 @@ class _Forbidden:
             "Cylinder": self._in_cylinder,
             "Ellipsoid": self._in_ellipsoid,
             "Polytope": self._in_polytope,
+            "Capsule": lambda x: float(shape["radius"]) - self._from_segments(x),
         }
         if self._kind not in known:
             raise ValueError(f"scenario: got a {self._kind}, which certificate files do not hold")
@@ -388,15 +388,28 @@ class _Forbidden:
         return normals[outer], offsets[outer]
 
     def _in_polytope(self, x: _Array) -> float:
-        """Return a depth; beyond a facet only where the nearest point of its plane is of it."""
+        """Return a depth; outside, less the distance from the nearest facet or segment."""
         normals, offsets = self._facets
         over = normals @ x - offsets
         first = int(np.argmax(over))
-        if over[first] > 0.0:
-            nearest = x - over[first] * normals[first]
-            if np.any(normals @ nearest - offsets > _ROUNDED):
-                return -np.inf
-        return -float(over[first])
+        nearest = x - max(over[first], 0.0) * normals[first]
+        if np.all(normals @ nearest <= offsets + _ROUNDED):
+            return -float(over[first])
+        return -self._from_segments(x)
+
+    @cached_property
+    def _segments(self) -> tuple[_Array, _Array]:
+        """First points and directions of the segments between all vertices, which are inside."""
+        vertices = np.array([_vector(each) for each in self._shape["vertices"]])
+        one, two = vertices[np.array(list(combinations(range(len(vertices)), 2))).T]
+        return one, two - one
+
+    def _from_segments(self, x: _Array) -> float:
+        """Return the distance from the nearest of the segments between vertices."""
+        first, along = self._segments
+        squares = np.maximum(np.vecdot(along, along), np.finfo(float).tiny)
+        parts = np.clip(np.vecdot(x - first, along) / squares, 0.0, 1.0)
+        return float(np.linalg.norm(x - first - parts[:, None] * along, axis=1).min())
 
     def contains(self, x: _Array) -> bool:
         """Return whether a point is in the enlarged set."""
@@ -426,7 +439,7 @@ def _halves(cone: _Array) -> list[_Array]:
 
 
 def _half_spaces(cone: _Array, forbidden: _Forbidden) -> tuple[_Array, _Array]:
-    """Return half-spaces n · p >= b that contain what is outside of a set within a cone.
+    """Return four half-spaces n · p >= b that contain the rest of a cone outside of a set.
 
     A convex function that is at most 1 at three points of the edges is at most the sum of the
     coordinates at every point of the cone, which is at least 1 outside of the set.

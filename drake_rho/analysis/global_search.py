@@ -204,7 +204,7 @@ class GlobalSearch:
         return int(others[np.argmin(distances.min(axis=(0, 2), initial=np.inf))])
 
     def _join(self, part: Part) -> None:
-        """Join a part to that of the vehicle which excludes a cheaper plan."""
+        """Join a part with the part of its nearest vehicle."""
         (other,) = (each for each in self.parts if part.nearest in each.group)
         group = np.sort(np.append(part.group, other.group))
         proofs = (*part.proved, *other.proved)

@@ -23,13 +23,16 @@ from drake_rho.scenario.limits import Limits
 from drake_rho.scenario.obstacles import Obstacle
 from drake_rho.scenario.records import (
     Box,
+    Capsule,
     Cylinder,
     Ellipsoid,
+    Grid,
     Polytope,
     Scenario,
     Sphere,
     State,
     Vehicle,
+    Waypoint,
 )
 from drake_rho.system.files import atomic_write
 
@@ -95,7 +98,10 @@ def written(path: Path, scenario: Scenario, proofs: Sequence[Proved]) -> Checked
     groups = [{"vehicles": group.tolist(), "tree": tree} for group, tree in proofs]
     text = json.dumps({"scenario": of_scenario(scenario), "groups": groups})
     content = json.loads(text)  # as it will be read
-    proved = proved_by(content)
+    try:
+        proved = proved_by(content)
+    except ValueError as error:
+        raise ValueError(f"certificate: its files do not hold what it rests on: {error}") from None
     stored = {"format": FORMAT, "digest": digest_of(content), "content": content}
     data = gzip.compress(json.dumps(stored).encode(), mtime=0)
     with atomic_write(path) as file:
@@ -139,11 +145,7 @@ def _of_vehicle(vehicle: Vehicle, scenario: Scenario) -> dict[str, Any]:
     given = [["position", grid.duration, goal.position.tolist()]]
     if goal.velocity is not None:
         given.append(["velocity", grid.duration, goal.velocity.tolist()])
-    near = [
-        [each.time - grid.start, each.position.tolist(), each.within]
-        for each in vehicle.waypoints
-        if each.time is not None
-    ]
+    near = [value for each in vehicle.waypoints for value in _of_waypoint(each, vehicle, grid)]
     velocity = np.zeros(3) if start.velocity is None else start.velocity
     return {
         "name": vehicle.name,
@@ -154,6 +156,24 @@ def _of_vehicle(vehicle: Vehicle, scenario: Scenario) -> dict[str, Any]:
         "near": near,
         "limits": _of_limits(scenario.limits_of(vehicle)),
     }
+
+
+def _of_waypoint(waypoint: Waypoint, vehicle: Vehicle, grid: Grid) -> list[list[Any]]:
+    """Return the position and the velocity that a waypoint gives.
+
+    Raises:
+        ValueError: its time is free, its velocity is in a set, or the vehicle dwells there.
+    """
+    velocity = waypoint.velocity
+    is_vector = velocity is None or isinstance(velocity, np.ndarray)
+    if waypoint.time is None or waypoint.dwell > 0.0 or not is_vector:
+        expected = "its files hold waypoints with times, without dwells or sets of velocities"
+        raise ValueError(f"certificate: got a waypoint of {vehicle.name}, {expected}")
+    time = float(grid.since_start(waypoint.time))
+    found = [["position", time, waypoint.position.tolist(), waypoint.within]]
+    if velocity is not None:
+        found.append(["velocity", time, np.asarray(velocity).tolist(), 0.0])
+    return found
 
 
 def _of_limits(limits: Limits) -> dict[str, Any]:
@@ -190,11 +210,14 @@ def _of_obstacle(obstacle: Obstacle, number: int, scenario: Scenario) -> dict[st
         held["semi_axes"] = shape.semi_axes.tolist()
     elif isinstance(shape, Polytope):
         held["vertices"] = (shape.vertices - shape.center).tolist()
+    elif isinstance(shape, Capsule):
+        ends = np.array([shape.start, shape.end]) - shape.center
+        held |= {"radius": shape.radius, "vertices": ends.tolist()}
     elif isinstance(shape, Cylinder):
         half = None if shape.height is None else shape.height / 2.0
         held |= {"radius": shape.radius, "half_height": half, "axis": "xyz".index(shape.axis)}
     if len(held) == 1 or held["kind"] != type(shape).__name__:
-        expected = "spheres, ellipsoids, boxes, cylinders and polytopes without such an error"
+        expected = "spheres, ellipsoids, boxes, cylinders, capsules and polytopes"
         name = scenario.obstacle_name(number)
         raise ValueError(f"certificate: got {name} ({kind}), its files hold {expected}")
     track = obstacle.track

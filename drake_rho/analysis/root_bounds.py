@@ -96,25 +96,30 @@ class RootBounds:
             ascent = Ascent(progress, task, cost, len(proposals) * (2 if disturbed else 1))
             proposed = [Proposal.of(each, group, priced=priced) for each in proposals]
             left_out |= set[str]().union(*(each.left_out for each in proposed))
-            node = _bound(proposed, effort, ascent)
-            looser, planned = proposed, node.bound
+            node, planned, looser = _bound(proposed, effort, ascent), None, proposed
             if disturbed:
+                planned = node.bound
                 looser = [
                     Proposal.of(each, group, as_planned=False, priced=priced) for each in proposals
                 ]
                 node = _bound(looser, effort, ascent)
-            if node.bound < cost * (1.0 - GLOBAL_GAP) and not scenario.penalties:
-                own = Relaxation(scenario.of_vehicles(group.tolist()))
-                with suppress(OutOfTimeError):
-                    node = max(node, own.root(looser, cost), key=lambda each: each.bound)
-            found.append(
-                _by_multipliers(name, cost, proposed[0], node.bound, planned if disturbed else None)
-            )
+            node = self._raised(node, group, looser)
+            found.append(_by_multipliers(name, cost, proposed[0], node.bound, planned))
             self.roots.append(node)
         names = [scenario.obstacle_name(number) for number, _ in scenario.known]
         self.certificates = tuple(found)
         self.not_counted = (*dropped, *(name for name in names if name in left_out))
         self.cut = self.cut or seconds_left() <= 0.0
+
+    def _raised(self, node: Node, group: IntArray, proposed: Sequence[Proposal]) -> Node:
+        """Return a node of a group's motions with violated terms, if its bound leaves a gap."""
+        cost = float(self.costs[group].sum())
+        if node.bound >= cost * (1.0 - GLOBAL_GAP) or self.scenario.penalties:
+            return node
+        own = Relaxation(self.scenario.of_vehicles(group.tolist()))
+        with suppress(OutOfTimeError):
+            return max(node, own.root(proposed, cost), key=lambda each: each.bound)
+        return node
 
     @property
     def proofs(self) -> list[tuple[Proved, ...]]:

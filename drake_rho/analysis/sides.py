@@ -34,7 +34,7 @@ _NARROWEST = 1e-3
 
 
 class Where(NamedTuple):
-    """Vehicle and what it is beside at an instant."""
+    """Vehicle, obstacle or other vehicle, and instant of a side."""
 
     vehicle: int
     """index of the vehicle"""
