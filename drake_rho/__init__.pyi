@@ -27,6 +27,7 @@ from .display.plots.figures import distances_figure as distances_figure
 from .display.plots.figures import errors_figure as errors_figure
 from .display.plots.figures import separation_figure as separation_figure
 from .display.plots.figures import velocities_figure as velocities_figure
+from .display.plots.gap_figure import gap_figure as gap_figure
 from .display.plots.path_figure import paths_figure as paths_figure
 from .display.plots.publish import save_figure as save_figure
 from .display.plots.scenes_figure import scenes_figure as scenes_figure

@@ -80,6 +80,14 @@ def test_branches_raise_the_bound_and_no_other_plan_is_below_it() -> None:
     assert proof.lower_bound > before.lower_bound
     assert proof.cost == pytest.approx(best.plan.cost, rel=1e-12)
     assert f"after {proof.nodes} branches" in str(proof)
+    figure = rho.gap_figure(proof)
+    _, bounds, costs = np.transpose(proof.history)
+    drawn = [line.get_ydata() for line in figure.axes[0].lines]
+    np.testing.assert_array_equal(drawn, [costs, bounds])
+    assert np.all(np.diff(bounds) >= 0.0)
+    assert bounds[-1] == pytest.approx(proof.lower_bound, rel=1e-12)
+    with pytest.raises(ValueError, match="without branches"):
+        rho.gap_figure(before)
     rng, others = np.random.default_rng(0), 0
     for _ in range(12):
         start = rho.Plan.from_accelerations(scenario, rng.normal(size=(1, 16, 3)))
