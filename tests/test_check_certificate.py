@@ -99,7 +99,7 @@ def saved(
 ) -> tuple[rho.Certificate, Path]:
     """Return a certificate of a scene, and its file."""
     path = tmp_path_factory.mktemp("proofs") / "mission.proof"
-    gap = 0.052 if request.param == "balls" else None
+    gap = 0.01 if request.param == "balls" else None
     certificate = rho.certify(rho.plan(SCENES[request.param]()), gap=gap)
     certificate.save(path)
     return certificate, path
@@ -211,7 +211,7 @@ def test_negative_radii_and_multipliers_are_refused(column: int, tmp_path: Path)
 
 
 def test_a_branch_that_is_left_out_is_missed(tmp_path: Path) -> None:
-    certificate = rho.plan_global(balls(), gap=0.052).certificate
+    certificate = rho.plan_global(balls(), gap=0.01).certificate
     ((group, tree),) = certificate.proofs
     cut = {**tree, "parts": tree["parts"][1:]}
     short = rho.Certificate(

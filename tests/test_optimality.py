@@ -7,11 +7,15 @@ import dataclasses
 import numpy as np
 import pytest
 from hypothesis import given, settings
+from scipy.optimize import minimize
 
 import drake_rho as rho
+from drake_rho.analysis.ascent import climbed
+from drake_rho.analysis.dual import Dual
 from drake_rho.analysis.lagrangian import Proposal
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.scp.cutting_planes import CuttingPlanes
+from drake_rho.scenario.fields import FloatArray
 from tests.scenarios import box, scenarios, single
 from tests.tolerances import INDEX
 
@@ -119,19 +123,18 @@ def test_any_multipliers_give_a_bound_unless_they_are_too_large() -> None:
     assert huge.curvature < 0
 
 
-def test_the_closed_form_is_the_minimum_with_its_gradient() -> None:
+def _proposed() -> Proposal:
     scenario, best, _ = _on_the_other_side()
     solved = CuttingPlanes(Problem.of(scenario))
     solved.keep_to(Problem.of(scenario).linearized(best))
-    proposal = Proposal.of(solved, np.array([0]))
+    return Proposal.of(solved, np.array([0]))
+
+
+def test_the_closed_form_is_the_minimum_with_its_gradient() -> None:
+    proposal = _proposed()
     lagrangian = proposal.lagrangian
     weights, multipliers = 0.7 * proposal.weights, proposal.multipliers
-    found = lagrangian.minimum(weights, multipliers)
-    rows, _ = lagrangian.slopes(found.at)
-    quick, *slopes = lagrangian.value_and_slopes(weights, multipliers)
-    assert quick == pytest.approx(found.value, rel=1e-9)
-    for one, other in zip(slopes, lagrangian.slopes(found.at), strict=True):
-        np.testing.assert_allclose(one, other, atol=1e-9)
+    rows, _ = lagrangian.slopes(lagrangian.minimum(weights, multipliers).at)
     for s in range(len(weights)):
         step = 1e-3 * weights.max()
         if weights[s] < step:
@@ -143,6 +146,59 @@ def test_the_closed_form_is_the_minimum_with_its_gradient() -> None:
             - lagrangian.minimum(less, multipliers).value
         ) / (2 * step)
         assert slope == pytest.approx(rows[s], rel=1e-3, abs=1e-6)
+
+
+def test_the_dual_function_has_the_derivatives_that_it_tells() -> None:
+    proposal = _proposed()
+    lagrangian, dual = proposal.lagrangian, Dual(proposal.lagrangian)
+    x = dual.inside(proposal.weights, proposal.multipliers)
+    here = dual.around(x)
+    assert here is not None
+    exact = lagrangian.minimum(*dual.given(x))
+    assert here.value == pytest.approx(exact.value, rel=1e-9)
+    # the determinant of half the Hessian, by its matrix
+    half = dual.given(x)[0] / lagrangian.curved.radii / 2.0
+    rows, count = lagrangian.curved.responses, len(half)
+    logarithm = sum(
+        np.linalg.slogdet(np.eye(rows.shape[1]) - (rows.T * half * scales**2) @ rows)[1]
+        for scales in lagrangian.curved.scales.T
+    )
+    assert here.barrier == pytest.approx(np.log(x).sum() + logarithm, rel=1e-9)
+    assert count > 0
+    step = 1e-5 * float(x.min())
+    for n in range(len(x)):
+        more, less = (dual.around(x + sign * step * np.eye(len(x))[n]) for sign in (1, -1))
+        assert more is not None
+        assert less is not None
+        for name in ("value", "barrier"):
+            slopes = {"value": here.slopes, "barrier": here.barrier_slopes}[name]
+            falls = {"value": here.falls, "barrier": here.barrier_falls}[name]
+            own = "slopes" if name == "value" else "barrier_slopes"
+            slope = (getattr(more, name) - getattr(less, name)) / (2 * step)
+            assert slope == pytest.approx(slopes[n], rel=1e-4, abs=1e-4 * abs(slopes).max())
+            fall = (getattr(less, own) - getattr(more, own)) / (2 * step)
+            np.testing.assert_allclose(fall, falls[n], rtol=1e-4, atol=1e-5 * abs(falls).max())
+    assert dual.around(1e6 * x) is None  # not convex
+    assert dual.around(-x) is None
+
+
+def test_the_ascent_reaches_what_a_general_method_reaches_in_the_end() -> None:
+    proposal = _proposed()
+    lagrangian = proposal.lagrangian
+    found = lagrangian.minimum(*climbed(lagrangian, proposal.weights, proposal.multipliers)).value
+    rng, sizes = np.random.default_rng(3), (len(proposal.weights), len(proposal.multipliers))
+
+    def depth(logarithms: FloatArray) -> float:
+        given = np.split(np.exp(logarithms), sizes[:1])
+        return min(-lagrangian.minimum(*given).value, 1e9)
+
+    given = np.maximum(np.concatenate([0.5 * proposal.weights, proposal.multipliers]), 1e-3)
+    start, best = np.log(given), -np.inf
+    for _ in range(3):
+        tried = start + 0.1 * rng.normal(size=len(start))
+        best = max(best, -minimize(depth, tried, method="L-BFGS-B").fun)
+    assert found >= best * (1 - 1e-7)
+    assert found == pytest.approx(best, rel=2e-3)
 
 
 @pytest.mark.parametrize("knots", [2, 3])

@@ -7,7 +7,9 @@ from contextlib import suppress
 from time import monotonic
 
 import numpy as np
+from scipy.linalg.lapack import dposv
 
+from drake_rho.analysis.dual import Dual, Expansion
 from drake_rho.analysis.lagrangian import Lagrangian, Proposal
 from drake_rho.planning.call.progress import Progress, tell
 from drake_rho.planning.call.time_limit import check_time
@@ -18,21 +20,23 @@ from drake_rho.system.numbers import percent
 CONVERGED = 1e-8
 """Relative gap to a converged plan's cost at which the ascent ends."""
 
-_MAX_ITERATIONS = 300
+_MAX_ITERATIONS = 100
 """Largest number of iterations of one maximisation."""
 
-_CONVEX = 0.98
-"""Part of the multipliers of obstacles with which the Lagrangian is just convex, to begin with."""
+_FALL, _CENTRED = 0.3, 0.05
+"""Factor of a barrier over the one before, and part of the distance between dual function and bound
+that a Newton step may promise when it falls."""
+
+_TO_THE_BOUNDARY, _MOST_HALVINGS = 0.9, 25
+"""Largest part of the way to a multiplier of zero, and halvings of a step."""
+
+_IDLE, _ROUNDING = 1e-4, 1e-13
+"""Multiplier that may count as zero, over the largest one, and rounding errors of second
+derivatives, over the largest one."""
 
 _INSIDE = 4e-6
 """Part by which multipliers are smaller in the end, so that the least curvature is at least this
 part of the cost's, and rounding errors are bounded."""
-
-_BEYOND = 1e3
-"""Value of a Lagrangian that is not convex, as a multiple of its minima."""
-
-_MEMORY = 20
-"""Number of earlier gradients that approximate the curvature."""
 
 
 class Ascent:
@@ -86,59 +90,83 @@ def climbed(
     multipliers: FloatArray,
     *,
     enough: float = np.inf,
-    most: int = _MAX_ITERATIONS,
+    tolerance: float = CONVERGED,
     progress: Callable[[float], None] = lambda bound: None,
 ) -> tuple[FloatArray, FloatArray]:
-    """Return multipliers λ, y >= 0 for which the Lagrangian's minimum is larger.
+    """Return multipliers λ, y >= 0 for which the Lagrangian's minimum is about the largest.
+
+    An interior-point method follows the maximisers of the dual function with a barrier, whose
+    factor falls: Newton steps bring them close enough to the next one.
 
     Args:
         lagrangian: the Lagrangian.
-        weights: λ to start with, scaled down if the Lagrangian is not convex there, shape (S,).
-        multipliers: y to start with, shape (R,).
+        weights: λ to start near, shape (S,).
+        multipliers: y to start near, shape (R,).
         enough: minimum at which the maximisation ends [m²/s⁴].
-        most: largest number of iterations.
+        tolerance: relative distance from the largest minimum at which it ends.
         progress: called with the largest minimum so far [m²/s⁴] after each iteration.
     """
-    from scipy.optimize import minimize  # imported here because it is slow to load
-
     if len(weights) + len(multipliers) == 0:
         return weights, multipliers
-    # as multipliers of rows of length one, all have about the same curvature
-    sizes = np.concatenate([1.0 / lagrangian.curved.sizes, np.ones(len(multipliers))])
-    loss = 1.0 - lagrangian.curvature(weights)  # proportional to the weights
-    convex = weights * min(1.0, _CONVEX / loss if loss > 0.0 else 1.0)
-    start = np.concatenate([convex, multipliers]) / sizes
-    count, unit = len(weights), lagrangian.changes.unit**2
-    best, found = -np.inf, start
-    scale = abs(lagrangian.changes.least) + 1.0
-
-    def descend(x: FloatArray) -> tuple[float, FloatArray]:
-        nonlocal best, found
-        check_time()
-        given = np.maximum(x, 0.0) * sizes
-        value, *slopes = lagrangian.value_and_slopes(given[:count], given[count:])
-        if value == -np.inf:
-            return _BEYOND * max(scale, abs(best)), np.zeros_like(x)
-        if value > best:
-            best, found = value, given
-            if unit * value >= enough:
-                raise StopIteration
-        return -value, -np.concatenate(slopes) * sizes
-
-    with suppress(OutOfTimeError, StopIteration):
-        if -descend(start)[0] < lagrangian.changes.least:  # far from the best: begin with none
-            start = np.zeros_like(start)
-            descend(start)
-        minimize(
-            descend,
-            start,
-            jac=True,
-            method="L-BFGS-B",
-            bounds=[(0.0, None)] * len(start),
-            options={"maxiter": most, "maxcor": _MEMORY},
-            callback=lambda _: progress(unit * best),
-        )
-    if lagrangian.curvature(found[:count]) < _INSIDE:
+    dual, unit = Dual(lagrangian), lagrangian.changes.unit**2
+    best = x = dual.inside(weights, multipliers)
+    here = dual.around(x)
+    assert here is not None  # noqa: S101  # x is inside
+    found = here
+    factor = max(abs(lagrangian.changes.least), abs(here.value)) / dual.degree
+    with suppress(OutOfTimeError):
+        for _ in range(_MAX_ITERATIONS):
+            if unit * found.value >= enough or factor * dual.degree <= tolerance * abs(found.value):
+                break
+            check_time()
+            step, promised = _newton_step(here, factor, x)
+            moved = _along(dual, x, here, step, promised, factor)
+            if moved is None:
+                break  # rounding
+            x, here, is_whole = moved
+            if here.value > found.value:
+                best, found = x, here
+            if is_whole or promised <= _CENTRED * factor * dual.degree:
+                factor *= _FALL
+            progress(unit * found.value)
+    weights, multipliers = dual.given(_without_idle(best, found))
+    if lagrangian.curvature(weights) < _INSIDE:
         # concave in all multipliers together, the minimum falls by at most this part
-        found = (1.0 - _INSIDE) * found
-    return found[:count], found[count:]
+        return (1.0 - _INSIDE) * weights, (1.0 - _INSIDE) * multipliers
+    return weights, multipliers
+
+
+def _newton_step(here: Expansion, factor: float, x: FloatArray) -> tuple[FloatArray, float]:
+    """Return the step to the maximum of the second-order model, and the rise in first order."""
+    slopes = x * (here.slopes + factor * here.barrier_slopes)  # of relative changes
+    falls = (here.falls + factor * here.barrier_falls) * x * x[:, None]
+    regular, largest = 0.0, float(np.diagonal(falls).max())
+    while True:
+        step, failed = dposv(falls, slopes, lower=1)[1:]
+        if not failed:
+            return x * step, float(slopes @ step)
+        regular = 10.0 * regular or _ROUNDING * largest
+        falls[np.diag_indices(len(x))] += regular
+
+
+def _along(
+    dual: Dual, x: FloatArray, here: Expansion, step: FloatArray, promised: float, factor: float
+) -> tuple[FloatArray, Expansion, bool] | None:
+    """Return better multipliers along a step, and whether it is a whole one; None if none are."""
+    merit = here.value + factor * here.barrier
+    part = min(1.0, _TO_THE_BOUNDARY / max(float(np.max(-step / x)), _TO_THE_BOUNDARY))
+    for _ in range(_MOST_HALVINGS):
+        at = dual.around(x + part * step)
+        if at is not None:
+            risen = at.value + factor * at.barrier - merit
+            if risen >= 1e-4 * part * promised - 1e-9 * abs(merit):
+                return x + part * step, at, part == 1.0
+        part /= 2.0
+    return None
+
+
+def _without_idle(x: FloatArray, found: Expansion) -> FloatArray:
+    """Return multipliers without those close to zero, if that lowers nothing in second order."""
+    change = np.where((found.slopes < 0.0) & (x < _IDLE * x.max()), -x, 0.0)
+    risen = found.slopes @ change - change @ found.falls @ change
+    return x + change if risen >= -CONVERGED * abs(found.value) else x

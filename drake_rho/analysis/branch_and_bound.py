@@ -23,7 +23,7 @@ from drake_rho.analysis.lagrangian import Lagrangian, Proposal
 from drake_rho.analysis.nodes import Node, Split
 from drake_rho.analysis.proof import Proof
 from drake_rho.analysis.sides import Sides
-from drake_rho.analysis.terms import GroupChanges
+from drake_rho.analysis.terms import AffineTerms, GroupChanges
 from drake_rho.motion.dynamics import Motion
 from drake_rho.motion.plan import Plan
 from drake_rho.planning.call.time_limit import check_time, within_time
@@ -44,17 +44,21 @@ _GAIN = 0.1
 """Part of the distance to what is enough by which a round has to raise the bound, or it is the
 last one."""
 
-_ITERATIONS = 100
-"""Largest number of iterations of one maximisation."""
+_PRECISION = 1e-5
+"""Relative precision of one maximisation."""
 
 _PIECES = 2
 """Pieces of a violated stretch of rows whose worst rows enter."""
 
-_LINEARISATIONS = 20
-"""Largest number of linearisations of a plan in a branch."""
+_LINEARISATIONS, _PROMISING = (2, 18), 1.1
+"""Largest numbers of linearisations of a plan in a branch, at first and if its cost is then at most
+so many times what is enough."""
 
 _TOLERANCE = 1e-4
 """Relative fall of the cost at which such a plan has converged."""
+
+_ON = 1e-6
+"""Distance beyond a row at which a plan satisfies it, in units of the changes."""
 
 AT_ONCE = 4
 """Number of nodes that are split at a time, whatever the number of workers."""
@@ -77,24 +81,33 @@ class Relaxation:
         nodes = [self._bounded(Node.proposed(each), enough) for each in proposals]
         return max(nodes, key=lambda each: each.bound)
 
+    def with_plan(self, node: Node, plan: Plan) -> Node:
+        """Return a node with a known plan among its motions."""
+        plans = (*node.plans, self.changes.of(plan.accelerations))
+        return dataclasses.replace(node, plans=plans)
+
     def split(self, node: Node, enough: float) -> Split:
         """Return the parts of a node with their bounds, and a plan on its sides."""
         motion, losses = self._at(node)
-        where = self.sides.parts_of(node.branch, node.curved, losses, motion)
-        if where is None:
+        parts_of = self.sides.parts_of(node.branch, motion, node.curved, losses)
+        if parts_of is None:
             return Split(())
-        found = self._plan(node, motion)
-        parts = []
-        for cone in where[1]:
-            beyond = self.changes.affine(self.sides.rows(where[0], cone), kept=True)
+        where, cones = parts_of
+        # near a known plan, the search would end there again
+        found = None if node.plans else self._plan(node, motion, enough)
+        plans = node.plans if found is None else (self.changes.of(found),)
+        parts = list[Node]()
+        for cone, rows in zip(cones, self.sides.rows(where, cones), strict=True):
+            beyond = self.changes.affine(rows, kept=True)
             part = dataclasses.replace(
                 node,
-                branch={**node.branch, where[0]: cone},
+                branch={**node.branch, where: cone},
                 affine=node.affine.union(beyond),
                 multipliers=np.append(node.multipliers, np.zeros(len(beyond))),
+                plans=tuple(v for v in plans if _holds(beyond, v)),
             )
             parts.append(self._bounded(part, enough))
-        return Split(tuple(parts), where[0], *self.sides.place(where[0]), found)
+        return Split(tuple(parts), where, *self.sides.place(where), found)
 
     def _at(self, node: Node) -> tuple[Motion, FloatArray]:
         """Return the motion at the minimum of a node's Lagrangian, and the sizes of its terms."""
@@ -114,7 +127,7 @@ class Relaxation:
             check_time()
             lagrangian = Lagrangian(self.changes, node.curved, node.affine)
             weights, multipliers = climbed(
-                lagrangian, node.weights, node.multipliers, enough=enough, most=_ITERATIONS
+                lagrangian, node.weights, node.multipliers, enough=enough, tolerance=_PRECISION
             )
             minimum = lagrangian.minimum(weights, multipliers)
             bound = self.changes.unit**2 * minimum.value
@@ -173,20 +186,32 @@ class Relaxation:
                 found.append(rows.worst(motion, _PIECES, gap=gap))
         return found
 
-    def _plan(self, node: Node, motion: Motion) -> FloatArray | None:
-        """Return the accelerations of a plan on a node's sides; None if none is found."""
+    def _plan(self, node: Node, motion: Motion, enough: float) -> FloatArray | None:
+        """Return the accelerations of a plan on a node's sides; None if none is found.
+
+        Far more expensive ones than what is enough are not iterated to convergence.
+        """
         scenario = self.problem.scenario
         requirements = (*scenario.requirements, *self.sides.requirements(node.branch))
         narrowed = scenario.derived(requirements=requirements)
-        first = Plan.from_accelerations(narrowed, motion.accelerations)
+        reached = Plan.from_accelerations(narrowed, motion.accelerations)
         subproblem = Subproblem(Problem.of(narrowed), coupled)
         together = np.zeros(len(self.problem), dtype=int)
         with suppress(InfeasibleError, SolverError):
-            reached = subproblem.solve_around(first)
-            return sequential_convex(
-                subproblem, reached, _TOLERANCE, labels=together, most=_LINEARISATIONS
-            ).accelerations
+            reached = subproblem.solve_around(reached)
+            for most in _LINEARISATIONS:
+                reached = sequential_convex(
+                    subproblem, reached, _TOLERANCE, labels=together, most=most
+                )
+                if reached.cost > _PROMISING * enough:
+                    break
+            return reached.accelerations
         return None
+
+
+def _holds(rows: AffineTerms, v: FloatArray) -> bool:
+    """Return whether changes v satisfy rows."""
+    return bool(np.all(np.einsum("rma,ma->r", rows.matrix, v) >= rows.lower - _ON))
 
 
 @single_threaded_blas

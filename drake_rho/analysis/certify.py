@@ -131,7 +131,7 @@ def certified(
         worst = report.violations[0].what if not holds else "jumps to measured states"
         expected = "expected one that satisfies its constraints, or no gap"
         raise ValueError(f"flown: got a plan that violates them ({worst}), {expected}")
-    roots = RootBounds(flown, report, backend, progress)
+    roots = RootBounds(flown, report, backend, progress, searched=gap is not None)
     proofs = roots.proofs
     certificate = Certificate(
         plan.scenario,
@@ -144,11 +144,11 @@ def certified(
     )
     if gap is None or certificate.gap <= gap or roots.cut:
         return certificate, plan
-    parts = zip(roots.groups, roots.certificates, proofs, strict=True)
+    parts = zip(roots.groups, roots.certificates, proofs, roots.roots, strict=True)
     search = GlobalSearch(
         plan,
         roots.scenario,
-        [Part(group, each.lower_bound, proofs=own) for group, each, own in parts],
+        [Part(group, each.lower_bound, root, proofs=own) for group, each, own, root in parts],
         lambda around: solved_around(around, backend, None),
         executor,
         progress,

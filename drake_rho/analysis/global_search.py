@@ -39,6 +39,8 @@ class Part:
     """indices of the vehicles, shape (G,)"""
     bound: float
     """lower bound on the cost of the group [m²/s⁴]"""
+    root: Node | None = None
+    """node of all its motions; None if the group was joined"""
     tree: Tree | None = None
     """nodes of the group's motions; None before the first is split"""
     alone: float = np.inf
@@ -161,14 +163,17 @@ class GlobalSearch:
                 self._try(part, tree, result.found)
 
     def _tree(self, part: Part, enough: float) -> Tree:
-        """Return the tree of a part, with a root bounded around the best plan."""
+        """Return the tree of a part."""
         name = group_name(self.plan.scenario, part.group)
         tell(self._progress, f"bounding the cost of {name}")
         scenario = self._relaxed.of_vehicles(part.group.tolist())
         plan = Plan.from_accelerations(scenario, self.plan.accelerations[part.group])
-        everyone = np.arange(len(part.group))
-        proposal = Proposal.of(self._solved(plan), everyone, as_planned=False)
-        return Tree(scenario, Relaxation(scenario).root([proposal], enough))
+        relaxation, root = Relaxation(scenario), part.root
+        if root is None:
+            everyone = np.arange(len(part.group))
+            proposal = Proposal.of(self._solved(plan), everyone, as_planned=False)
+            root = relaxation.root([proposal], enough)
+        return Tree(scenario, relaxation.with_plan(root, plan))
 
     def _split(self, tree: Tree, nodes: Sequence[Node], enough: float) -> Iterable[Split]:
         """Return the results of splitting nodes, side by side if there is an executor."""

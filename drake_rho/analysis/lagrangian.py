@@ -75,8 +75,8 @@ class Lagrangian:
         return self.affine.matrix.reshape(len(self.affine), 3 * self.changes.free.shape[1])
 
     @cached_property
-    def _alike(self) -> list[slice]:
-        """Axes whose Hessians are the same, which are those with the same scales."""
+    def alike(self) -> list[slice]:
+        """Runs of axes whose Hessians are the same, since their scales are."""
         scales = self.curved.scales
         first = [x for x in range(3) if x == 0 or np.any(scales[:, x] != scales[:, x - 1])]
         return [slice(a, b) for a, b in zip(first, [*first[1:], 3], strict=True)]
@@ -86,7 +86,7 @@ class Lagrangian:
         if self.changes.free.shape[1] == 0:  # the goal determines the motion
             return 1.0
         half = self._half(weights)
-        hessians = (self._hessian(half, axes.start) for axes in self._alike)
+        hessians = (self._hessian(half, axes.start) for axes in self.alike)
         return float(min(eigvalsh(each, subset_by_index=[0, 0])[0] for each in hessians))
 
     def _half(self, weights: FloatArray) -> FloatArray:
@@ -105,62 +105,12 @@ class Lagrangian:
         pulls = curved.responses.T @ ((2 * half)[:, None] * curved.scales**2 * curved.offsets)
         pulls += (self._rows.T @ multipliers).reshape(pulls.shape)
         at = np.zeros_like(pulls)
-        for axes in self._alike if len(at) > 0 else ():
+        for axes in self.alike if len(at) > 0 else ():
             factor, failed = dpotrf(self._hessian(half, axes.start), lower=1, clean=0)
             if failed:
                 return None
             at[:, axes] = dpotrs(factor, pulls[:, axes] / 2, lower=1)[0]
         return at
-
-    @cached_property
-    def _products(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Inner products of the terms' rows.
-
-        Those of curved terms, shape (S, S), of these with affine ones on each axis, (3, S, R), and
-        of affine ones, (3, R, R).
-        """
-        curved, axes = self.curved.responses, self.affine.matrix.transpose(2, 0, 1)
-        return curved @ curved.T, curved @ axes.swapaxes(1, 2), axes @ axes.swapaxes(1, 2)
-
-    def value_and_slopes(
-        self, weights: FloatArray, multipliers: FloatArray
-    ) -> tuple[float, FloatArray, FloatArray]:
-        """Return the minimum of L and its derivatives with respect to λ and y.
-
-        It is computed from inner products of the rows alone, which are few, without a bound on
-        rounding errors: with half the Hessian I - Rᵀ D R and I - sqrt(D) R Rᵀ sqrt(D) = M,
-        the inverse is I + Rᵀ sqrt(D) M⁻¹ sqrt(D) R. The minimum is -inf if L is not convex.
-        """
-        weights, multipliers = self.within_prices(weights, multipliers)
-        curved, half, y = self.curved, self._half(weights), multipliers / 2.0
-        of_curved, across, of_affine = self._products
-        places, rows, squares = np.empty_like(curved.offsets), np.zeros(len(y)), 0.0
-        factors = list[tuple[FloatArray, FloatArray]]()
-        for axes in self._alike if len(half) > 0 else ():
-            roots = np.sqrt(half) * curved.scales[:, axes.start]
-            factor, failed = dpotrf(
-                np.eye(len(roots)) - roots[:, None] * of_curved * roots, lower=1, clean=0
-            )
-            if failed:
-                return -np.inf, half, y
-            factors += [(roots, factor)] * (axes.stop - axes.start)
-        for axis in range(3):
-            combined = np.zeros(0)
-            if len(half) > 0:
-                roots, factor = factors[axis]
-                combined = roots**2 * curved.offsets[:, axis]
-                reached = of_curved @ combined + across[axis] @ y
-                combined += roots * dpotrs(factor, roots * reached, lower=1)[0]
-                places[:, axis] = of_curved @ combined + across[axis] @ y
-                squares += float(combined @ places[:, axis])
-            moved = combined @ across[axis] + of_affine[axis] @ y
-            squares += float(y @ moved)
-            rows += moved
-        relative = curved.scales * (places + curved.offsets)
-        beyond = (curved.radii**2 - np.sum(relative**2, axis=1)) / (2 * curved.radii)
-        rows = self.affine.lower - rows
-        value = self.changes.least + squares + weights @ beyond + multipliers @ rows
-        return float(value), beyond, rows
 
     def minimum(self, weights: FloatArray, multipliers: FloatArray) -> Minimum:
         """Return the minimum of L for λ = `weights` and y = `multipliers`, both >= 0.

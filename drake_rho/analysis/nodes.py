@@ -33,6 +33,8 @@ class Node:
     """multipliers y of the latter, shape (R,)"""
     unit: float
     """unit of the motions about which the terms are [m/s²]"""
+    plans: tuple[FloatArray, ...] = ()
+    """changes v of known plans among its motions, each of shape (M, 3)"""
 
     @classmethod
     def proposed(cls, proposal: Proposal) -> Self:

@@ -49,23 +49,25 @@ class Forbidden:
         signs = np.stack(np.meshgrid([1.0, -1.0], [1.0, -1.0], [1.0, -1.0]), axis=-1)
         return [np.diag(each) for each in signs.reshape(-1, 3)]
 
-    def half_spaces(self, cone: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return half-spaces n · p >= b that contain the outside within a cone.
+    def half_spaces(self, cones: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return half-spaces n · p >= b that contain the outside within cones.
 
         Args:
-            cone: directions of its edges, of shape (3, 3), in units of the scales.
+            cones: directions of their edges, of shape (..., 3, 3), in units of the scales.
 
         Returns:
-            Unit vectors n, shape (4, 3), and b [m], (4,), relative to the middle.
+            Unit vectors n, shape (..., 4, 3), and b [m], (..., 4), relative to the middle.
         """
-        edges = cone * self.scales
-        edges = edges / np.linalg.norm(edges, axis=1, keepdims=True)
-        across = np.cross(edges[[1, 2, 0]], edges[[2, 0, 1]])
-        across *= np.sign(np.linalg.det(edges))
-        across /= np.linalg.norm(across, axis=1, keepdims=True)
-        beyond = np.linalg.solve(edges, 1.0 / self._depths(edges))
-        length = float(np.linalg.norm(beyond))
-        return np.concatenate([across, beyond[None] / length]), np.array([0, 0, 0, 1.0 / length])
+        edges = cones * self.scales
+        edges = edges / np.linalg.norm(edges, axis=-1, keepdims=True)
+        across = np.cross(edges[..., [1, 2, 0], :], edges[..., [2, 0, 1], :])
+        across *= np.sign(np.linalg.det(edges))[..., None, None]
+        across /= np.linalg.norm(across, axis=-1, keepdims=True)
+        depths = self._depths(edges.reshape(-1, 3)).reshape(*edges.shape[:-1], 1)
+        beyond = np.linalg.solve(edges, 1.0 / depths).swapaxes(-1, -2)
+        length = np.linalg.norm(beyond, axis=-1)
+        bounds = np.concatenate([np.zeros(edges.shape[:-1]), 1.0 / length], axis=-1)
+        return np.concatenate([across, beyond / length[..., None]], axis=-2), bounds
 
     def _depths(self, directions: FloatArray) -> FloatArray:
         """Return the lengths of rays from the middle to the surface [m], shape (R,)."""

@@ -49,6 +49,13 @@ _MAX_POLISHINGS = 30
 class RootBounds:
     """Bounds by Lagrangians alone, without branches.
 
+    Args:
+        flown: plan or flight.
+        report: its report.
+        backend: solvers that propose multipliers.
+        progress: called with a short description of the current step.
+        searched: whether branches follow; then multipliers are proposed around the plan alone.
+
     Attributes:
         scenario: the relaxation that is bounded.
         groups: groups of vehicles that are bounded together.
@@ -65,6 +72,8 @@ class RootBounds:
         report: Report,
         backend: Backend,
         progress: Progress | None,
+        *,
+        searched: bool = False,
     ) -> None:
         plan, vehicles = flown.plan, len(flown.plan.scenario.vehicles)
         self.scenario, self.cut = _before_averages(plan.scenario), False
@@ -75,7 +84,10 @@ class RootBounds:
         scenario, proposals = self.scenario, list[CuttingPlanes]()
         start = Plan.from_accelerations(scenario, plan.accelerations)
         try:
-            for each in _converged(start, backend.solver, progress):
+            if searched:
+                with suppress(InfeasibleError, SolverError):
+                    proposals.append(solved_around(start, backend, progress))
+            for each in _converged(start, backend.solver, progress) if not proposals else ():
                 proposals.append(solved_around(each, backend, progress))
         except OutOfTimeError:
             self.cut = True

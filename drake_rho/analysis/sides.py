@@ -8,7 +8,7 @@ position relative to another vehicle is treated like one relative to an obstacle
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -19,18 +19,20 @@ from drake_rho.motion.dynamics import Motion
 from drake_rho.planning.constraints.base import HalfSpaces
 from drake_rho.planning.constraints.close_pairs import separation_of
 from drake_rho.planning.constraints.rows import Form
-from drake_rho.scenario.fields import BoolArray, FloatArray
+from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.maps.parts import Parts
 from drake_rho.scenario.obstacles import Obstacle
 from drake_rho.scenario.records import Scenario
 from drake_rho.scenario.requirements import KeepIn
+from drake_rho.scenario.shapes.base import Solid
 from drake_rho.scenario.shapes.unbounded import HalfSpace
 
 _DEEP = 1e-4
 """Penetration that is ignored, as a part of the size of what is penetrated."""
 
-_NARROWEST = 1e-3
-"""Angle between the edges of a cone below which it is not split [rad]."""
+_PER_STEP, _FINE = 4, 0.5
+"""Instants of a step at which motions are divided by sides, and what a depth counts at those that
+are neither a knot nor in the middle of a step, as a part of the depth."""
 
 
 class Where(NamedTuple):
@@ -62,79 +64,85 @@ class Sides:
     def __init__(self, scenario: Scenario) -> None:
         self.scenario = scenario
         self._hard = {n: each for n, each in scenario.avoided if each.penalty is None}
-        steps = (scenario.grid.knots - 1) * (2 if scenario.between_knots else 1)
+        per_step = _PER_STEP if scenario.between_knots else 1
+        steps = (scenario.grid.knots - 1) * per_step
         self.times = scenario.grid.duration * np.arange(1, steps) / steps
+        coarse = np.arange(1, steps) * 2 % per_step == 0
+        self._worths = np.where(coarse, 1.0, _FINE)
 
     def parts_of(
-        self, branch: Branch, curved: CurvedTerms, losses: FloatArray, motion: Motion
+        self, branch: Branch, motion: Motion, curved: CurvedTerms, losses: FloatArray
     ) -> tuple[Where, list[FloatArray]] | None:
         """Return where a branch is split, and the cones of its parts; None if nothing is left.
 
+        It is split where the motion at the Lagrangian's minimum penetrates deepest, or else at the
+        term that lowers the bound most.
+
         Args:
             branch: to be split.
-            curved: terms of its Lagrangian.
-            losses: size of each term at the Lagrangian's minimum, which would be zero if the bound
-                were the least cost, shape (S,).
             motion: motion at the Lagrangian's minimum.
+            curved: terms of the Lagrangian.
+            losses: size of each term at the minimum, which would be zero if the bound were the
+                least cost, shape (S,).
         """
         if len(self.times) == 0:  # start and goal alone
             return None
-        for index in np.argsort(-losses, kind="stable").tolist():
-            if losses[index] <= 0.0:
-                break
-            where = self._where(curved, index)
-            if cones := self._cones(branch, where):
+        places = [self._deepest(branch, motion)]
+        if places[0] is None:
+            order = np.argsort(-losses, kind="stable")
+            places = [self._where(curved, int(each)) for each in order if losses[each] > 0.0]
+        for where in places:
+            if where is not None and (cones := self._cones(branch, where)):
                 return where, cones
-        deepest = self._deepest(motion)
-        if deepest is None or not (cones := self._cones(branch, deepest)):
-            return None
-        return deepest, cones
+        return None
 
-    def _where(self, curved: CurvedTerms, index: int) -> Where:
-        """Return where a term's constraint is, at the nearest instant."""
+    def _where(self, curved: CurvedTerms, index: int) -> Where | None:
+        """Return where a term's constraint is, at the nearest instant; None of soft limits."""
         one, other = int(curved.vehicles[index]), int(curved.partners[index])
         instant = int(np.argmin(np.abs(self.times - curved.times[index])))
         number, part = int(curved.obstacles[index]), int(curved.sides[index])
-        return Where(min(one, other), max(one, other), number, part if number > 0 else 0, instant)
+        if number == 0:
+            return Where(min(one, other), max(one, other), 0, 0, instant)
+        obstacle = self._hard.get(number)
+        if obstacle is None or not _is_there(obstacle, self.times)[instant]:
+            return None
+        return Where(one, other, number, part, instant)
 
     def _cones(self, branch: Branch, where: Where) -> list[FloatArray]:
         """Return the cones into which a branch is split at an instant; none if nowhere."""
-        time = self.times[where.instant : where.instant + 1]
-        if where.obstacle > 0:
-            obstacle = self._hard.get(where.obstacle)
-            if obstacle is None or not _is_there(obstacle, time)[0]:
-                return []
         if (cone := branch.get(where)) is not None:
-            unit = cone / np.linalg.norm(cone, axis=1, keepdims=True)
-            widest = np.min(np.vecdot(unit, np.roll(unit, -1, axis=0)))
-            return halves_of(cone) if widest < np.cos(_NARROWEST) else []
+            return halves_of(cone) if _bulge(cone) > _DEEP else []
         forbidden = self._forbidden(where)
         return forbidden.cones if forbidden.has_middle else []
 
-    def rows(self, where: Where, cone: FloatArray) -> HalfSpaces:
-        """Return the half-spaces that contain all positions in a cone, outside of the set."""
-        normals, bounds = self._half_spaces(where, cone)
-        count = len(normals)
+    def rows(self, where: Where, cones: Sequence[FloatArray]) -> list[HalfSpaces]:
+        """Return the half-spaces that contain all positions in each cone, outside of the set."""
         form = Form(quantity="position", coupled=where.obstacle == 0)
-        return HalfSpaces(
-            form,
-            np.full(count, where.vehicle),
-            np.full(count, where.partner),
-            np.zeros(count, dtype=int),
-            np.full(count, self.times[where.instant]),
-            normals,
-            bounds,
-            np.ones(count),
-        )
+        found = list[HalfSpaces]()
+        for normals, bounds in zip(*self._half_spaces(where, np.array(cones)), strict=True):
+            count = len(normals)
+            found.append(
+                HalfSpaces(
+                    form,
+                    np.full(count, where.vehicle),
+                    np.full(count, where.partner),
+                    np.zeros(count, dtype=int),
+                    np.full(count, self.times[where.instant]),
+                    normals,
+                    bounds,
+                    np.ones(count),
+                )
+            )
+        return found
 
     def place(self, where: Where) -> tuple[float, FloatArray]:
         """Return the time of an instant since the first knot [s], and the scales of cones, (3,)."""
         return float(self.times[where.instant]), self._forbidden(where).scales
 
-    def _half_spaces(self, where: Where, cone: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return half-spaces n · p >= b, with normals of shape (4, 3) and bounds [m], (4,)."""
+    def _half_spaces(self, where: Where, cones: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return half-spaces n · p >= b, with normals of shape (..., 4, 3) and bounds (..., 4)."""
         forbidden = self._forbidden(where)
-        normals, bounds = forbidden.half_spaces(cone)
+        normals, bounds = forbidden.half_spaces(cones)
         middle = forbidden.middle
         if where.obstacle > 0:
             time = self.times[where.instant : where.instant + 1]
@@ -172,26 +180,59 @@ class Sides:
         radii = self.scenario.fleet.radii[:, None]
         return np.asarray(radii + obstacle.deviation + obstacle.uncertainty(times))
 
-    def _deepest(self, motion: Motion) -> Where | None:
-        """Return where a motion penetrates deepest; None if it penetrates nothing."""
-        times, found, deepest = self.times, None, 0.0
-        at = motion.at("position", times)
-        for number, obstacle in self._hard.items():
-            x, shape = at - obstacle.centers(times), obstacle.shape
-            depths = self._required(obstacle, times) - shape.local_distance(x)
-            depths[:, ~_is_there(obstacle, times)] = 0.0
+    def _deepest(self, branch: Branch, motion: Motion) -> Where | None:
+        """Return where a motion penetrates deepest; None if it penetrates nothing.
+
+        In a cone of the branch, a depth counts as at most what may be between the cone's plane and
+        the surface: the minimiser of a Lagrangian may be beyond the plane.
+        """
+        found, deepest = None, 0.0
+        for number, shape, one, other, x in self._relative(motion):
+            depths = self._depths(number, shape, x)
+            for where, cone in branch.items():
+                if where.obstacle == number:
+                    row = int(np.flatnonzero((one == where.vehicle) & (other == where.partner))[0])
+                    at = row, where.instant
+                    if where.part == _part_at(shape, x[at]):
+                        most = _bulge(cone) * float(self._forbidden(where).scales.max())
+                        depths[at] = min(depths[at], most)
+            depths *= self._worths
             i, k = (int(each) for each in np.unravel_index(np.argmax(depths), depths.shape))
             if depths[i, k] > max(deepest, _DEEP * shape.size):
-                part = int(shape.nearest(x[i, k])) if isinstance(shape, Parts) else 0
-                found, deepest = Where(i, i, number, part, k), float(depths[i, k])
-        if self.scenario.separation is not None and len(at) > 1:
-            shape = separation_of(self.scenario).shape
-            one, other = np.triu_indices(len(at), 1)
-            depths = -shape.local_distance(at[one] - at[other])
-            pair, k = (int(each) for each in np.unravel_index(np.argmax(depths), depths.shape))
-            if depths[pair, k] > max(deepest, _DEEP * shape.size):
-                found = Where(int(one[pair]), int(other[pair]), 0, 0, k)
+                part, deepest = _part_at(shape, x[i, k]), float(depths[i, k])
+                found = Where(int(one[i]), int(other[i]), number, part, k)
         return found
+
+    def _relative(
+        self, motion: Motion
+    ) -> Iterator[tuple[int, Solid, IntArray, IntArray, FloatArray]]:
+        """Yield obstacles' numbers and shapes, P vehicles, partners, and positions (P, T, 3)."""
+        at = motion.at("position", self.times)
+        everyone = np.arange(len(at))
+        for number, obstacle in self._hard.items():
+            yield number, obstacle.shape, everyone, everyone, at - obstacle.centers(self.times)
+        if self.scenario.separation is not None and len(at) > 1:
+            one, other = np.triu_indices(len(at), 1)
+            yield 0, separation_of(self.scenario).shape, one, other, at[one] - at[other]
+
+    def _depths(self, number: int, shape: Solid, x: FloatArray) -> FloatArray:
+        """Return how deep relative positions penetrate [m], shape (P, T)."""
+        depths: FloatArray = -shape.local_distance(x)
+        if number > 0:
+            depths += self._required(self._hard[number], self.times)
+            depths[:, ~_is_there(self._hard[number], self.times)] = 0.0
+        return depths
+
+
+def _part_at(shape: Solid, x: FloatArray) -> int:
+    """Return the number of a map's part nearest to a relative position; 0 for a shape."""
+    return int(shape.nearest(x)) if isinstance(shape, Parts) else 0
+
+
+def _bulge(cone: FloatArray) -> float:
+    """Return how far a surface of size one may be above the plane in a cone."""
+    unit = cone / np.linalg.norm(cone, axis=1, keepdims=True)
+    return 1.0 - float(np.min(np.vecdot(unit, np.roll(unit, -1, axis=0))))
 
 
 def _is_there(obstacle: Obstacle, times: FloatArray) -> BoolArray:
