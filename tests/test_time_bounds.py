@@ -237,6 +237,38 @@ def test_one_gate_on_the_way_is_bounded_within_a_hundredth() -> None:
     assert "with waypoints at any times" in str(certificate)
 
 
+@pytest.mark.slow
+def test_past_a_gate_a_vehicle_may_arrive_in_motion() -> None:
+    gate, start = rho.Waypoint(position=[9.0, 0.5, 0.0]), rho.State([0.0, 0.0, 0.0])
+    racer = rho.Vehicle("racer", start, rho.State([10.0, 0.0, 0.0], None), waypoints=[gate])
+    limits, grid = rho.Limits(max_acceleration=2.0), rho.Grid(0.2, 31)
+    fast = rho.plan_minimum_time(rho.Scenario("race", grid, [racer], limits))
+    least = fast.scenario.grid
+    slower = rho.Scenario("race", rho.Grid(1.04 * least.step, 31), [racer], limits)
+    proof = rho.certify_time(rho.plan(slower), gap=0.036, time_limit=5.0)
+    assert 0.97 * least.duration < proof.bound <= least.duration * (1 + 1e-6)
+
+
+@pytest.mark.parametrize("fixed", [True, False])
+@pytest.mark.parametrize("seed", range(4))
+def test_no_motion_flies_farther_between_two_times(seed: int, fixed: bool) -> None:
+    rng = np.random.default_rng([seed, 3])
+    moving = rho.State(rng.uniform(-1.0, 1.0, 3), rng.uniform(-1.0, 1.0, 3))
+    arriving = rng.uniform(-1.0, 1.0, 3) if fixed else None
+    goal = rho.State(rng.uniform(4.0, 6.0, 3), arriving)
+    racer = rho.Vehicle("racer", moving, goal)
+    limits = rho.Limits(max_acceleration=3.0, max_speed=4.0 if seed % 2 else None)
+    fast = rho.plan_minimum_time(rho.Scenario("race", rho.Grid(0.2, 21), [racer], limits))
+    duration = fast.scenario.grid.duration
+    bound = TimeBound(fast.scenario, duration)
+    times = np.linspace(0.0, duration, 2001)
+    speeds = np.linalg.norm(fast.motion().at("velocity", times)[0], axis=1)
+    flown = np.concatenate([[0.0], np.cumsum((speeds[1:] + speeds[:-1]) / 2 * np.diff(times))])
+    for first, last in [(0, 2000), *np.sort(rng.integers(0, 2001, (30, 2)), axis=1).tolist()]:
+        farthest = bound.farthest(duration, first / 2000, last / 2000)
+        assert flown[last] - flown[first] <= farthest * (1 + 1e-6) + 1e-9
+
+
 def test_of_several_vehicles_the_slowest_counts() -> None:
     scenario = blocked()
     far = rho.Vehicle("far", rho.State([0, 3, 1]), rho.State([7, 3, 1]), radius=0.2)

@@ -11,8 +11,8 @@ from __future__ import annotations
 
 import dataclasses
 import heapq
-from collections.abc import Iterator
-from functools import cached_property
+from collections.abc import Callable, Iterator
+from functools import cached_property, partial
 from itertools import count
 
 import numpy as np
@@ -43,6 +43,9 @@ _SHORT = 1e-5
 
 _DEEP = 1e-4
 """Penetration that is ignored, as a part of the least of an obstacle's size and distance."""
+
+_HALVINGS = 20
+"""Number of halvings that find the first part of a final time at which a place is in reach."""
 
 _SAMPLES = 33
 """Number of instants of an interval at which a motion is compared with a waypoint."""
@@ -124,6 +127,9 @@ class TimeBound:
     def _add(self, one: _Set) -> None:
         """Add a set of motions, unless its relaxation is infeasible."""
         check_time()
+        if (windows := self._in_reach(one)) is None:
+            return
+        one = dataclasses.replace(one, windows=windows)
         self.relaxations += 1
         beyond = [self._beyond(one, key, cone) for key, cone in one.cones.items()]
         near = [self._near(one, number) for number in range(len(self._waypoints))]
@@ -229,45 +235,84 @@ class TimeBound:
             float(self._parts[k]), last + forbidden.middle, velocity, *self._half_spaces[known]
         )
 
+    def _in_reach(self, one: _Set) -> FloatArray | None:
+        """Return windows without times at which waypoints are out of reach; None if one is empty.
+
+        From each place to the next a vehicle flies at least the distance between them.
+        """
+        windows, longest = one.windows.copy(), one.longest
+        for w in range(len(windows)):
+            earliest = windows[w - 1, 0] if w > 0 else 0.0
+            reached = partial(self.farthest, longest, earliest)
+            windows[w, 0] = max(windows[w, 0], _first_part(reached, self._ways[w], earliest))
+        for w in reversed(range(len(windows))):
+            latest = windows[w + 1, 1] if w + 1 < len(windows) else 1.0
+            # backwards in time, in parts that are left
+            reached = partial(self._distance_before, longest, latest)
+            left = _first_part(reached, self._ways[w + 1], 1.0 - latest)
+            windows[w, 1] = min(windows[w, 1], 1.0 - left)
+        return windows if np.all(windows[:, 0] <= windows[:, 1]) else None
+
+    def _distance_before(self, longest: float, last: float, left: float) -> float:
+        """Return a bound on the distance flown from a part, counted from the end, on [m]."""
+        return self.farthest(longest, min(1.0 - left, last), last)
+
+    @cached_property
+    def _ways(self) -> FloatArray:
+        """Least distances from start to goal between consecutive waypoints [m], shape (W + 1,)."""
+        fleet = self._free.fleet
+        at = (each.position for each in self._waypoints)
+        places = [fleet.start_positions[0], *at, fleet.goal_positions[0]]
+        to_goal = 0.0 if fleet.given_positions[0] else np.inf  # its distance from a nominal one
+        within = np.array([0.0, *(each.within for each in self._waypoints), to_goal])
+        ways = np.linalg.norm(np.diff(places, axis=0), axis=1)
+        return np.asarray(np.maximum(ways - within[:-1] - within[1:], 0.0))
+
     def _near(self, one: _Set, number: int) -> Place:
         """Return the ball around a waypoint that contains the vehicle in mid-window."""
         waypoint, (first, last) = self._waypoints[number], one.windows[number]
         middle = (first + last) / 2.0
         away = max(
-            self._farthest(one.longest, first, middle), self._farthest(one.longest, middle, last)
+            self.farthest(one.longest, first, middle), self.farthest(one.longest, middle, last)
         )
         if not np.isfinite(away):
             self.left_out.add(f"waypoint {number + 1}")
         none = np.zeros((0, 3)), np.zeros(0)
         return Place(middle, waypoint.position, np.zeros(3), *none, away + waypoint.within)
 
-    def _farthest(self, longest: float, first: float, last: float) -> float:
+    def farthest(self, longest: float, first: float, last: float) -> float:
         """Return an upper bound on the distance flown between two parts of a final time [m].
 
         The speed is bounded by accelerating from the start, and by braking to the goal, at the
-        largest acceleration. The bound is the maximum of the smaller of both, where they meet.
+        largest acceleration. The bound is the integral of the smallest of these speeds.
         """
         start, goal, most, acceleration = self._speeds
-        if np.isfinite(acceleration):
-            ends = longest * np.array([first, last])
-            at = float(np.clip((longest + (goal - start) / acceleration) / 2.0, *ends))
-            reached = start + acceleration * at, goal + acceleration * (longest - at)
-            most = min(most, *reached)
-        return longest * (last - first) * most if last > first else 0.0
+        ends = longest * np.array([first, max(first, last)])
+        if not np.isfinite(acceleration):
+            return float(ends[1] - ends[0]) * most if ends[1] > ends[0] else 0.0
+        corners = [
+            (longest + (goal - start) / acceleration) / 2.0,
+            (most - start) / acceleration,
+            longest - (most - goal) / acceleration if np.isfinite(most) else np.inf,
+        ]
+        times = np.sort(np.clip([*ends, *corners], *ends))
+        rising, falling = start + acceleration * times, goal + acceleration * (longest - times)
+        return float(np.trapezoid(np.minimum(np.minimum(rising, falling), most), times))
 
     @cached_property
     def _speeds(self) -> tuple[float, float, float, float]:
-        """Speeds at start and goal, largest speed [m/s] and largest acceleration [m/s²]."""
+        """Speeds at start and goal (infinite if not given), largest speed and acceleration."""
         fleet, most = self._free.fleet, np.inf
-        start, goal = (
-            float(np.linalg.norm(each[0]))
-            for each in (fleet.start_velocities, fleet.goal_velocities)
-        )
+        start = float(np.linalg.norm(fleet.start_velocities[0]))
+        goal = np.inf
+        if fleet.given_velocities[0]:
+            goal = float(np.linalg.norm(fleet.goal_velocities[0]))
         if (box := fleet.bounds("velocity")) is not None:
             most = float(np.linalg.norm(np.maximum(-box.lower[0], box.upper[0])))
         if "max_speed" in fleet.norms:
             most = min(most, float(fleet.norms["max_speed"].limits[0]))
-        return start, goal, max(most, start, goal), float(largest_accelerations(fleet)[0])
+        fastest = max(most, start, goal if np.isfinite(goal) else 0.0)
+        return start, goal, fastest, float(largest_accelerations(fleet)[0])
 
     def _most_missed(self, one: _Set, relaxed: Relaxed) -> tuple[float, int]:
         """Return the largest distance from a waypoint in its window [m], and its index."""
@@ -283,6 +328,20 @@ class TimeBound:
         return missed, which
 
 
+def _first_part(reached: Callable[[float], float], way: float, first: float) -> float:
+    """Return the first part of a final time, from a given one, by which a way may be flown.
+
+    It is at most a little too early; parts begin again at 1 if the way is never flown.
+    """
+    if reached(1.0) < way:
+        return np.inf
+    low, high = first, 1.0
+    for _ in range(_HALVINGS):
+        middle = (low + high) / 2.0
+        low, high = (middle, high) if reached(middle) < way else (low, middle)
+    return low
+
+
 def _with_halved_window(one: _Set, waypoint: int) -> Iterator[_Set]:
     """Yield the halves of a set of motions that pass a waypoint earlier and later."""
     first, last = one.windows[waypoint]
@@ -290,10 +349,7 @@ def _with_halved_window(one: _Set, waypoint: int) -> Iterator[_Set]:
     for half in ((first, middle), (middle, last)):
         windows = one.windows.copy()
         windows[waypoint] = half
-        windows[:, 0] = np.maximum.accumulate(windows[:, 0])
-        windows[:, 1] = np.minimum.accumulate(windows[::-1, 1])[::-1]
-        if np.all(windows[:, 0] <= windows[:, 1]):
-            yield dataclasses.replace(one, windows=windows)
+        yield dataclasses.replace(one, windows=windows)
 
 
 def _distance_from_path(corners: FloatArray) -> float:
