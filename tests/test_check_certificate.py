@@ -210,6 +210,38 @@ def test_negative_radii_and_multipliers_are_refused(column: int, tmp_path: Path)
         _check(content, path)
 
 
+def _past_a_wall() -> rho.Scenario:
+    wall = rho.Box([2.0, -1.0, -1.3], [7.0, 1.1, 1.2])
+    return single(
+        obstacles=[wall],
+        start=rho.State([0, 0, 0]),
+        goal=rho.State([9, 0, 0]),
+        grid=rho.Grid(0.5, 17),
+    )
+
+
+def test_cones_that_do_not_cover_all_directions_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "wall.proof"
+    rho.plan_global(_past_a_wall(), gap=0.02).certificate.save(path)
+    content = _content(path)
+    tree = content["groups"][0]["tree"]
+    cones, parts = tree["cones"], tree["parts"]
+    assert len(cones) == 12  # two for each side
+
+    def refused(changed: list[Any], bounded: list[Any]) -> str:
+        tree.update(cones=changed, parts=bounded)
+        with pytest.raises(ValueError, match="cone") as error:
+            _check(content, path)
+        return str(error.value)
+
+    assert "do not meet" in refused(cones[1:], parts[1:])
+    assert "do not meet" in refused([cones[0], *cones], [parts[0], *parts])
+    moved = [[[x + 0.1, y, z] for x, y, z in cones[0]], *cones[1:]]
+    assert "do not meet" in refused(moved, parts)
+    assert "right-handed" in refused([each[::-1] for each in cones], parts)
+    assert "do not meet" in refused([], [])
+
+
 def test_a_branch_that_is_left_out_is_missed(tmp_path: Path) -> None:
     certificate = rho.plan_global(balls(), gap=0.01).certificate
     ((group, tree),) = certificate.proofs

@@ -93,9 +93,10 @@ class Relaxation:
         if parts_of is None:
             return Split(())
         where, cones = parts_of
-        # near a known plan, the search would end there again
-        found = None if node.plans else self._plan(node, motion, enough)
-        plans = node.plans if found is None else (self.changes.of(found),)
+        found, plans, vain = None, node.plans, node.vain
+        if not plans and not vain:  # else the search would end there again, or in nothing
+            found = self._plan(node, motion, enough)
+            plans, vain = () if found is None else (self.changes.of(found),), found is None
         parts = list[Node]()
         for cone, rows in zip(cones, self.sides.rows(where, cones), strict=True):
             beyond = self.changes.affine(rows, kept=True)
@@ -105,6 +106,7 @@ class Relaxation:
                 affine=node.affine.union(beyond),
                 multipliers=np.append(node.multipliers, np.zeros(len(beyond))),
                 plans=tuple(v for v in plans if _holds(beyond, v)),
+                vain=vain and where in node.branch,
             )
             parts.append(self._bounded(part, enough))
         return Split(tuple(parts), where, *self.sides.place(where), found)

@@ -4,9 +4,9 @@ It needs numpy only and shares no code with the search that found the bound. So 
 copied, read, and run by itself: `python check_certificate.py FILE`. Nothing in a certificate's file
 is trusted but the scenario, which is for the reader to compare with the one that is meant:
 
-- The branches are generated here: the eight cones of directions from the middle of an obstacle or
-  of another vehicle, and the halves of a cone. Each branch has a bound of its own in the file's
-  tree, so that the branches cover all motions.
+- Cones of directions from the middle of an obstacle or of another vehicle are checked to cover all
+  of them, and the halves of a cone are generated here. Each branch has a bound of its own in the
+  file's tree, so that the branches cover all motions.
 - Every term is recomputed from the scenario. A ball counts with the largest radius with which it
   is known to be inside the space to avoid, and a row with the least value that the limits imply.
 - Multipliers may be any that are not negative. The bound of a branch is the least value of its
@@ -41,16 +41,14 @@ _Side = tuple[str, float, int, int, _Array, float]
 _Branch = dict[tuple[Any, ...], tuple[_Array, _Array]]
 """Cones of a branch as their edges in units of scales, shape (3, 3), and the scales [m], (3,)."""
 
-_SIGNS = [(x, y, z) for y in (1.0, -1.0) for x in (1.0, -1.0) for z in (1.0, -1.0)]
-"""Directions between the edges of eight cones that cover all directions."""
-
 _MOST_VERTICES, _PLANAR = 64, 1e-6
 """Most vertices of a polytope, and part of its size by which vertices may be beyond a facet."""
 
-_FAR, _HALVINGS, _TIMES, _ROUNDED, _CONVEX, _CLOSE = 1e4, 60, 1e-9, 1e-12, 1e-7, 1e-6
+_FAR, _HALVINGS, _TIMES, _ROUNDED, _CONVEX, _CLOSE, _FLAT = 1e4, 60, 1e-9, 1e-12, 1e-7, 1e-6, 1e-6
 """Longest ray, in scales; halvings of a ray; largest difference of equal times [s]; part of the
-sizes of a Lagrangian's terms that rounding may take; least curvature of one that is convex; and
-largest part by which the bound of a row is lowered to what the limits imply."""
+sizes of a Lagrangian's terms that rounding may take; least curvature of one that is convex;
+largest part by which the bound of a row is lowered to what the limits imply; and least volume of
+the edges of a cone, as a part of their lengths."""
 
 
 class CheckedBound(NamedTuple):
@@ -209,7 +207,7 @@ class _Group:
             parts = _halves(cone)
         else:
             scales = _vector(tree["scales"])
-            parts = [np.diag(each) for each in _SIGNS]
+            parts = _cover(tree["cones"])
         if len(parts) != len(tree["parts"]):
             raise ValueError(f"{self.where}: got {len(tree['parts'])} parts of {len(parts)}")
         least = np.inf
@@ -427,6 +425,24 @@ def _beyond(over: _Array) -> float:
     """Return the distance from a set with these distances beyond its sides; negative inside."""
     outside = np.maximum(over, 0.0)
     return float(np.linalg.norm(outside)) + min(float(np.max(over)), 0.0)
+
+
+def _cover(stored: Sequence[Any]) -> list[_Array]:
+    """Return cones that cover all directions.
+
+    They do if each side of one is also a side of another, in the opposite order, and all are
+    right-handed: then as many cones contain one direction as any other.
+    """
+    cones = [np.array([_vector(edge) for edge in each]) for each in stored]
+    edges = [tuple(tuple(edge) for edge in each.tolist()) for each in cones]
+    sides = [(each[i], each[i - 2]) for each in edges for i in range(len(each))]
+    shared = len(set(sides)) == len(sides) and {side[::-1] for side in sides} == set(sides)
+    if not cones or not shared or not all(each.shape == (3, 3) for each in cones):
+        raise ValueError("got cones that do not meet, expected some that cover all directions")
+    sizes = [np.linalg.norm(each, axis=1).prod() for each in cones]
+    if not all(np.linalg.det(c) > _FLAT * size for c, size in zip(cones, sizes, strict=True)):
+        raise ValueError("got a cone whose edges are not right-handed")
+    return cones
 
 
 def _halves(cone: _Array) -> list[_Array]:

@@ -35,6 +35,8 @@ class Node:
     """unit of the motions about which the terms are [m/s²]"""
     plans: tuple[FloatArray, ...] = ()
     """changes v of known plans among its motions, each of shape (M, 3)"""
+    vain: bool = False
+    """whether no plan was found on wider sides of the same places"""
 
     @classmethod
     def proposed(cls, proposal: Proposal) -> Self:

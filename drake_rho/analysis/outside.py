@@ -3,26 +3,46 @@
 A cone of directions from the centre of a convex set meets its surface in a triangle or beyond. For
 the gauge g of the set, g(p) >= 1 outside, and g is convex: if p = Σ λ_i q_i with λ >= 0 for the
 points q_i at which the three edges of the cone meet the surface, g(p) <= Σ λ_i. So every point
-outside in the cone has Σ λ_i >= 1: it is beyond the plane through these points. Eight cones cover
-all directions, and a cone is the union of its halves, whose planes are closer to the surface.
+outside in the cone has Σ λ_i >= 1: it is beyond the plane through these points. The octants cover
+all directions, as do cones through the sides of a box, which are better planes for one. A cone is
+the union of its halves, whose planes are closer to the surface.
 """
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from itertools import product
 
 import numpy as np
 
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.maps.parts import Parts, Triangles
 from drake_rho.scenario.shapes.base import Solid
+from drake_rho.scenario.shapes.polyhedra import Box
 
 _FARTHEST = 1e4
 """Largest distance of a surface from the centre, in sizes of the set; truncates unbounded sets."""
 
 _HALVINGS = 60
 """Number of halvings of a ray that find the surface."""
+
+
+def _right_handed(cones: Iterable[FloatArray]) -> tuple[FloatArray, ...]:
+    """Return cones whose edges have a positive determinant, in the order of a closed surface."""
+    return tuple(each if np.linalg.det(each) > 0.0 else each[[0, 2, 1]] for each in cones)
+
+
+OCTANTS = _right_handed(np.diag(each) for each in product([1.0, -1.0], repeat=3))
+"""Cones between the axes."""
+
+_SIDES = _right_handed(
+    np.roll([[side, *one], [side, *other], [side, *third]], axis, axis=1)
+    for axis in range(3)
+    for side in (1.0, -1.0)
+    for one, other, third in [((1, 1), (1, -1), (-1, -1)), ((1, 1), (-1, 1), (-1, -1))]
+)
+"""Cones through the halves of a cube's sides."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -36,18 +56,14 @@ class Forbidden:
     middle: FloatArray
     """point inside, relative to the centre of the obstacle [m], shape (3,)"""
     scales: FloatArray
-    """extents, by which the eight cones are stretched [m], shape (3,)"""
+    """extents, in units of which directions are [m], shape (3,)"""
+    cones: tuple[FloatArray, ...] = OCTANTS
+    """cones that cover all directions, each as the directions of its edges, of shape (3, 3)"""
 
     @property
     def has_middle(self) -> bool:
         """Whether `middle` is too close to the obstacle."""
         return bool(self.distance(np.zeros(3)) < self.required)
-
-    @property
-    def cones(self) -> list[FloatArray]:
-        """Eight cones, each as the directions of its edges, of shape (3, 3)."""
-        signs = np.stack(np.meshgrid([1.0, -1.0], [1.0, -1.0], [1.0, -1.0]), axis=-1)
-        return [np.diag(each) for each in signs.reshape(-1, 3)]
 
     def half_spaces(self, cones: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return half-spaces n · p >= b that contain the outside within cones.
@@ -101,7 +117,8 @@ def forbidden_by(solid: Solid, part: int, required: float) -> Forbidden:
     """
     if not isinstance(solid, Parts):
         extent = np.where(np.isfinite(solid.extent), solid.extent, solid.size)
-        return Forbidden(solid.local_distance, required, np.zeros(3), extent + required)
+        cones = _past_sides(extent, required) if isinstance(solid, Box) else OCTANTS
+        return Forbidden(solid.local_distance, required, np.zeros(3), extent + required, cones)
     low, high = solid.tree.lower[part], solid.tree.upper[part]
     middle = solid.corners[part].mean(axis=0) if isinstance(solid, Triangles) else (low + high) / 2
 
@@ -109,4 +126,17 @@ def forbidden_by(solid: Solid, part: int, required: float) -> Forbidden:
         at = solid.in_frame(x).reshape(-1, 3) + middle
         return solid.distances_of(np.full(len(at), part), at).reshape(x.shape[:-1])
 
-    return Forbidden(distance, required, solid.in_world(middle), (high - low) / 2.0 + required)
+    half = (high - low) / 2.0
+    cones = OCTANTS if isinstance(solid, Triangles) else _past_sides(half, required)
+    return Forbidden(distance, required, solid.in_world(middle), half + required, cones)
+
+
+def _past_sides(half: FloatArray, required: float) -> tuple[FloatArray, ...]:
+    """Return cones through the sides of a box with rounded corners, in units of its extents.
+
+    Args:
+        half: half the sides of the box without its radius [m], shape (3,).
+        required: radius of the corners [m].
+    """
+    corner = (half + required / np.sqrt(3.0)) / (half + required)
+    return tuple(each * corner for each in _SIDES)

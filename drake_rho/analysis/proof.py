@@ -63,6 +63,8 @@ class Proof:
         assert where is not None  # noqa: S101  # it has parts
         at = [where.vehicle, where.partner, where.obstacle, result.time]
         content.update(at=at, scales=result.scales.tolist(), parts=parts)
+        if where not in node.branch:
+            content["cones"] = [part.branch[where].tolist() for part in result.parts]
         if where.part > 0:
             content["part"] = where.part
 

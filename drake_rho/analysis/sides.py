@@ -113,7 +113,7 @@ class Sides:
         if (cone := branch.get(where)) is not None:
             return halves_of(cone) if _bulge(cone) > _DEEP else []
         forbidden = self._forbidden(where)
-        return forbidden.cones if forbidden.has_middle else []
+        return list(forbidden.cones) if forbidden.has_middle else []
 
     def rows(self, where: Where, cones: Sequence[FloatArray]) -> list[HalfSpaces]:
         """Return the half-spaces that contain all positions in each cone, outside of the set."""
