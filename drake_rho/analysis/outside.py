@@ -17,7 +17,7 @@ from itertools import product
 import numpy as np
 
 from drake_rho.scenario.fields import FloatArray
-from drake_rho.scenario.maps.parts import Parts, Triangles
+from drake_rho.scenario.maps.parts import Boxes, Parts, Triangles
 from drake_rho.scenario.shapes.base import Solid
 from drake_rho.scenario.shapes.polyhedra import Box
 
@@ -119,16 +119,25 @@ def forbidden_by(solid: Solid, part: int, required: float) -> Forbidden:
         extent = np.where(np.isfinite(solid.extent), solid.extent, solid.size)
         cones = _past_sides(extent, required) if isinstance(solid, Box) else OCTANTS
         return Forbidden(solid.local_distance, required, np.zeros(3), extent + required, cones)
-    low, high = solid.tree.lower[part], solid.tree.upper[part]
-    middle = solid.corners[part].mean(axis=0) if isinstance(solid, Triangles) else (low + high) / 2
+    middle, half, cones = _placed(solid, part, required)
 
     def distance(x: FloatArray) -> FloatArray:
         at = solid.in_frame(x).reshape(-1, 3) + middle
         return solid.distances_of(np.full(len(at), part), at).reshape(x.shape[:-1])
 
-    half = (high - low) / 2.0
-    cones = OCTANTS if isinstance(solid, Triangles) else _past_sides(half, required)
     return Forbidden(distance, required, solid.in_world(middle), half + required, cones)
+
+
+def _placed(
+    solid: Parts, part: int, required: float
+) -> tuple[FloatArray, FloatArray, tuple[FloatArray, ...]]:
+    """Return the middle of a part of a map in its frame, half its extents [m], and its cones."""
+    if isinstance(solid, Boxes):
+        half = solid.halves[part]
+        return solid.centers[part], half, _past_sides(half, required)
+    assert isinstance(solid, Triangles)  # noqa: S101  # there are no other parts
+    corners = solid.corners[part]
+    return corners.mean(axis=0), np.ptp(corners, axis=0) / 2.0, OCTANTS
 
 
 def _past_sides(half: FloatArray, required: float) -> tuple[FloatArray, ...]:
