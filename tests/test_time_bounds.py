@@ -201,7 +201,7 @@ def test_every_part_of_a_map_is_gone_around_like_a_box() -> None:
     inside = np.array(list(np.ndindex(2, 4, 8)))
     cells = np.concatenate([np.round(corner / 0.2).astype(int) + inside for corner in corners])
     voxels = rho.Voxels(cells, 0.2)
-    blocks = [rho.Box(c, c + [0.4, 0.8, 1.6]) for c in corners]
+    blocks = [rho.Box(c, np.add(c, [0.4, 0.8, 1.6])) for c in corners]
     bounds = []
     for obstacles in (blocks, [voxels]):
         found = TimeBound(blocked(obstacles=obstacles), 4.0)
