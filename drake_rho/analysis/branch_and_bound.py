@@ -89,10 +89,10 @@ class Relaxation:
     def split(self, node: Node, enough: float) -> Split:
         """Return the parts of a node with their bounds, and a plan on its sides."""
         motion, losses = self._at(node)
-        parts_of = self.sides.parts_of(node.branch, motion, node.curved, losses)
-        if parts_of is None:
+        division = self.sides.parts_of(node.branch, motion, node.curved, losses)
+        if division is None:
             return Split(())
-        where, cones = parts_of
+        where, cones = division
         found, plans, vain = None, node.plans, node.vain
         if not plans and not vain:  # else the search would end there again, or in nothing
             found = self._plan(node, motion, enough)

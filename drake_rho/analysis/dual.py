@@ -51,8 +51,8 @@ class Dual:
 
     Attributes:
         lagrangian: the Lagrangian.
-        degree: number of logarithms in the barrier: at a point of its central path for a factor f,
-            the dual function is at most f times as much below its largest value.
+        degree: number of logarithms in the barrier. Where the dual function with f times the
+            barrier is largest, the dual function is at most f times `degree` below its maximum.
     """
 
     def __init__(self, lagrangian: Lagrangian) -> None:

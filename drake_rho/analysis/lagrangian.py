@@ -82,7 +82,7 @@ class Lagrangian:
         return [slice(a, b) for a, b in zip(first, [*first[1:], 3], strict=True)]
 
     def curvature(self, weights: FloatArray) -> float:
-        """Return the Hessian's least eigenvalue for weights λ; that of norm(v)² counts as 1."""
+        """Return the least eigenvalue of half the Hessian for weights λ."""
         if self.changes.free.shape[1] == 0:  # the goal determines the motion
             return 1.0
         half = self._half(weights)
@@ -131,7 +131,7 @@ class Lagrangian:
     def within_prices(
         self, weights: FloatArray, multipliers: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Return the multipliers, scaled down where those of a soft limit exceed its price."""
+        """Return the multipliers scaled down to the prices of soft limits."""
         return self._of_curved.within_prices(weights), self._of_affine.within_prices(multipliers)
 
     def value(self, v: FloatArray, weights: FloatArray, multipliers: FloatArray) -> float:
@@ -234,7 +234,7 @@ class Proposal:
 
     @property
     def curvature(self) -> float:
-        """The Hessian's least eigenvalue at the program's multipliers; that of norm(v)² is 1."""
+        """Least eigenvalue of half the Lagrangian's Hessian at the program's multipliers."""
         return self.lagrangian.curvature(self.weights)
 
     def kkt_residuals(self) -> tuple[float, float]:

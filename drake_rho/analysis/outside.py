@@ -62,7 +62,7 @@ class Forbidden:
 
     @property
     def has_middle(self) -> bool:
-        """Whether `middle` is too close to the obstacle."""
+        """Whether the middle of the set is closer to the obstacle than required."""
         return bool(self.distance(np.zeros(3)) < self.required)
 
     def half_spaces(self, cones: FloatArray) -> tuple[FloatArray, FloatArray]:

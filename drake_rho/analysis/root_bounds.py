@@ -85,10 +85,11 @@ class RootBounds:
         start = Plan.from_accelerations(scenario, plan.accelerations)
         try:
             if searched:
-                with suppress(InfeasibleError, SolverError):
+                with suppress(InfeasibleError, SolverError):  # as it may from other margins
                     proposals.append(solved_around(start, backend, progress))
-            for each in _converged(start, backend.solver, progress) if not proposals else ():
-                proposals.append(solved_around(each, backend, progress))
+            if not proposals:
+                for each in _converged(start, backend.solver, progress):
+                    proposals.append(solved_around(each, backend, progress))
         except OutOfTimeError:
             self.cut = True
         efforts = costs_of(scenario, Problem.of(scenario).effort.motion)

@@ -254,7 +254,7 @@ class TimeBound:
         return windows if np.all(windows[:, 0] <= windows[:, 1]) else None
 
     def _distance_before(self, longest: float, last: float, left: float) -> float:
-        """Return a bound on the distance flown from a part, counted from the end, on [m]."""
+        """Return the upper bound on the distance flown from 1 - `left` to `last` [m]."""
         return self.farthest(longest, min(1.0 - left, last), last)
 
     @cached_property
@@ -329,9 +329,14 @@ class TimeBound:
 
 
 def _first_part(reached: Callable[[float], float], way: float, first: float) -> float:
-    """Return the first part of a final time, from a given one, by which a way may be flown.
+    """Return the earliest part of the final time at which a place may be reached.
 
-    It is at most a little too early; parts begin again at 1 if the way is never flown.
+    It is a little too early rather than too late; infinite if the place is out of reach.
+
+    Args:
+        reached: function that returns a bound on the distance flown up to a part [m].
+        way: distance of the place [m].
+        first: part of the final time at which the vehicle sets out.
     """
     if reached(1.0) < way:
         return np.inf
