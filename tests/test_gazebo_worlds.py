@@ -484,6 +484,20 @@ def test_vertices_that_differ_by_rounding_are_joined_and_counted(
     assert "1 vertices count as one with others beside" in run(capsys, monkeypatch, *words)[1]
 
 
+def test_a_closed_mesh_whose_corners_are_rounded_to_single_precision_has_an_inside() -> None:
+    library: Any = trimesh
+    ball = library.creation.icosphere(3, 100.0)
+    corners = np.array(ball.vertices)[np.array(ball.faces)].reshape(-1, 3).astype(np.float32)
+    moved = np.random.default_rng(5).random(corners.shape) < 0.5
+    corners[moved] = np.nextafter(corners, np.float32(1e9))[moved]
+    mesh = rho.Mesh(corners.astype(float), np.arange(len(corners)).reshape(-1, 3))
+    assert mesh.is_watertight
+    assert mesh.moved_vertices > 1000
+    assert float(mesh.signed_distance(np.zeros(3))) == pytest.approx(-99.0, abs=1.5)
+    corners[0] += 0.01  # a gap is no rounding
+    assert not rho.Mesh(corners.astype(float), mesh.triangles).is_watertight
+
+
 def mutated(text: str, rng: np.random.Generator) -> str:
     """Return a text with a place damaged, or an element removed, doubled, renamed or rewritten."""
     if rng.random() < 0.3:

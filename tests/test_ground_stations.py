@@ -199,6 +199,15 @@ def test_several_vehicles_are_a_folder_and_lose_their_separation(tmp_path: Path)
     np.testing.assert_allclose(loaded.vehicles[1].start.position, [0, 5, 0], atol=MILLIMETRE)
 
 
+def test_flights_of_many_short_legs_last_little_longer_than_they_need(tmp_path: Path) -> None:
+    lanes = [(200.0 * ((k + 1) // 2 % 2), 20.0 * (k // 2), 30.0) for k in range(100)]
+    scenario = rho.load_mission(plan_file(tmp_path, [item(16, *each) for each in lanes]))
+    lengths = np.linalg.norm(np.diff([(0.0, 0.0, 0.0), *lanes], axis=0), axis=1)
+    needed = sum(length / 5.0 + 2.0 for length in lengths)  # from rest to rest, beyond 10 m
+    assert needed <= scenario.grid.duration <= 1.35 * needed
+    assert scenario.grid.knots < 2500
+
+
 def test_long_names_of_files_are_cut(tmp_path: Path) -> None:
     one = plan_file(tmp_path, ITEMS)
     files = [tmp_path / f"{'n' * 120}{k}.plan" for k in range(2)]

@@ -438,3 +438,17 @@ def test_files_and_schema_preserve_the_waypoints() -> None:
     fields = rho.scenario_schema()["$defs"]["Waypoint"]["properties"]
     for field, unit in (("time", "[s]"), ("position", "[m]"), ("within", "[m]")):
         assert unit in fields[field]["description"]
+
+
+def test_a_survey_of_two_hundred_legs_is_planned() -> None:
+    step, leg, count = 5.0, 12, 200
+    places = np.array(
+        [[200.0 * ((k + 1) // 2 % 2), 20.0 * (k // 2), 30.0] for k in range(count + 1)]
+    )
+    waypoints = [rho.Waypoint(step * leg * k, each) for k, each in enumerate(places[1:-1], 1)]
+    vehicle = rho.Vehicle(
+        "survey", rho.State(places[0]), rho.State(places[-1]), waypoints=waypoints
+    )
+    plan = rho.plan(rho.Scenario("survey", rho.Grid(step, count * leg + 1), [vehicle]))
+    assert rho.verify(plan).ok
+    np.testing.assert_allclose(plan.positions[0, ::leg], places, atol=1e-3)

@@ -19,7 +19,7 @@ from drake_rho.formats.schedules import Pace, arrivals, step_for
 from drake_rho.formats.texts import another_file, in_file, text_of, text_or_none
 from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.errors import Description, MissionWarning, ScenarioError, shorten
-from drake_rho.scenario.fields import FloatArray
+from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.frame import EARTH_RADIUS, Frame
 from drake_rho.scenario.obstacles import Obstacle
 from drake_rho.scenario.parts import GOAL, START
@@ -286,11 +286,16 @@ def _scheduled(
         sum(pace.times(own, each.speeds)) + sum(stop.dwell for stop in each.route.stops)
         for each, own in zip(flights, lengths, strict=True)
     ]
-    step, found = step_for(max(seconds)), list[list[float]]()
-    for each, own in zip(flights, lengths, strict=True):
-        rests = [int(np.ceil(stop.dwell / step - 1e-9)) for stop in each.route.stops]
-        knots = arrivals(pace.steps(step, own, each.speeds), rests)
-        found.append((step * knots).tolist())
+
+    def knots(step: float) -> list[IntArray]:
+        found = list[IntArray]()
+        for each, own in zip(flights, lengths, strict=True):
+            rests = [int(np.ceil(stop.dwell / step - 1e-9)) for stop in each.route.stops]
+            found.append(arrivals(pace.steps(step, own, each.speeds), rests))
+        return found
+
+    step = step_for(max(seconds), lambda step: max(int(each[-1]) for each in knots(step)))
+    found = [(step * each).tolist() for each in knots(step)]
     return Grid(step, round(max(times[-1] for times in found) / step) + 1), found
 
 

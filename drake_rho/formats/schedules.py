@@ -7,7 +7,7 @@ steps of a grid. So there is a plan whenever nothing is in the way: the one that
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -17,6 +17,9 @@ from drake_rho.scenario.limits import GRAVITY, Limits
 
 _STEPS = 400
 """Number of steps of a mission in which no leg is short."""
+_MOST, _LONGER = 2000, 1.3
+"""Largest number of steps of other missions, unless they have hundreds of legs, and the largest
+flight beside the shortest one that is accepted while it is not reached."""
 _SHORTEST = 0.1
 """Shortest step that is chosen [s]."""
 _LEAST = 4
@@ -92,12 +95,32 @@ class Pace:
         return found
 
 
-def step_for(seconds: float) -> float:
-    """Return a round step for a flight of about that many seconds [s]: 1, 2 or 5 times 10ⁿ."""
-    least = max(seconds / _STEPS, _SHORTEST)
-    power = 10.0 ** np.floor(np.log10(least) + 1e-9)
+def step_for(seconds: float, steps: Callable[[float], int]) -> float:
+    """Return a round step for a flight [s]: 1, 2 or 5 times 10ⁿ.
+
+    It is the longest with about `_STEPS` steps at most or, where legs are short beside it, a
+    shorter one with which the flight is at most `_LONGER` times as long as it need be.
+
+    Args:
+        seconds: time of the flight without a grid [s].
+        steps: function from a step [s] to the number of steps of the flight.
+    """
+    rounded = _rounded_up(max(seconds / _STEPS, _SHORTEST))
+    best, most = rounded, max(_MOST, 1.25 * steps(rounded))
+    while best * steps(best) > _LONGER * seconds and rounded > _SHORTEST:
+        rounded = _rounded_up(0.4 * rounded)
+        if (count := steps(rounded)) > most:
+            break
+        if rounded * count < best * steps(best):
+            best = rounded
+    return best
+
+
+def _rounded_up(step: float) -> float:
+    """Return the least of 1, 2 and 5 times 10ⁿ that is no shorter than a step, but for rounding."""
+    power = 10.0 ** np.floor(np.log10(step) + 1e-9)
     return float(
-        next(each * power for each in (1.0, 2.0, 5.0, 10.0) if each * power >= least * 0.999)
+        next(each * power for each in (1.0, 2.0, 5.0, 10.0) if each * power >= step * 0.999)
     )
 
 

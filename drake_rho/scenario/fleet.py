@@ -408,6 +408,10 @@ class Fleet:
         """
         return self._scales[quantity]
 
+    def largest_scale(self, quantity: Quantity) -> FloatArray:
+        """Return `scale` of the whole flight [SI], shape (N,): for its remainders an upper bound."""
+        return (self._whole_flight or self).scale(quantity)
+
     @cached_property
     def _scales(self) -> dict[Quantity, FloatArray]:
         h, T, L = self._grid.step, self._grid.duration, self.lengths
@@ -424,8 +428,21 @@ class Fleet:
 
     @property
     def units(self) -> FloatArray:
-        """Unit of acceleration in programs [m/s²], shape (N,): `solver_lengths` over T²."""
-        return self.solver_lengths / self._grid.duration**2
+        """Unit of acceleration in programs [m/s²], shape (N,).
+
+        It is `solver_lengths` over T² or, where a leg between two waypoints needs more, its length
+        over the square of its time: of 200 legs, each takes thousands of times the former.
+        """
+        units = self.solver_lengths / self._grid.duration**2
+        times, places = np.full(len(units), self._grid.start), self.start_positions
+        for each in self.waypoints:
+            longer = each.present & (each.times > times)
+            lasting = np.where(longer, each.times - times, np.inf)
+            legs = np.linalg.norm(np.where(longer[:, None], each.positions - places, 0.0), axis=1)
+            units = np.maximum(units, legs / lasting**2)
+            times = np.where(longer, each.times, times)
+            places = np.where(longer[:, None], each.positions, places)
+        return units
 
     def bounds(self, quantity: Quantity) -> Bounds | None:
         """Return the boxes of a quantity, with their tolerances; None if no vehicle has one.

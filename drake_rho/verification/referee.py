@@ -71,7 +71,8 @@ def trajectory_of_any(trajectories: Trajectories, scenario: Scenario) -> Piecewi
 def check_own(trajectory: PiecewiseTrajectory, trajectories: Trajectories) -> Iterator[Column]:
     """Verify that trajectories are continuous, begin at the starts and end at the goals.
 
-    Of samples, velocities at both ends are known only to within their errors, which are allowed.
+    Samples can contradict the velocities of start and goal, but never prove them: they are met if a
+    motion that the bound allows has them.
     """
     bound, ends = trajectories.max_acceleration, trajectory.times[[0, -1]]
     if bound is None:
@@ -90,10 +91,11 @@ def notes_on_trajectories(trajectories: Trajectories, scenario: Scenario) -> tup
     """Return notes on what is assumed: rest outside a vehicle's own time, a bound for samples."""
     grid, lead = scenario.grid, scenario.lead
     notes = list[str]()
-    if trajectories.max_acceleration is not None:
+    if (bound := trajectories.max_acceleration) is not None:
+        widths = [np.diff(each.instants)[[0, -1]].max() for each in trajectories.motions.values()]
         notes.append(
-            f"samples, verified with accelerations of at most {trajectories.max_acceleration:g} "
-            "m/s² between them"
+            f"samples, verified with accelerations of at most {bound:g} m/s² between them; so "
+            f"velocities at starts and goals are known to {bound * max(widths) / 2.0:.2g} m/s only"
         )
     late = {
         name: each.instants[0]

@@ -104,8 +104,10 @@ def verify(flown: Flown, scenario: Scenario | None = None) -> Report:
     jump; the jerk is then that over one step of the scenario's grid. Samples are verified with the
     largest distance from the straight lines between them that their bound on the acceleration
     allows. Where that leaves it open whether a constraint holds, the check does not count as
-    violated but as undecided (`Report.undecided`), and `ok` is False. Before and after its own
-    trajectory a vehicle is at rest, and a note says so.
+    violated but as undecided (`Report.undecided`), and `ok` is False. Only the velocities of start
+    and goal, which samples can contradict but never prove, are met if one of these motions has
+    them; a note says how well they are known. Before and after its own trajectory a vehicle is at
+    rest, and a note says so.
 
     The arithmetic is in double precision. A position at the knots is a sum of 2K terms, none
     larger than the largest of the motion's coordinates and its length scale, so with the unit

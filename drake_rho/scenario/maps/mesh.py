@@ -24,6 +24,10 @@ from drake_rho.scenario.poses import AnyPose, pose_of
 _SAME = 1e-9
 """Distance at which vertices count as one, in longest sides of the mesh's bounding box: programs
 round them so."""
+_SINGLE = 2.0**-22
+"""Distance at which vertices count as one if the mesh is watertight then, in largest coordinates:
+twice the largest difference of two numbers that are equal but for rounding to single precision, as
+files of STL and glTF have them."""
 
 
 @record
@@ -130,14 +134,15 @@ class Mesh(Map):
     def is_watertight(self) -> bool:
         """Whether every edge joins two triangles, so that all of them enclose an inside.
 
-        Vertices within a billionth of the longest side of each other count as one, a duplicate
+        Vertices within a billionth of the longest side of each other count as one, and so do those
+        that differ by no more than single precision rounds if that closes the mesh. A duplicate
         triangle may count once, and a triangle without area does not count.
         """
         return self._shells.are_closed
 
     @property
     def moved_vertices(self) -> int:
-        """Number of vertices that count as one with others, a billionth of the longest side away.
+        """Number of vertices that count as one with others, which are elsewhere but for rounding.
 
         It is 0 if the mesh is watertight without them.
         """
@@ -147,7 +152,9 @@ class Mesh(Map):
     def _shells(self) -> Shells:
         """Its triangles with coincident vertices joined, and which of them enclose an inside."""
         longest = 2.0 * float(self.extent.max())
-        return Shells.of(self.vertices, self.triangles, _SAME * longest)
+        single = _SINGLE * float(np.abs(self.vertices).max())
+        same = _SAME * longest
+        return Shells.of(self.vertices, self.triangles, same, max(same, single))
 
     def _inside(self, x: FloatArray, distances: FloatArray) -> FloatArray:
         """Return distances, negative inside closed shells."""

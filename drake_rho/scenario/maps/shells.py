@@ -26,22 +26,26 @@ class Shells:
     """number of vertices joined with others at another place"""
 
     @classmethod
-    def of(cls, vertices: FloatArray, triangles: IntArray, tolerance: float) -> Self:
+    def of(cls, vertices: FloatArray, triangles: IntArray, *tolerances: float) -> Self:
         """Return the shells of a mesh.
 
-        Coincident vertices are joined; those within the tolerance only where shells would otherwise
-        be open.
+        Coincident vertices are joined; those within a tolerance only where shells would otherwise
+        be open, and within a larger one only if they are then closed.
 
         Args:
             vertices: positions [m], shape (V, 3).
             triangles: numbers of the vertices of each triangle, shape (F, 3).
-            tolerance: distance along each axis within which vertices are joined [m].
+            tolerances: distances along each axis within which vertices are joined, ascending [m].
         """
-        exact = cls._joined(vertices, triangles, vertices)
-        if exact.are_closed:
-            return exact
-        near = cls._joined(vertices, triangles, _clusters(vertices, tolerance))
-        return dataclasses.replace(near, moved=len(exact.vertices) - len(near.vertices))
+        found = exact = cls._joined(vertices, triangles, vertices)
+        for number, tolerance in enumerate(tolerances):
+            if found.are_closed:
+                break
+            near = cls._joined(vertices, triangles, _clusters(vertices, tolerance))
+            if near.are_closed or number == 0:
+                moved = len(exact.vertices) - len(near.vertices)
+                found = dataclasses.replace(near, moved=moved)
+        return found
 
     @classmethod
     def _joined(cls, vertices: FloatArray, triangles: IntArray, places: np.ndarray) -> Self:
