@@ -12,6 +12,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable
 from functools import cached_property, lru_cache
+from typing import NamedTuple
 
 import numpy as np
 import scipy  # its parts load when first used
@@ -265,39 +266,20 @@ class MinimumEffort:
     def of(cls, scenario: Scenario) -> MinimumEffort:
         """Return the motions of least cost of a scenario."""
         fleet, grid = scenario.fleet, scenario.grid
-        terms, classes, flags = _classes_of(scenario)
-        conditions = [TerminalState(grid, position=p, velocity=v) for p, v in flags]
-        rows = tuple(each.rows for each in conditions)
-        values = np.zeros((len(classes), max(map(len, rows)), 3))
-        missed, accelerations = (
-            np.zeros((len(classes), 3)),
-            np.zeros((len(classes), grid.knots - 1, 3)),
-        )
-        spaces = list[Space]()
-        for number, terminal in enumerate(conditions):
-            own = slice(None) if len(conditions) == 1 else classes == number  # a view is faster
-            faster, further = terminal.changes(fleet)
-            found, missed[own] = terminal.values(faster[own], further[own])
-            values[own, : len(rows[number])] = found
-            accelerations[own] = rows[number].T @ found
-            space = _space(terms[number], *flags[number])
-            if space.terms is not None:
-                targets = space.terms.values(scenario, np.arange(len(classes))[own])
-                accelerations[own] = space.least(targets, accelerations[own])
-            spaces.append(space)
-        roots = np.sqrt([each.unit for each in spaces])[classes]
+        least = _Least.of(scenario)
+        roots = np.sqrt([each.unit for each in least.spaces])[least.goals.classes]
         return cls(
             grid,
-            Goals(rows, classes, values),
-            Motion.from_starts(fleet, accelerations, grid.step),
+            least.goals,
+            Motion.from_starts(fleet, least.accelerations, grid.step),
             Changes(
                 grid,
-                tuple(spaces),
-                classes,
+                least.spaces,
+                least.goals.classes,
                 fleet.units * roots,
                 1.0 / (np.sqrt(fleet.weights) * roots),
             ),
-            np.abs(missed).max(axis=1) > TOLERANCE * fleet.lengths,
+            np.abs(least.missed).max(axis=1) > TOLERANCE * fleet.lengths,
         )
 
     def without_goals(self) -> MinimumEffort:
@@ -318,6 +300,48 @@ class MinimumEffort:
             ),
             unreachable=np.zeros_like(self.unreachable),
         )
+
+
+def least_accelerations(scenario: Scenario) -> FloatArray:
+    """Return the accelerations of least cost to the goals, shape (N, K-1, 3), without programs."""
+    return _Least.of(scenario).accelerations
+
+
+class _Least(NamedTuple):
+    """Accelerations of least cost of all vehicles to their goals."""
+
+    goals: Goals
+    """terminal equalities of accelerations"""
+    spaces: tuple[Space, ...]
+    """changes of accelerations that keep them, for each class of vehicles"""
+    accelerations: FloatArray
+    """accelerations, shape (N, K-1, 3)"""
+    missed: FloatArray
+    """distances by which goals are missed, in a single step [m], shape (N, 3)"""
+
+    @classmethod
+    def of(cls, scenario: Scenario) -> _Least:
+        """Return the accelerations of a scenario."""
+        fleet, grid = scenario.fleet, scenario.grid
+        terms, classes, flags = _classes_of(scenario)
+        conditions = [TerminalState(grid, position=p, velocity=v) for p, v in flags]
+        rows = tuple(each.rows for each in conditions)
+        values = np.zeros((len(classes), max(map(len, rows)), 3))
+        missed = np.zeros((len(classes), 3))
+        accelerations = np.zeros((len(classes), grid.knots - 1, 3))
+        spaces = list[Space]()
+        for number, terminal in enumerate(conditions):
+            own = slice(None) if len(conditions) == 1 else classes == number  # a view is faster
+            faster, further = terminal.changes(fleet)
+            found, missed[own] = terminal.values(faster[own], further[own])
+            values[own, : len(rows[number])] = found
+            accelerations[own] = rows[number].T @ found
+            space = _space(terms[number], *flags[number])
+            if space.terms is not None:
+                targets = space.terms.values(scenario, np.arange(len(classes))[own])
+                accelerations[own] = space.least(targets, accelerations[own])
+            spaces.append(space)
+        return cls(Goals(rows, classes, values), tuple(spaces), accelerations, missed)
 
 
 def _classes_of(scenario: Scenario) -> tuple[list[CostTerms], IntArray, list[tuple[bool, bool]]]:

@@ -409,7 +409,7 @@ class Fleet:
         return self._scales[quantity]
 
     def largest_scale(self, quantity: Quantity) -> FloatArray:
-        """Return `scale` of the whole flight [SI], shape (N,): for its remainders an upper bound."""
+        """Return `scale` for the whole flight, shape (N,): at least that of its remainder."""
         return (self._whole_flight or self).scale(quantity)
 
     @cached_property

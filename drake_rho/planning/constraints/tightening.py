@@ -37,7 +37,7 @@ meets its limits to one tolerance in the previous plan; after several windows it
 
 
 def missing_slack(
-    scenario: Scenario, margins: PlanMargins, *, under_way: bool = False
+    scenario: Scenario, margins: PlanMargins, *, under_way: bool = False, of_start: bool = False
 ) -> dict[str, tuple[str, ...]]:
     """Return the constraints with too little slack, by the vehicles' names.
 
@@ -45,8 +45,11 @@ def missing_slack(
         scenario: the scenario to check.
         margins: the margins of plans.
         under_way: whether starts are measured states, which may deviate by a few tolerances.
+        of_start: whether only constraints at starts are checked.
     """
-    return _missing(scenario, _slacks(_near_ends(scenario, margins), margins), under_way=under_way)
+    near = _near_ends(scenario, margins)
+    slacks = _end_slacks(near, margins, 0) if of_start else _slacks(near, margins)
+    return _missing(scenario, slacks, under_way=under_way)
 
 
 def _near_ends(scenario: Scenario, margins: PlanMargins) -> Scenario:

@@ -7,6 +7,7 @@ import numpy as np
 from drake_rho.motion.plan import Plan
 from drake_rho.motion.statistics import Statistics
 from drake_rho.planning.errors import InfeasibleError, OutOfTimeError, SolverError
+from drake_rho.planning.minimum_effort import least_accelerations
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs.backend import Backend, Solver
 from drake_rho.planning.scp.minimum_violation import minimum_distance_violation, minimum_violation
@@ -57,8 +58,6 @@ def moved(remaining: Plan, scenario: Scenario) -> Plan:
     """Return the rest of a plan, moved to other starts with the least change of accelerations."""
     if scenario.fleet is remaining.scenario.fleet:
         return unchecked(remaining, scenario=scenario)
-    there, here = (
-        Problem.of(each).effort.motion.accelerations for each in (scenario, remaining.scenario)
-    )
+    there, here = map(least_accelerations, (scenario, remaining.scenario))
     changed = np.asarray(remaining.accelerations + there - here, dtype=np.float64)
     return Plan.from_accelerations(scenario, changed)

@@ -52,9 +52,13 @@ class Measured:
             return np.zeros(len(self.deviations), dtype=bool)
         far = np.linalg.norm(self.deviations[:, :3], axis=1)
         fast = np.linalg.norm(self.deviations[:, 3:], axis=1)
-        either: BoolArray = (far > radii[0] + tolerance * fleet.scale("position")) | (
-            fast > radii[1] + tolerance * fleet.scale("velocity")
-        )
+        either = np.zeros(len(far), dtype=bool)
+        for scale in (fleet.largest_scale, fleet.scale):  # own scales take far longer
+            either = (far > radii[0] + tolerance * scale("position")) | (
+                fast > radii[1] + tolerance * scale("velocity")
+            )
+            if either.all():
+                break
         return either
 
 
@@ -152,7 +156,9 @@ def estimate_errors(scenario: Scenario, ahead: int = 0) -> tuple[float, float]:
         scenario: scenario with the disturbance and the feedback.
         ahead: number of samples of the feedback by which the state is predicted.
     """
-    disturbance, grid = scenario.disturbance_or_calm, scenario.grid
+    disturbance, grid = scenario.disturbance, scenario.grid
+    if disturbance is None:
+        return 0.0, 0.0
     if ahead == 0:
         return disturbance.first_error(grid)
     own, oldest = tube_of(scenario), disturbance.delay + disturbance.dropouts
@@ -165,6 +171,8 @@ def estimate_errors(scenario: Scenario, ahead: int = 0) -> tuple[float, float]:
 
 def tube_radii(remaining: Scenario) -> tuple[float, float]:
     """Return the radii of the error tube at the start of a plan's rest [m, m/s]."""
+    if remaining.disturbance is None:
+        return 0.0, 0.0
     tube, now = tube_of(remaining), remaining.grid.start - remaining.lead
     return float(tube.position(now)), float(tube.velocity(now))
 

@@ -192,17 +192,18 @@ class WindowPlanner:
         The slack is computed only if it is likely to be missing, or if the lack would go unnoticed.
         With a disturbance the verifier notices it, so the slack is computed only if the last window
         had no plan of its own. Without a disturbance no constraint is violated if the window begins
-        as planned by the last one and nothing new became known.
+        as planned by the last one and nothing new became known; if it begins elsewhere, only
+        constraints at the start can be.
         """
-        scenario, last = start.scenario, start.last
+        scenario, last, only_start = start.scenario, start.last, False
         if scenario.disturbance is not None:
             has_slack = not last.kept
         else:
-            same = start.begins_as_planned and not (last.infeasible or start.is_new)
-            has_slack = same and not _new_obstacles(start)
+            only_start = not (last.infeasible or start.is_new or _new_obstacles(start))
+            has_slack = only_start and start.begins_as_planned
         if has_slack:
             return None
-        reasons = _lacks(scenario)
+        reasons = _lacks(scenario, of_start=only_start)
         return _no_slack(scenario, reasons) if reasons else None
 
     def _is_cheap(self, plan: Plan, previous: Plan) -> bool:
@@ -305,9 +306,10 @@ def _too_costly(plan: Plan, previous: Plan) -> InfeasibleError:
     )
 
 
-def _lacks(scenario: Scenario) -> dict[str, tuple[str, ...]]:
-    """Return the constraints of a window without tightening slack, by vehicle."""
-    return missing_slack(scenario, Problem.of(scenario).margins, under_way=True)
+def _lacks(scenario: Scenario, *, of_start: bool = False) -> dict[str, tuple[str, ...]]:
+    """Return the constraints of a window, or of its start, without tightening slack, by vehicle."""
+    margins = Problem.of(scenario).margins
+    return missing_slack(scenario, margins, under_way=True, of_start=of_start)
 
 
 def _no_slack(scenario: Scenario, reasons: dict[str, tuple[str, ...]]) -> InfeasibleError:
