@@ -701,12 +701,17 @@ def test_errors_of_places_have_few_digits(tmp_path: Path) -> None:
     assert re.search(r"\d\.\d{5}", str(caught.value)) is None
 
 
-def told(path: Path) -> list[str]:
-    """Return what is told of a mission."""
+def read(path: Path) -> tuple[rho.Scenario, list[str]]:
+    """Return a mission, and what is told of it."""
     with warnings.catch_warnings(record=True) as found:
         warnings.simplefilter("always")
-        rho.load_mission(path)
-    return [str(each.message) for each in found]
+        scenario = rho.load_mission(path)
+    return scenario, [str(each.message) for each in found]
+
+
+def told(path: Path) -> list[str]:
+    """Return what is told of a mission."""
+    return read(path)[1]
 
 
 LANDING = item(21, 60, 0, 0)
@@ -839,6 +844,245 @@ def test_fences_without_an_area_are_refused_by_name(
     path = plan_file(tmp_path, ITEMS, polygons=[polygon(inclusion, *corners)])
     with pytest.raises(rho.ScenarioError, match=f"survey.plan: {name}: {words}"):
         rho.load_mission(path)
+
+
+def calculated(above_sea: float | None, params: float | None = None) -> dict[str, Any]:
+    """Return a waypoint 80 m above the terrain, in the altitude mode that calculates altitudes."""
+    found = {**item(16, 40, 0, 0), "frame": 0, "Altitude": 80, "AltitudeMode": 3}
+    found["params"][6] = params
+    return {**found, "AMSLAltAboveTerrain": above_sea}
+
+
+def test_calculated_altitudes_are_above_the_sea(tmp_path: Path) -> None:
+    for each in (calculated(528.0), calculated(None, 528.0), calculated(700.0, 528.0)):
+        path = plan_file(tmp_path, [ITEMS[0], each])
+        assert told(path) == []
+        np.testing.assert_allclose(places_of(rho.load_mission(path))[-1], [40, 0, 40], atol=1e-3)
+    away = {**calculated(None), "command": 195}  # looked at
+    assert "item 3 (DO_SET_ROI_LOCATION)" in told(plan_file(tmp_path, [*ITEMS[:2], away]))[0]
+    with pytest.raises(
+        rho.ScenarioError, match=r"item 2 \(NAV_WAYPOINT\), altitude: got nothing, .* terrain"
+    ):
+        rho.load_mission(plan_file(tmp_path, [ITEMS[0], calculated(None)]))
+
+
+def rows(*items: str) -> str:
+    """Return the text of a mission file with items, whose columns are separated by spaces."""
+    return "\n".join(["QGC WPL 110", *(each.replace(" ", "\t") for each in items), ""])
+
+
+AT_HOME = "0 0 3 16 0 0 0 0 47 8 400 1"
+UP = "1 0 3 22 0 0 0 0 0 0 10 1"
+NORTH = "2 0 3 16 0 0 0 0 47.0005 8 20 1"
+
+
+@pytest.mark.parametrize(
+    ("first", "altitude", "words"),
+    [
+        (AT_HOME, 400.0, ["item 0 (NAV_WAYPOINT) as a place to pass: the first row is home"]),
+        (AT_HOME.replace("3 16", "10 0"), 400.0, ["item 0 (command 0) as a place to pass"]),
+        (AT_HOME.replace("3 16", "0 16"), 400.0, []),
+        (AT_HOME.replace("400", "0"), 0.0, ["altitude above mean sea level is missing"]),
+    ],
+)
+def test_the_first_row_is_home_in_any_frame(
+    first: str, altitude: float, words: list[str], tmp_path: Path
+) -> None:
+    path = tmp_path / "m.waypoints"
+    path.write_text(rows(first, UP, NORTH))
+    scenario, found = read(path)
+    assert len(found) == len(words)
+    assert all(each in text for each, text in zip(words, found, strict=True))
+    assert scenario.frame == rho.Frame(47.0, 8.0, altitude)
+    np.testing.assert_allclose(places_of(scenario)[:, 2], [10, 20], atol=1e-3)
+
+
+def test_an_unknown_altitude_of_home_is_no_level_for_others(tmp_path: Path) -> None:
+    path = tmp_path / "m.waypoints"
+    path.write_text(rows(AT_HOME.replace("400", "0"), UP, NORTH.replace("0 3 16", "0 0 16")))
+    with pytest.raises(rho.ScenarioError, match=r"item 2 \(NAV_WAYPOINT\) is above mean sea level"):
+        rho.load_mission(path)
+
+
+def test_a_single_place_relative_to_home_is_flown_to(tmp_path: Path) -> None:
+    (tmp_path / "m.waypoints").write_text(rows(AT_HOME))
+    found, (words,) = read(tmp_path / "m.waypoints")
+    assert "no home, so that of item 0" in words
+    np.testing.assert_allclose(places_of(found), [[0, 0, 400]], atol=1e-3)
+
+
+@pytest.mark.parametrize("height", [5.0, 0.0, -20.0])
+def test_landings_at_any_height_are_written_as_landings(height: float, tmp_path: Path) -> None:
+    path = plan_file(tmp_path, [ITEMS[0], item(16, 40, 0, 15, hold=3), item(21, 60, 0, height)])
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", rho.MissionWarning)
+        plan = rho.plan(rho.load_mission(path))
+        assert rho.verify(plan).ok
+        rho.export(plan, tmp_path / "m.waypoints")
+        again = rho.load_mission(tmp_path / "m.waypoints")
+    command, *_, z, _ = (tmp_path / "m.waypoints").read_text().split("\n")[-2].split("\t")[3:]
+    assert (command, float(z)) == ("21", pytest.approx(height, abs=1e-3))
+    np.testing.assert_allclose(again.vehicles[0].goal.position, [60, 0, height], atol=2e-3)
+    floors = [each.name for each in again.requirements if each.between and each.of == "position"]
+    assert floors == (["ground"] if height > 0.1 else [])
+
+
+def test_plans_that_end_in_the_air_are_no_landings(tmp_path: Path) -> None:
+    """Not even after a vertical descent from rest, or for a goal away from a mission's ground."""
+    above = rho.Waypoint(8.0, [20, 0, 20], velocity=[0, 0, 0], name="above")
+    vehicle = rho.Vehicle("v", rho.State([0, 0, 0]), rho.State([20, 0, 5]), waypoints=[above])
+    hover = rho.Scenario("hover", rho.Grid.lasting(16.0, step=0.5), [vehicle], frame=HOME)
+    path = plan_file(tmp_path, [ITEMS[0], item(21, 60, 0, 5)])
+    landing = rho.load_mission(path)
+    (lander,) = landing.vehicles
+    higher = dataclasses.replace(lander, goal=rho.State(lander.goal.position + np.array([0, 0, 5])))
+    for scenario in (hover, dataclasses.replace(landing, vehicles=[higher])):
+        rho.export(rho.plan(scenario), tmp_path / "m.waypoints")
+        last = (tmp_path / "m.waypoints").read_text().split("\n")[-2].split("\t")
+        assert last[3] == "16"
+
+
+def test_a_landing_at_sea_level_far_below_home_has_no_ground(tmp_path: Path) -> None:
+    low = item(21, 60, 0, 0, frame=0)
+    low["params"][6] = 0
+    words = r"item 2 \(NAV_LAND\): got 0 m above mean sea level, 488 m below home, expected the alt"
+    with pytest.raises(rho.ScenarioError, match=words):
+        rho.load_mission(plan_file(tmp_path, [ITEMS[0], low]))
+    low["params"][6] = HOME.altitude - 20.0  # a valley
+    with pytest.warns(rho.MissionWarning, match=r"below home, .*item 2 \(NAV_LAND\) by 20 m"):
+        rho.load_mission(plan_file(tmp_path, [ITEMS[0], low]))
+
+
+def test_a_landing_above_the_present_altitude_is_told(tmp_path: Path) -> None:
+    words = r"the descent of item 2 \(NAV_LAND\), whose altitude is above the present one"
+    with pytest.warns(rho.MissionWarning, match=words):
+        rho.load_mission(plan_file(tmp_path, [ITEMS[0], item(21, 60, 0, 40)]))
+
+
+def test_places_at_the_level_of_home_are_told(tmp_path: Path) -> None:
+    low, lower = item(16, 40, 0, 0), item(16, 60, 0, 0)
+    low["params"][6] = lower["params"][6] = 0
+    (found,) = told(plan_file(tmp_path, [ITEMS[0], low, lower, ITEMS[-1]]))
+    words = (
+        "at home's level, where ArduPilot would keep the present altitude: item 2 (NAV_WAYPOINT)"
+    )
+    assert found.endswith(words)
+
+
+@pytest.mark.parametrize(
+    ("command", "part", "height"),
+    [(94, "descent of item 2 (NAV_PAYLOAD_PLACE)", 15), (36, "arc of item 2 (NAV_ARC_WAYP", 9)],
+)
+def test_places_of_descents_and_arcs_are_passed(
+    command: int, part: str, height: float, tmp_path: Path
+) -> None:
+    """ArduPilot flies to a place of payload at the present altitude, as to a landing."""
+    path = plan_file(tmp_path, [ITEMS[0], item(command, 40, 0, 9), ITEMS[-1]])
+    scenario, (found,) = read(path)
+    assert f"not in the scenario: the {part}" in found
+    np.testing.assert_allclose(places_of(scenario)[1], [40, 0, height], atol=1e-3)
+
+
+def zigzag(count: int) -> str:
+    """Return the text of a mission file with a number of items."""
+    places = [on_map((10.0 * (k % 2), 0.01 * k))[0] for k in range(count - 2)]
+    further = [f"{k} 0 3 16 0 0 0 0 {x} {y} 20 1" for k, (x, y) in enumerate(places, start=2)]
+    home = f"0 1 0 16 0 0 0 0 {HOME.latitude} {HOME.longitude} {HOME.altitude} 1"
+    return rows(home, UP, *further)
+
+
+def test_long_missions_are_read(tmp_path: Path) -> None:
+    (tmp_path / "m.waypoints").write_text(zigzag(2500))
+    assert len(rho.load_mission(tmp_path / "m.waypoints").vehicles[0].waypoints) == 2498
+    (tmp_path / "m.waypoints").write_text("QGC WPL 110\n" + f"{UP}\n" * 65_536)
+    with pytest.raises(rho.ScenarioError, match="waypoints: got 65536 items, expected at most"):
+        rho.load_mission(tmp_path / "m.waypoints")
+
+
+def test_the_number_of_many_items_is_told(tmp_path: Path, monkeypatch: Patch) -> None:
+    monkeypatch.setattr("drake_rho.formats.written_missions._STORED", 4)
+    plan = rho.plan(scouts())
+    written = rho.export(plan, tmp_path / "all", format="mavlink")
+    count = max(len(each.read_text().splitlines()) - 2 for each in written.files)
+    assert f", {count} items, where boards with ArduPilot usually store some 4" in str(written)
+    monkeypatch.setattr("drake_rho.formats.written_missions.MOST_ITEMS", count)
+    with pytest.raises(ValueError, match=f"mavlink: got {count} items, expected less than {count}"):
+        rho.export(plan, tmp_path / "all", format="mavlink")
+
+
+def test_many_places_and_zones_are_refused_at_once(tmp_path: Path) -> None:
+    """Every place is compared with every zone."""
+    angles = 2.0 * np.pi * np.arange(180) / 180.0
+    radii = np.where(np.arange(180) % 2 == 0, 30.0, 60.0)
+    star = polygon(False, *zip(radii * np.cos(angles) + 300, radii * np.sin(angles), strict=True))
+    items = [item(16, 10.0 * (k % 2), 0, 20) for k in range(2000)]
+    path = plan_file(tmp_path, items, polygons=[star] * 30)
+    with pytest.raises(rho.ScenarioError, match=r"plan: got 2000 places and \d+ parts of fences"):
+        rho.load_mission(path)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (rows(), "items: got no place to fly to, expected a waypoint"),
+        (rows("0 0 0 5004 9 0 0 0 47 8 0 0"), "items: got no place to fly to, expected a waypoint"),
+        (
+            rows(*(f"{k} 0 0 5100 0 0 0 0 47 8 0 0" for k in range(3))),
+            r"\(left out: item 0 \(NAV_RALLY_POINT\) and 2 more\), expected",
+        ),
+        (rows("0 0 3 22 0 0 0 0 0 0 10 1"), r"got no home, expected one in the file, or home="),
+        (rows(AT_HOME, "1 0 3 16 0 0 0 0 49 8 9 1"), r"item 1: .* another home="),
+        (
+            rows(*(f"{k} 0 0 5001 5 0 0 0 {47 + k % 2} {8 + k // 2} 0 1" for k in range(4))),
+            "item 0: got a polygon of 4 corners, expected 5 corners, as its first parameter says",
+        ),
+        (rows("0 0 0 5001 nan 0 0 0 47 8 0 1"), "of 1 corners, expected at least 3 corners"),
+        ('{"MAV_AUTOPILOT": 3, "items": []}', "got an older mission of QGroundControl, expected"),
+        ('{"fileType": "Mission", "items": []}', "got an older mission .* save it as .plan"),
+    ],
+)
+def test_files_without_a_mission_are_refused_by_what_they_lack(
+    text: str, words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: Patch
+) -> None:
+    path = tmp_path / "m.mission"
+    path.write_text(text)
+    with pytest.raises(rho.ScenarioError, match=rf"m\.mission: .*{words}"):
+        rho.load_mission(path)
+    status, _, err = run(capsys, monkeypatch, "plan", str(path))
+    assert (status, err.count("\n")) == (2, 1)
+    assert re.search(words.replace("home=", ""), err)
+
+
+def test_a_breach_return_point_is_told(tmp_path: Path) -> None:
+    path = plan_file(tmp_path, ITEMS, breachReturn=geodetic(0, 0, 30))
+    assert told(path) == [f"{path}: not in the scenario: the fence's breach return point"]
+
+
+def test_legs_without_a_speed_have_at_most_that_of_no_limits(tmp_path: Path) -> None:
+    for speed, caps in ((12, [("start", "item 1"), "5 m/s"]), (3, [])):
+        path = tmp_path / "m.waypoints"
+        change = f"2 0 2 178 1 {speed} -1 0 0 0 0 1"
+        path.write_text(rows(AT_HOME.replace("3 16", "0 16"), UP, change, f"3{NORTH[1:]}"))
+        found = rho.load_mission(path)
+        assert found.limits.max_speed == speed
+        assert [
+            w for each in found.requirements if each.between for w in (each.between, each.name)
+        ] == (caps)
+        limits = rho.Limits(max_speed=20.0, max_acceleration=5.0)
+        (cap,) = (
+            each for each in rho.load_mission(path, limits=limits).requirements if each.between
+        )
+        assert cap.between == ("item 1", "goal")
+
+
+@pytest.mark.parametrize(("name", "zero"), [("m.waypoints", "-0.000000"), ("m.plan", "-0.0")])
+def test_written_altitudes_have_no_sign_at_zero(name: str, zero: str, tmp_path: Path) -> None:
+    up, down = rho.Waypoint(5.0, [0, 0, 9]), rho.State([0, 0, -1e-8])
+    vehicle = rho.Vehicle("v", rho.State([0, 0, 0]), down, waypoints=[up])
+    grid = rho.Grid.lasting(10.0, step=0.5)
+    plan = rho.plan(rho.Scenario("there and back", grid, [vehicle], frame=HOME))
+    rho.export(plan, tmp_path / name)
+    assert re.search(rf"{zero}\b", (tmp_path / name).read_text()) is None
 
 
 def test_an_obstacle_on_a_waypoint_names_its_item(scenario: rho.Scenario) -> None:

@@ -1,18 +1,29 @@
 """MAVLink's mission files (.waypoints, .txt): `QGC WPL 110`, then an item in each line.
 
 A line has twelve columns: number, current, frame, command, four parameters, latitude, longitude,
-altitude, autocontinue. Item 0 is home. Fences are items too, in files of their own.
+altitude, autocontinue. Item 0 is home, in any frame: ground stations write it, and ArduPilot takes
+it so. Fences are items too, in files of their own.
 """
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from drake_rho.formats.mission_items import AMSL, MOST_ITEMS, WAYPOINT, Fence, Item, MissionFile
+from drake_rho.formats.mission_items import (
+    AMSL,
+    MOST_ITEMS,
+    RELATIVE,
+    TERRAIN,
+    WAYPOINT,
+    Fence,
+    Item,
+    MissionFile,
+)
 from drake_rho.formats.written_missions import MissionFormat, WrittenMission
-from drake_rho.scenario.errors import Description, ScenarioError, shorten
+from drake_rho.scenario.errors import Description, ScenarioError
 from drake_rho.scenario.fields import LARGEST
 from drake_rho.scenario.frame import Frame
 
@@ -45,8 +56,10 @@ def parse_waypoints(text: str) -> MissionFile:
     items = [_item(number, row) for number, row in rows]
     fences = tuple(_fences(items))
     items = [each for each in items if each.command not in _POLYGONS | _CIRCLES]
-    home, items = _home(items)
-    return MissionFile(tuple(items), home, fences=fences)
+    if not _begins_at_home(items):
+        return MissionFile(tuple(items), fences=fences)
+    first, *after = items
+    return dataclasses.replace(_homed(first), items=tuple(after), fences=fences)
 
 
 def _item(line: int, row: Sequence[str]) -> Item:
@@ -71,18 +84,30 @@ def _number(line: int, column: int, cell: str) -> float:
     return value
 
 
-def _home(items: list[Item]) -> tuple[Frame | None, list[Item]]:
-    """Return home, None if the file has none, and the items after it."""
-    if not items or items[0].name != "item 0":
-        return None, items
-    first, after = items[0], items[1:]
+def _begins_at_home(items: Sequence[Item]) -> bool:
+    """Return whether the first item is home: not if it is the only one, relative to home."""
+    if not items or items[0].name != "item 0" or items[0].command not in (0, WAYPOINT):
+        return False
+    frame = items[0].frame
+    return frame in AMSL or (frame in (*RELATIVE, *TERRAIN) and len(items) > 1)
+
+
+def _homed(first: Item) -> MissionFile:
+    """Return a mission without items at the place of a first item, which may be 0, 0 for none.
+
+    Its altitude is above mean sea level in any frame. Only 0 relative to home or to the terrain
+    stands for an altitude that nobody gave.
+    """
     latitude, longitude, altitude = first.params[4:]
-    if first.command not in (0, WAYPOINT) or first.frame not in AMSL:
-        return None, items
     if not (latitude or longitude):  # home is not known yet
-        return None, after
-    place = first.geodetic(Frame(0.0, 0.0), np.zeros(3))
-    return Frame(float(place[0]), float(place[1]), altitude), after
+        return MissionFile(())
+    place = dataclasses.replace(first, frame=AMSL[0]).geodetic(Frame(0.0, 0.0), np.zeros(3))
+    unknown = np.isnan(altitude) or (altitude == 0.0 and first.frame not in AMSL)
+    home = Frame(float(place[0]), float(place[1]), 0.0 if unknown else altitude)
+    if unknown:
+        return MissionFile((), home, f"{first}, altitude above mean sea level")
+    passed = () if first.frame in AMSL else (f"{first} as a place to pass: the first row is home",)
+    return MissionFile((), home, skipped=passed)
 
 
 def _fences(items: Sequence[Item]) -> Iterator[Fence]:
@@ -111,7 +136,9 @@ def _fences(items: Sequence[Item]) -> Iterator[Fence]:
                 yield Fence(f"{words[inside]} polygon {number}", inside, places)
                 corners = []
     if corners:
-        expected = f"{shorten(corners[0].params[0])}, as its first parameter says, at least 3"
+        count = corners[0].params[0]
+        enough = f"{count:g} corners, as its first parameter says"
+        expected = enough if count >= 3.0 else "at least 3 corners"  # it may be NaN
         got = Description(f"a polygon of {len(corners)} corners")
         raise ScenarioError(corners[0].name, got, expected)
 

@@ -11,10 +11,10 @@ from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.frame import Frame
 
 WAYPOINT, LOITER_UNLIMITED, LOITER_TURNS, LOITER_TIME, RETURN = 16, 17, 18, 19, 20
-LAND, TAKEOFF, LOITER_TO_ALTITUDE, SPLINE, VTOL_TAKEOFF, VTOL_LAND = 21, 22, 31, 82, 84, 85
-DELAY, CHANGE_SPEED = 93, 178
+LAND, TAKEOFF, LOITER_TO_ALTITUDE, ARC, SPLINE, VTOL_TAKEOFF, VTOL_LAND = 21, 22, 31, 36, 82, 84, 85
+DELAY, PAYLOAD_PLACE, CHANGE_SPEED = 93, 94, 178
 NAVIGATION = 92
-"""Largest number of a command with a place (a delay has none)."""
+"""Largest number of commands that all have a place."""
 
 AMSL, RELATIVE, TERRAIN = (0, 5), (3, 6), (10, 11)
 """Frames of MAVLink by what their altitudes are above: mean sea level, home, the terrain."""
@@ -22,8 +22,8 @@ AMSL, RELATIVE, TERRAIN = (0, 5), (3, 6), (10, 11)
 SLOWEST, FASTEST = 0.01, 1000.0
 """Least and largest speed that is read [m/s]: others are slips, or in another unit."""
 
-MOST_ITEMS = 2000
-"""Largest number of items of a mission."""
+MOST_ITEMS = 65_535
+"""Largest number of items of a mission, as MAVLink counts them."""
 
 _NAMES = {
     WAYPOINT: "NAV_WAYPOINT",
@@ -35,13 +35,14 @@ _NAMES = {
     TAKEOFF: "NAV_TAKEOFF",
     30: "NAV_CONTINUE_AND_CHANGE_ALT",
     LOITER_TO_ALTITUDE: "NAV_LOITER_TO_ALT",
+    ARC: "NAV_ARC_WAYPOINT",
     80: "NAV_ROI",
     SPLINE: "NAV_SPLINE_WAYPOINT",
     VTOL_TAKEOFF: "NAV_VTOL_TAKEOFF",
     VTOL_LAND: "NAV_VTOL_LAND",
     92: "NAV_GUIDED_ENABLE",
     DELAY: "NAV_DELAY",
-    94: "NAV_PAYLOAD_PLACE",
+    PAYLOAD_PLACE: "NAV_PAYLOAD_PLACE",
     112: "CONDITION_DELAY",
     114: "CONDITION_DISTANCE",
     115: "CONDITION_YAW",

@@ -14,7 +14,7 @@ from drake_rho.formats.fences import Zones, zones_of
 from drake_rho.formats.mavlink import HEADER, parse_waypoints
 from drake_rho.formats.mission_items import AMSL, Item, MissionFile
 from drake_rho.formats.qgroundcontrol import parse_plan
-from drake_rho.formats.routes import PLACED, Route, Stop, route_of
+from drake_rho.formats.routes import GROUND, LEVEL, PLACED, ROOM, Route, Stop, no_place, route_of
 from drake_rho.formats.schedules import Pace, arrivals, step_for
 from drake_rho.formats.texts import another_file, in_file, text_of, text_or_none
 from drake_rho.scenario.arguments import checked
@@ -37,19 +37,20 @@ from drake_rho.scenario.records import (
 )
 
 SPEED, ACCELERATION = 5.0, 2.5
-"""Largest speed [m/s] if the file has none, and acceleration [m/s²], if no limits are given."""
+"""Largest speed on legs without one [m/s], and acceleration [m/s²], if no limits are given."""
 _LONGEST_NAME = 72
 """Characters of a file's name that a vehicle has; names have at most 80, a number included."""
 _SAGS = 0.1
 """Difference of a level from one of constant altitude at which a warning is given [m]."""
-_BELOW = 1.0
-"""Distance of the floor below the lowest place [m]: room for the tube of a flight in wind."""
 _ABOVE = 50.0
 """Distance of the ceiling above the highest place [m], since zones have no end in height."""
 _ON_LEG = np.linspace(0.0, 1.0, 101)[:, None]
 """Fractions of a leg at which it is compared with zones."""
+_MOST_PAIRS = 10_000_000
+"""Largest number of places times obstacles: every place is compared with every obstacle."""
 _ENDINGS = ".plan", ".waypoints"
-_PLAN = re.compile(r'"fileType"\s*:\s*"Plan"')
+_PLAN = re.compile(r'"fileType"\s*:\s*"(Plan|Mission)"|"MAV_AUTOPILOT"\s*:')
+"""Keys of plans, and of older missions, which are refused by name."""
 
 
 @checked
@@ -76,7 +77,7 @@ def load_mission(
     Args:
         path: path of the file, or of several, one for each vehicle; the first has the origin.
         limits: limits of all vehicles; if not given, the largest speed in the file, else 5 m/s, and
-            2.5 m/s².
+            2.5 m/s². Without them, legs for which the file gives no speed have at most 5 m/s.
         home: place of the launch and level of relative altitudes; the file's if not given.
         grid: knots and step, with which waypoints have no times: planning finds them, which may
             take minutes for eight.
@@ -84,14 +85,15 @@ def load_mission(
     Warns:
         MissionWarning: items are left out, by number and command, as those after a return; the
             file has no home, or no altitude of it; an item has no place or altitude; a place is
-            more than a metre below home or 10 km above it; or the mission is so far from home that
-            a level differs from constant altitude by 0.1 m.
+            more than a metre below home or 10 km above it, or a waypoint at home's level; or the
+            mission is so far from home that a level differs from constant altitude by 0.1 m.
 
     Raises:
         ScenarioError: a file cannot be read or is malformed, an altitude is above the terrain, or
-            above mean sea level where home's is missing, a take-off is below home, an item is
-            flown after a landing, a scenario cannot represent an item, or the extra `missions` is
-            not installed. The error's field names file and item.
+            above mean sea level where home's is missing, a take-off is below home, a landing far
+            below it at sea level, an item is flown after a landing, there is no place to fly to, a
+            scenario cannot represent an item, or the extra `missions` is not installed. The error's
+            field names file and item.
     """
     paths = [Path(path)] if isinstance(path, str | Path) else [Path(each) for each in path]
     if not paths:
@@ -139,14 +141,24 @@ class _Flight:
 
     def lengths(self, obstacles: Sequence[Obstacle]) -> list[float]:
         """Return the lengths of the legs, with the ways around obstacles on them [m]."""
-        found, before = list[float](), self.route.start
-        for stop in self.route.stops:
-            along = before + _ON_LEG * (stop.position - before)
-            met = [each for each in obstacles if (each.shape.signed_distance(along) < 0.0).any()]
-            around = sum(2.0 * float(np.hypot(*each.shape.extent[:2])) for each in met)
-            found.append(float(np.linalg.norm(stop.position - before)) + around)
-            before = stop.position
-        return found
+        places = self.positions
+        legs, middles = np.diff(places, axis=0), 0.5 * (places[:-1] + places[1:])
+        found = np.linalg.norm(legs, axis=1)
+        halves = 0.5 * found
+        for each in obstacles:
+            shape = each.shape
+            for k in np.flatnonzero(shape.signed_distance(middles) <= halves):  # others are away
+                if (shape.signed_distance(places[k] + _ON_LEG * legs[k]) < 0.0).any():
+                    found[k] += 2.0 * float(np.hypot(*shape.extent[:2]))
+        return [float(each) for each in found]
+
+    def no_faster(self, speed: float) -> _Flight:
+        """Return the mission with a largest speed [m/s] on legs that have none."""
+        stops = (
+            dataclasses.replace(each, speed=speed if each.speed is None else each.speed)
+            for each in self.route.stops
+        )
+        return dataclasses.replace(self, route=dataclasses.replace(self.route, stops=tuple(stops)))
 
     @property
     def positions(self) -> FloatArray:
@@ -175,7 +187,8 @@ def _home(path: Path, mission: MissionFile, given: Frame | None) -> Frame:
     """Return the place of the launch; that of the first item with one if there is no other.
 
     Raises:
-        ScenarioError: there is none, or items are above mean sea level and its altitude is missing.
+        ScenarioError: there is none, or nothing to fly to from there, or items are above mean sea
+            level and its altitude is missing.
     """
     if given is not None:
         return given
@@ -187,6 +200,9 @@ def _home(path: Path, mission: MissionFile, given: Frame | None) -> Frame:
         return found
     if (first := _first_placed(mission)) is not None:
         return Frame(*first.params[4:6])
+    if not any(each.command in PLACED for each in mission.items):
+        with in_file(path):
+            raise no_place([*mission.skipped, *map(str, mission.items)])
     expected = "one in the file, or home=Frame(latitude, longitude, ...)"
     raise ScenarioError(str(path), Description("no home"), expected)
 
@@ -245,16 +261,19 @@ def _listed(items: Sequence[str]) -> str:
 def _scenario(
     flights: Sequence[_Flight], limits: Limits | None, grid: Grid | None, origin: Frame
 ) -> Scenario:
+    _check_size(flights)
     obstacles = list[Obstacle]()
     for each in flights:
         obstacles += [zone for zone in each.zones.obstacles if zone not in obstacles]
     if limits is None:
         speeds = [most for each in flights for most in each.speeds if most is not None]
         limits = Limits(max_speed=max(speeds, default=SPEED), max_acceleration=ACCELERATION)
+        flights = [each.no_faster(SPEED) for each in flights]
     pace, lengths = Pace.of(limits), [each.lengths(obstacles) for each in flights]
     times = None
     if grid is None:
-        grid, times = _scheduled(flights, lengths, pace)
+        with in_file(flights[0].file):
+            grid, times = _scheduled(flights, lengths, pace)
     vehicles = [
         _vehicle(each, None if times is None else times[k]) for k, each in enumerate(flights)
     ]
@@ -272,10 +291,24 @@ def _scenario(
         raise _at_item(flights, error) from None
 
 
+def _check_size(flights: Sequence[_Flight]) -> None:
+    """Check that places can be compared with zones in reasonable time.
+
+    Raises:
+        ScenarioError: there are too many of both.
+    """
+    places = sum(len(each.route.stops) for each in flights)
+    zones = sum(len(each.zones.obstacles) for each in flights)
+    if places * zones > _MOST_PAIRS:
+        got = Description(f"{places} places and {zones} parts of fences")
+        expected = f"at most {_MOST_PAIRS} pairs of them"
+        raise ScenarioError(str(flights[0].file), got, expected)
+
+
 def _heights(flights: Sequence[_Flight]) -> tuple[float, float]:
     """Return the heights between which all fly [m]."""
     heights = np.concatenate([each.positions[:, 2] for each in flights])
-    return float(heights.min()) - _BELOW, float(heights.max()) + _ABOVE
+    return float(heights.min()) - ROOM, float(heights.max()) + _ABOVE
 
 
 def _scheduled(
@@ -330,11 +363,15 @@ def _distinct(stops: Sequence[Stop]) -> list[Stop]:
 
 
 def _requirements(flight: _Flight, pace: Pace, count: int) -> Iterator[KeepIn]:
-    """Yield inclusion fences, then the largest speeds on legs that are below the others."""
+    """Yield inclusion fences, the ground of a landing, and the speeds on legs below the others."""
     who = None if count == 1 else (flight.name,)
     for fence in flight.zones.requirements:
         yield dataclasses.replace(fence, vehicles=who)
     names = [START, *(each.name for each in _distinct(flight.route.stops[:-1])), GOAL]
+    above, ground = flight.positions[-2:, 2]
+    if flight.route.lands and above > ground > flight.route.start[2] + LEVEL:
+        floor, descent = HalfSpace([0.0, 0.0, -1.0], ROOM - ground), (names[-2], GOAL)
+        yield KeepIn(floor, vehicles=(flight.name,), between=descent, name=GROUND)
     speeds, first = flight.speeds, 0
     for k, speed in enumerate(speeds):
         if k + 1 < len(speeds) and speeds[k + 1] == speed:

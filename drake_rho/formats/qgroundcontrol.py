@@ -6,6 +6,7 @@ patterns as approach and landing; see docs.qgroundcontrol.com, "Plan File Format
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from collections.abc import Iterator
 from typing import Annotated, Any, Literal
@@ -26,6 +27,7 @@ from drake_rho.formats.mission_items import (
     Item,
     MissionFile,
 )
+from drake_rho.formats.routes import PLACED
 from drake_rho.formats.written_missions import MissionFormat, WrittenMission
 from drake_rho.scenario.errors import Description, ScenarioError
 from drake_rho.scenario.fields import LARGEST
@@ -40,6 +42,11 @@ _Place = tuple[_Latitude, _Longitude, _Number]
 _Corners = Annotated[tuple[_OnMap, ...], Field(min_length=3, max_length=1000)]
 _Speed = Annotated[float, Field(ge=SLOWEST, le=FASTEST, allow_inf_nan=False)]
 _FIXED_WING = 1  # MAV_TYPE
+_AMSL, _CALCULATED = 0, 3
+"""Frame of altitudes above mean sea level, and mode of those that the ground station calculates
+from its map of the terrain: `params` has null while it has no map."""
+_OLDER_TYPE, _OLDER_KEY = "Mission", "MAV_AUTOPILOT"
+"""Type, or without one a key, of files before plans (.mission)."""
 
 
 class _Part(BaseModel):
@@ -67,6 +74,7 @@ class _Fences(_Part):
     circles: Annotated[tuple[_CircleFence, ...], Field(max_length=1000)] = ()
     polygons: Annotated[tuple[_PolygonFence, ...], Field(max_length=1000)] = ()
     polygon: tuple[_OnMap, ...] = ()  # of version 1
+    breach_return: object = None
 
 
 _PARAMETERS = 7
@@ -79,6 +87,8 @@ class _Item(_Part):
     frame: Annotated[int, Field(ge=0, le=255)] | None = None
     params: Annotated[tuple[_Number | None, ...], Field(max_length=_PARAMETERS)] = ()
     coordinate: tuple[_Number | None, _Number | None, _Number | None] | None = None  # older files
+    altitude_mode: _Number | None = Field(None, alias="AltitudeMode")
+    calculated: _Number | None = Field(None, alias="AMSLAltAboveTerrain")
     complex_item_type: str | None = None
     transect_style_complex_item: _Transects | None = Field(None, alias="TransectStyleComplexItem")
     landing_approach_coordinate: _Place | None = None
@@ -119,10 +129,10 @@ def parse_plan(text: str) -> MissionFile:
         ScenarioError: the text is not JSON, or not a plan; the error names the field.
     """
     try:
-        json.loads(text)
+        content = json.loads(text)
         plan = _Plan.model_validate_json(text)
     except ValidationError as error:
-        raise scenario_error(error, _Plan) from None
+        raise _older(content) or scenario_error(error, _Plan) from None
     except (ValueError, RecursionError) as error:
         raise ScenarioError("", Description("malformed JSON"), f"JSON; {error}") from None
     mission, skipped = plan.mission, list[str]()
@@ -133,14 +143,29 @@ def parse_plan(text: str) -> MissionFile:
     )
     home, levelled = _home(mission.planned_home_position)
     fixed = mission.vehicle_type == _FIXED_WING
+    if plan.geo_fence.breach_return:
+        skipped.append("the fence's breach return point")
+    if plan.rally_points.points:
+        skipped.append("rally points")
     return MissionFile(
         items,
         home,
         "" if levelled else "mission.plannedHomePosition[2]",
         tuple(_fences(plan.geo_fence)),
         mission.cruise_speed if fixed else mission.hover_speed,
-        (*skipped, *(["rally points"] if plan.rally_points.points else [])),
+        tuple(skipped),
     )
+
+
+def _older(content: object) -> ScenarioError | None:
+    """Return the error for a mission of before plans, None for other content."""
+    if not isinstance(content, dict):
+        return None
+    kind = content.get("fileType")
+    if kind != _OLDER_TYPE and (kind is not None or _OLDER_KEY not in content):
+        return None
+    expected = "a plan: open it in QGroundControl, and save it as .plan"
+    return ScenarioError("", Description("an older mission of QGroundControl"), expected)
 
 
 def _home(place: tuple[float, float, float | None] | None) -> tuple[Frame | None, bool]:
@@ -173,17 +198,29 @@ def _items(name: str, item: _Item, skipped: list[str]) -> Iterator[Item]:
 
 
 def _simple(name: str, item: _Item) -> Item:
-    """Return a simple item."""
+    """Return a simple item, at its calculated altitude if its parameters have none.
+
+    Raises:
+        ScenarioError: command, frame or parameters are missing, or the terrain below a place.
+    """
     if item.command is None or item.frame is None:
         key = "command" if item.command is None else "frame"
         raise ScenarioError(f"{name}, {key}", Description("nothing"), "a number, as of every item")
-    placed = item.command <= NAVIGATION and item.command != RETURN
+    placed = item.command in PLACED or (item.command <= NAVIGATION and item.command != RETURN)
     if placed and item.coordinate is None and len(item.params) != _PARAMETERS:
         got = Description(f"{len(item.params)} parameters")
         raise ScenarioError(f"{name}, params", got, f"{_PARAMETERS}, or a coordinate")
     place = item.coordinate or item.params[4:]
     params = (*_filled(item.params[:4], 4), *_filled(place, 3))
-    return Item(name, item.command, item.frame, params)
+    found = Item(name, item.command, item.frame, params)
+    if item.altitude_mode != _CALCULATED or not np.isnan(params[6]):
+        return found
+    if item.calculated is not None:
+        return dataclasses.replace(found, frame=_AMSL, params=(*params[:6], item.calculated))
+    if item.command in PLACED:
+        expected = "a number: it is above the terrain, whose heights are not in the file"
+        raise ScenarioError(f"{found}, altitude", Description("nothing"), expected)
+    return found
 
 
 def _is_relative(name: str, item: _Item) -> bool:

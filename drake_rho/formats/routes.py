@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
 
 from drake_rho.formats.mission_items import (
+    AMSL,
+    ARC,
     CHANGE_SPEED,
     DELAY,
     FASTEST,
@@ -15,6 +18,8 @@ from drake_rho.formats.mission_items import (
     LOITER_TO_ALTITUDE,
     LOITER_TURNS,
     LOITER_UNLIMITED,
+    PAYLOAD_PLACE,
+    RELATIVE,
     RETURN,
     SLOWEST,
     SPLINE,
@@ -36,7 +41,9 @@ _FARTHEST, _HIGHEST = 1e5, 1e4
 altitude above it [m], beyond which it may be in another unit."""
 _LONGEST = 1e5
 """Longest time at rest [s]."""
-_PASSED = WAYPOINT, SPLINE, LOITER_TIME, LOITER_TURNS, LOITER_TO_ALTITUDE
+_PARTS = {LOITER_TURNS: "turns", ARC: "arc", PAYLOAD_PLACE: "descent"}
+"""Parts of motions that are left out where a place is passed."""
+_PASSED = WAYPOINT, SPLINE, LOITER_TIME, LOITER_TO_ALTITUDE, *_PARTS
 _HOLDING = WAYPOINT, SPLINE, LOITER_TIME
 """Commands whose first parameter is a time at rest [s]."""
 _TAKEOFFS = TAKEOFF, VTOL_TAKEOFF
@@ -45,6 +52,13 @@ PLACED = (*_PASSED, *_TAKEOFFS, LAND, VTOL_LAND, LOITER_UNLIMITED)
 _BELOW = 1.0
 """Depth below home from which a place is told, and a take-off refused [m]: homes are given to
 about a metre."""
+GROUND, ROOM = "ground", 1.0
+"""Name of the floor of a landing's last leg, and distance of floors below the lowest place [m]:
+room for the tube of a flight in wind."""
+LEVEL = 0.1
+"""Height above the start up to which a place is on its ground [m]."""
+_LONGEST_LIST = 48
+"""Characters of items that fit in an error's line beside its other words."""
 _OVER_GROUND = 0.0, 1.0
 """Kinds of speeds that an item changes: in the air and over ground, not of climbs."""
 _SAME_SPEED, _OWN_SPEED = -1.0, -2.0
@@ -77,6 +91,8 @@ class Route:
     """places after it; the last one is the goal"""
     notes: dict[str, list[str]]
     """items to tell of, by what is told of them"""
+    lands: bool = False
+    """whether it ends with a landing"""
 
 
 def route_of(mission: MissionFile, home: Frame, origin: Frame) -> Route:
@@ -98,17 +114,35 @@ def route_of(mission: MissionFile, home: Frame, origin: Frame) -> Route:
             break
         walk.take(item)
     if not walk.stops:
-        expected = "a waypoint, a take-off or a landing away from home"
-        others = ", ".join([*mission.skipped, *walk.skipped][:10])
-        got = f"no place to fly to{others and f' (left out: {others})'}"
-        raise ScenarioError("items", Description(got), expected)
+        raise no_place([*mission.skipped, *walk.skipped])
     notes = {
         "not in the scenario": [*mission.skipped, *walk.skipped],
         "not in the file, so that the present one is kept": walk.missing,
         "below home, and perhaps below the ground": walk.below,
+        "at home's level, where ArduPilot would keep the present altitude": walk.level,
         f"more than {_HIGHEST:g} m above home, perhaps in another unit": walk.above,
     }
-    return Route(walk.start, tuple(walk.stops), notes)
+    return Route(walk.start, tuple(walk.stops), notes, bool(walk.landed))
+
+
+def no_place(left_out: Sequence[str]) -> ScenarioError:
+    """Return the error for a mission without a place to fly to.
+
+    Args:
+        left_out: what it has instead.
+    """
+    words = f" (left out: {_fitting(left_out)})" if left_out else ""
+    expected = "a waypoint, a take-off or a landing away from home"
+    return ScenarioError("items", Description(f"no place to fly to{words}"), expected)
+
+
+def _fitting(items: Sequence[str]) -> str:
+    """Return as many items as an error's line has room for, and the number of the others."""
+    for count in range(min(len(items), 4), 0, -1):
+        more = f" and {len(items) - count} more" if len(items) > count else ""
+        if len(words := f"{', '.join(items[:count])}{more}") <= _LONGEST_LIST:
+            return words
+    return f"{len(items)} items"
 
 
 class _Walk:
@@ -122,6 +156,7 @@ class _Walk:
         self.stops: list[Stop] = []
         self.skipped: list[str] = []
         self.below: list[str] = []
+        self.level: list[str] = []
         self.above: list[str] = []
         self.missing: list[str] = []
         self.ended: str | None = None
@@ -141,13 +176,13 @@ class _Walk:
             case command if command in _PASSED:
                 self._pass(item)
             case command if command in (LAND, VTOL_LAND):
-                self._descend(item, self._placed(item))
+                self._descend(item, self._ground(item))
                 self.landed = str(item)
             case command if command == RETURN:
                 self._descend(item, self.launch)
                 self.ended = str(item)
             case command if command == LOITER_UNLIMITED:
-                self._go(item.name, self._placed(item))
+                self._go(item.name, self._in_air(item))
                 self.ended = str(item)
             case command if command == DELAY and item.params[0] > 0.0 and self.stops:
                 self._wait(item.params[0])
@@ -186,6 +221,29 @@ class _Walk:
             self.above.append(f"{item} at {-depth:.0f} m")
         return place
 
+    def _in_air(self, item: Item) -> FloatArray:
+        """Return the place of an item that is no landing, and note a height of zero above home."""
+        place = self._placed(item)
+        if item.command == PAYLOAD_PLACE:  # flown to, as a landing, at the present altitude
+            place[2] = self.place[2]
+        elif item.params[6] == 0.0 and item.frame in RELATIVE and self.place[2] > place[2]:
+            self.level.append(str(item))
+        return place
+
+    def _ground(self, item: Item) -> FloatArray:
+        """Return the place of a landing.
+
+        Raises:
+            ScenarioError: its altitude is 0 above mean sea level, far below home: autopilots land
+                wherever the ground is, and files have this where nobody gave its altitude.
+        """
+        place = self._placed(item)
+        depth = self.home.altitude - place[2]
+        if item.frame in AMSL and item.params[6] == 0.0 and depth > _BELOW:
+            got = Description(f"0 m above mean sea level, {depth:.4g} m below home")
+            raise ScenarioError(str(item), got, "the altitude of its ground")
+        return place
+
     def _take_off(self, item: Item) -> None:
         """Go to the place of a take-off.
 
@@ -209,15 +267,17 @@ class _Walk:
         hold = item.params[0] if item.command in _HOLDING else 0.0
         if hold < 0.0:
             raise ScenarioError(f"{item}, hold time", hold, "at least 0 s")
-        self._go(item.name, self._placed(item))
+        self._go(item.name, self._in_air(item))
         if hold > 0.0:
             self._wait(hold)
-        if item.command == LOITER_TURNS:
-            self.skipped.append(f"the turns of {item}")
+        if item.command in _PARTS:
+            self.skipped.append(f"the {_PARTS[item.command]} of {item}")
 
     def _descend(self, item: Item, ground: FloatArray) -> None:
         """Go above a place at the present altitude, stop there, and descend to it."""
         above = np.array([*ground[:2], max(self.place[2], ground[2])])
+        if ground[2] > max(self.place[2], self.home.altitude) + LEVEL:
+            self.skipped.append(f"the descent of {item}, whose altitude is above the present one")
         self._go(item.name, above)
         if self.stops:
             self.stops[-1] = dataclasses.replace(self.stops[-1], rest=True)
@@ -235,7 +295,8 @@ class _Walk:
         """Add a place, unless the vehicle is there."""
         self.place, position = place, self.origin.local(*place)
         if not np.linalg.norm(position - self.start) <= _FARTHEST:
-            expected = f"a place within {_FARTHEST / 1000.0:g} km of home, {self.home}"
+            near = f"a place within {_FARTHEST / 1000.0:g} km of home, {self.home}"
+            expected = f"{near}, or another home=Frame(latitude, longitude, ...)"
             raise ScenarioError(name, place.tolist(), expected)
         before = self.stops[-1].position if self.stops else self.start
         if np.linalg.norm(position - before) > SAME_PLACE:

@@ -11,24 +11,34 @@ import numpy as np
 from drake_rho.formats.clearance import spare_of
 from drake_rho.formats.folders import write_each
 from drake_rho.formats.format import Format, planned
-from drake_rho.formats.mission_items import CHANGE_SPEED, LAND, SLOWEST, TAKEOFF, WAYPOINT, Item
+from drake_rho.formats.mission_items import (
+    CHANGE_SPEED,
+    LAND,
+    MOST_ITEMS,
+    SLOWEST,
+    TAKEOFF,
+    WAYPOINT,
+    Item,
+)
 from drake_rho.formats.record import Exported
-from drake_rho.formats.routes import SAME_PLACE
+from drake_rho.formats.routes import GROUND, LEVEL, ROOM, SAME_PLACE
 from drake_rho.formats.straight_legs import Legs, legs_of
 from drake_rho.motion.flown import Flown
 from drake_rho.motion.headings import Heading
 from drake_rho.motion.plan import Plan
 from drake_rho.scenario.frame import EARTH_RADIUS, Frame
+from drake_rho.scenario.parts import GOAL
+from drake_rho.scenario.records import HalfSpace, Scenario
 
 _MISSION, _RELATIVE = 2, 3  # MAV_FRAME_MISSION, without a place; MAV_FRAME_GLOBAL_RELATIVE_ALT
 _OVER_GROUND, _SAME_THROTTLE = 1.0, -1.0
-_GROUND = 0.1
-"""Height above the start up to which a goal at rest is landed at [m]."""
 _UPRIGHT = 2.5
 """Height above the ground up to which take-off and landing are vertical [m]: autopilots climb at
 least as high at the place where they stand, and descend at the place of a landing."""
 _ACCEPTED = 0.5
 """Distance at which a waypoint counts as reached [m]; with 0, autopilots take their own."""
+_STORED = 700
+"""Number of items from which they are counted: usual boards with ArduPilot store about as many."""
 _DIGITS, _HEIGHT_DIGITS = 10, 6
 """Digits of degrees (a hundredth of a millimetre) and of metres; the rest is rounding."""
 
@@ -59,8 +69,8 @@ class MissionFormat(Format):
         """Write the file of the only vehicle, or a folder with a file for each.
 
         Raises:
-            ValueError: the scenario has no frame, several vehicles are to be in one file, or a
-                simulation was given.
+            ValueError: the scenario has no frame, several vehicles are to be in one file, a
+                simulation was given, or a mission has more items than MAVLink counts.
         """
         plan = planned(flown, self.name)
         scenario = plan.scenario
@@ -68,14 +78,21 @@ class MissionFormat(Format):
             expected = "Scenario(frame=Frame(latitude, longitude, altitude)), or frame: {latitude: "
             expected += f"..., longitude: ..., altitude: ...}} in its file, with {self.name}"
             raise ValueError(f"frame: got none, expected {expected}")
-        legs = [_upright(each) for each in legs_of(plan, timed=False)]
-        speeds = np.linalg.norm(plan.velocities, axis=-1).max(axis=-1)
-        texts = [
-            self.text(_mission(each, scenario.frame, float(speed))).encode()
-            for each, speed in zip(legs, speeds, strict=True)
+        grounds = [_ground(scenario, each) for each in scenario.names]
+        found = legs_of(plan, timed=False)
+        lands = [_lands(*each) for each in zip(found, grounds, strict=True)]
+        legs = [_upright(*each) for each in zip(found, lands, strict=True)]
+        speeds = np.linalg.norm(plan.velocities, axis=-1).max(axis=-1).tolist()
+        missions = [
+            _mission(each, scenario.frame, speed, landing)
+            for each, speed, landing in zip(legs, speeds, lands, strict=True)
         ]
+        most = max(len(each.items) for each in missions)
+        if most >= MOST_ITEMS:  # home is one more
+            raise ValueError(f"{self.name}: got {most} items, expected less than {MOST_ITEMS}")
+        texts = [self.text(each).encode() for each in missions]
         files = write_each(path, scenario.names, self.endings[0], texts)
-        return _exported(plan, path, files, legs)
+        return _exported(plan, path, files, legs, most)
 
     @abstractmethod
     def text(self, mission: WrittenMission) -> str:
@@ -88,20 +105,41 @@ def _takes_off(legs: Legs) -> bool:
     return legs.from_rest and heights.max() > heights[0] + SAME_PLACE
 
 
-def _lands(legs: Legs) -> bool:
-    """Return whether the goal is on the ground: at rest, from above, no higher than the start."""
+def _ground(scenario: Scenario, vehicle: str) -> float:
+    """Return the height of the ground on which a mission lands above its start [m], else -inf.
+
+    `load_mission` tells it by a floor of the last leg, called ground, since the motion alone could
+    also end in the air.
+    """
+    for each in scenario.requirements:
+        own = each.vehicles is not None and vehicle in each.vehicles
+        descent = each.between is not None and each.between[1] == GOAL
+        floor = each.set if each.of == "position" and isinstance(each.set, HalfSpace) else None
+        if each.name == GROUND and own and descent and floor is not None and floor.normal[2] < 0.0:
+            return floor.offset / float(floor.normal[2]) + ROOM
+    return -np.inf
+
+
+def _lands(legs: Legs, ground: float) -> bool:
+    """Return whether the goal is on the ground: at rest, from above, and at a height of ground.
+
+    Args:
+        legs: legs of a vehicle.
+        ground: height of the ground below the goal where it is above the start [m], else -inf.
+    """
     heights = legs.positions[:, 2]
     from_above = heights.max() > heights[-1] + SAME_PLACE
-    return legs.to_rest and from_above and heights[-1] <= heights[0] + _GROUND
+    on_ground = heights[-1] <= heights[0] + LEVEL or abs(heights[-1] - ground) <= LEVEL
+    return bool(legs.to_rest and from_above and on_ground)
 
 
-def _upright(legs: Legs) -> Legs:
+def _upright(legs: Legs, lands: bool) -> Legs:
     """Return the legs as they are flown, with vertical take-off and landing, and their deviation.
 
     A leg from the ground becomes two, over a corner above the start: both are no farther from it
     than the corner is. A leg to the ground is the same backwards.
     """
-    apart, lands = legs.deviation, _lands(legs)
+    apart = legs.deviation
     if _takes_off(legs):
         legs = _with_corner(legs, 0, 1, apart)
     if lands and legs.positions[-2, 2] > legs.positions[-1, 2] + SAME_PLACE:
@@ -137,14 +175,14 @@ def _with_corner(legs: Legs, ground: int, other: int, apart: float) -> Legs:
     )
 
 
-def _mission(legs: Legs, frame: Frame, speed: float) -> WrittenMission:
+def _mission(legs: Legs, frame: Frame, speed: float, lands: bool) -> WrittenMission:
     """Return the mission of a vehicle: up from home, along its legs, and down if it lands.
 
     Its largest speed is set after the take-off: autopilots begin with their own.
     """
     places = frame.geodetic(legs.positions)
-    places[:, :2] = places[:, :2].round(_DIGITS)
-    heights = (places[:, 2] - places[0, 2]).round(_HEIGHT_DIGITS)
+    places[:, :2] = places[:, :2].round(_DIGITS) + 0.0  # no -0.0
+    heights = (places[:, 2] - places[0, 2]).round(_HEIGHT_DIGITS) + 0.0
     items = list[Item]()
     for k in range(1, len(places)):
         hold, place = float(legs.dwells[k]), (*places[k, :2].tolist(), float(heights[k]))
@@ -153,7 +191,7 @@ def _mission(legs: Legs, frame: Frame, speed: float) -> WrittenMission:
             items.append(Item("", TAKEOFF, _RELATIVE, (0.0, 0.0, 0.0, np.nan, *up)))
             if hold == 0.0:
                 continue
-        if k == len(places) - 1 and _lands(legs):
+        if k == len(places) - 1 and lands:
             items.append(Item("", LAND, _RELATIVE, (0.0, 0.0, 0.0, np.nan, *place)))
         else:
             items.append(Item("", WAYPOINT, _RELATIVE, (hold, _ACCEPTED, 0.0, np.nan, *place)))
@@ -161,12 +199,20 @@ def _mission(legs: Legs, frame: Frame, speed: float) -> WrittenMission:
     if most >= SLOWEST:
         params = (_OVER_GROUND, most, _SAME_THROTTLE, 0.0, 0.0, 0.0, 0.0)
         items.insert(int(_takes_off(legs)), Item("", CHANGE_SPEED, _MISSION, params))
-    home = [*places[0, :2].tolist(), round(float(places[0, 2]), _HEIGHT_DIGITS)]
+    home = [*places[0, :2].tolist(), round(float(places[0, 2]), _HEIGHT_DIGITS) + 0.0]
     return WrittenMission(home, tuple(items), most)
 
 
-def _exported(plan: Plan, path: Path, files: list[Path], legs: list[Legs]) -> Exported:
-    """Return the record; without times, vehicles may be anywhere on their paths at once."""
+def _exported(plan: Plan, path: Path, files: list[Path], legs: list[Legs], most: int) -> Exported:
+    """Return the record; without times, vehicles may be anywhere on their paths at once.
+
+    Args:
+        plan: the plan.
+        path: path of the file or folder.
+        files: paths of the files.
+        legs: legs of all vehicles.
+        most: largest number of items of a file.
+    """
     bent = [each.longest**2 / (8.0 * EARTH_RADIUS) for each in legs]
     deviations = np.array([each.deviation for each in legs]) + bent
     scenario = plan.scenario
@@ -180,6 +226,8 @@ def _exported(plan: Plan, path: Path, files: list[Path], legs: list[Legs]) -> Ex
     spare = spare_of(plan, deviations).without(untimed)
     count = max(len(each.times) - 1 for each in legs)
     words = f"{count} places with straight legs, and no times"
+    if most > _STORED:
+        words += f", {most} items, where boards with ArduPilot usually store some {_STORED}"
     asked = {each.of for each in scenario.requirements}
     words += ", no fences" if scenario.bodies or "position" in asked else ""
     words += ", no speeds of single legs" if "velocity" in asked else ""

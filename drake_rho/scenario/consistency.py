@@ -256,14 +256,14 @@ def check_waypoints(
     Raises:
         ScenarioError: a waypoint violates one of these constraints.
     """
+    times = np.array([each.times for each in fleet.waypoints])  # (M, N)
     for number, waypoints in enumerate(fleet.waypoints):
         where = f"waypoints[{waypoints.index}]"
         for i in np.flatnonzero(waypoints.present):
             time = float(waypoints.times[i])
-            for other in fleet.waypoints[:number]:
-                if grid.clock.same(other.times[i], time):
-                    expected = "a time that no other waypoint of the vehicle has"
-                    raise ScenarioError(f"vehicles[{i}].{where}.time", time, expected)
+            if grid.clock.same(times[:number, i], time).any():
+                expected = "a time that no other waypoint of the vehicle has"
+                raise ScenarioError(f"vehicles[{i}].{where}.time", time, expected)
             if not is_during_flight(time, grid, earlier):
                 expected = f"after {grid.start:g} s and before {grid.end:g} s"
                 raise ScenarioError(
