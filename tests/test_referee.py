@@ -558,6 +558,7 @@ def test_an_archive_of_tables_is_read_like_their_folder(tmp_path: Path) -> None:
         ({"a.csv": TABLE.encode(), "b.txt": b"hello"}, "x.zip/b.txt: got no trajectories"),
         ({"b.zip": b"PK\3\4"}, "got 'b.zip' in the archive, expected tables"),
         ({"a\nb.csv": TABLE.encode()}, "got .* in the archive, expected tables"),
+        ({}, r"got an archive without show\.json, expected a Skybrush show"),
         ({"plan.positions.npy": b""}, "got a saved result, which has its own scenario"),
     ],
 )

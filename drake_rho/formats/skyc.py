@@ -192,6 +192,8 @@ def _trajectories(archive: Members) -> dict[str, Polynomials]:
     Raises:
         ValueError: the documents are not those of a show of version 1.
     """
+    if SHOW not in archive.names:
+        raise ValueError(f"got an archive without {SHOW}, expected a Skybrush show")
     found, shared, segments = dict[str, Polynomials](), dict[str, Polynomials](), 0
     for number, drone in enumerate(_drones(_read(archive, SHOW)), start=1):
         settings = drone.get("settings") if isinstance(drone, dict) else None

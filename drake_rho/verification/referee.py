@@ -8,9 +8,8 @@ Outside a vehicle's own time it is at rest, up to the beginning and the end of t
 file counts times in ticks and rounds its end up, the last piece goes on to the file's own end, and
 the goal is to be met there.
 
-A jump
-of position or velocity, also to this rest, violates the dynamics. The acceleration may jump, as it
-does in plans: the jerk there is the jump over one step of the scenario's grid.
+A jump of position or velocity, also to rest, violates the dynamics. The acceleration may jump, as
+it does in plans: the jerk there is the jump over one step of the scenario's grid.
 """
 
 from __future__ import annotations
