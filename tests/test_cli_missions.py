@@ -93,11 +93,15 @@ def test_the_convex_method_tries_further_steps(capsys: Captured, monkeypatch: Pa
             "mission.json --duration S --step S [--world FILE] -o scenario.yaml",
         ),
         ("crazyflies.yaml", "crazyflies.yaml --duration S --step S -o scenario.yaml"),
+        ("timed.csv", "timed.csv --step S -o scenario.yaml"),
+        ("places.csv", "places.csv --duration S --step S -o scenario.yaml"),
     ],
 )
 def test_files_without_a_grid_are_refused_with_the_command_that_imports_them(
     command: str, file: str, arguments: str, capsys: Captured, monkeypatch: Patch
 ) -> None:
+    Path("timed.csv").write_text("1,0,0,1\n6,4,0,1\n")
+    Path("places.csv").write_text("0,0,1\n4,0,1\n")
     status, out, err = run(capsys, monkeypatch, command, file)
     assert (status, out, err.count("\n")) == (2, "", 1)
     assert err.endswith(f"expected a scenario: drake-rho import {arguments}\n")
@@ -136,6 +140,7 @@ def test_files_without_a_grid_are_refused_with_the_command_that_imports_them(
             ["table.csv", *GRID],
             "--duration: got 10, expected none: the times of table.csv",
         ),
+        (["table.csv"], "table.csv: got no --step, expected --step: a table with times has"),
         (["on.csv", *GRID], "on.csv: line 1: got 6 columns"),
         (
             ["one.csv", *GRID],

@@ -5,6 +5,8 @@ from __future__ import annotations
 import base64
 import dataclasses
 import json
+import struct
+import tracemalloc
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -149,3 +151,84 @@ def test_equal_shows_are_equal_archives_and_names_stay(tmp_path: Path) -> None:
         rho.export(plan, tmp_path / name, heading="velocity")
     assert (tmp_path / "one.skyc").read_bytes() == (tmp_path / "other.skyc").read_bytes()
     assert [each["name"] for each in _drones(tmp_path / "one.skyc")] == list(plan.scenario.names)
+
+
+def _show(trajectories: dict[str, Any], drones: int = 1, link: str = "./t.json#") -> dict[str, str]:
+    """Return the files of a show whose drones refer to a trajectory."""
+    settings = [{"name": f"d{n}", "trajectory": {"$ref": link}} for n in range(drones)]
+    show = {"version": 1, "swarm": {"drones": [{"settings": each} for each in settings]}}
+    files = {"show.json": show} | trajectories
+    return {name: json.dumps(each) for name, each in files.items()}
+
+
+def _written(path: Path, files: dict[str, str]) -> Path:
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, text in files.items():
+            archive.writestr(name, text)
+    return path
+
+
+def _of_points(points: Any, **more: Any) -> dict[str, Any]:
+    return {"t.json": {"version": 1, "points": points, **more}}
+
+
+FINE = [[0, [0, 0, 0], []], [1, [1, 0, 0], []]]
+
+
+@pytest.mark.parametrize(
+    ("trajectories", "reason"),
+    [
+        (_of_points("abc"), "points: got 'abc', expected a list of two or more"),
+        (_of_points(FINE[:1]), "points: got .*, expected a list of two or more"),
+        (_of_points([*FINE, [1, [1, 0, 0], []]]), "point 3: got 1, expected a time after 1 s"),
+        (_of_points([*FINE, [2, [1, 0], []]]), r"point 3: got \[1, 0\], expected x, y and z"),
+        (_of_points([*FINE, [2, [], []]]), r"point 3: got \[\], expected x, y and z"),
+        (_of_points([*FINE, [2, [1, 0, True], []]]), "point 3: got .*, expected x, y and z"),
+        (_of_points([*FINE, [2, [1, 0, 0], [[0] * 3] * 7]]), "got 7 control points, .* most 6"),
+        (_of_points([[0, [0, 0, 0], [[0] * 3]], *FINE[1:]]), "point 1: got 1 control points"),
+        (_of_points([*FINE, 5]), "point 3: got 5, expected a time, a position and a list"),
+        (_of_points(FINE, takeoffTime="now"), "takeoffTime: got 'now', expected a time in s"),
+        ({"t.json": {"$ref": "./t.json#"}}, "got a reference in the file of a reference"),
+        ({"t.json": {"$ref": "u.json"}, "u.json": {}}, "got a reference in the file of a"),
+        ({"t.json": 0}, "got 0, expected version and points"),
+        ({"t.json": {"version": 2}}, "got version 2"),
+        ({}, "got a reference to 't.json', expected a file in the archive"),
+    ],
+)
+def test_a_trajectory_that_is_none_is_refused_by_its_point(
+    trajectories: dict[str, Any], reason: str, tmp_path: Path
+) -> None:
+    path = _written(tmp_path / "x.skyc", _show(trajectories))
+    with pytest.raises(rho.PlanFileError, match=rf"x\.skyc: drone 1: .*{reason}"):
+        rho.load_trajectories(path)
+
+
+def test_a_file_that_drones_share_is_read_once_and_segments_are_bounded(tmp_path: Path) -> None:
+    points = [[k, [0, 0, k % 2], [[0, 0, 1]] * (k > 0)] for k in range(20_000)]
+    path = _written(tmp_path / "x.skyc", _show(_of_points(points), drones=100))
+    found = rho.load_trajectories(path)
+    assert len({id(each) for each in found.motions.values()}) == 1
+    np.testing.assert_allclose(found.at([0.5, 1.5], "d7").positions[:, 2], [0.75, 0.75])
+    path = _written(tmp_path / "x.skyc", _show(_of_points(points), drones=1000))
+    with pytest.raises(rho.PlanFileError, match="got more than 5000000 segments of all drones"):
+        rho.load_trajectories(path)
+
+
+def test_no_more_of_a_file_is_inflated_than_its_header_claims(tmp_path: Path) -> None:
+    path = _written(tmp_path / "x.skyc", {"show.json": " " * (64 << 20)})
+    content, size = path.read_bytes(), struct.pack("<I", 64 << 20)
+    assert content.count(size) == 2  # before the file, and in the directory at the end
+    path.write_bytes(content.replace(size, struct.pack("<I", 100)))
+    tracemalloc.start()
+    with pytest.raises(rho.PlanFileError, match=r"not a Skybrush show, or damaged .*CRC"):
+        rho.load_trajectories(path)
+    most = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert most < 8 << 20
+
+
+def test_files_that_do_not_inflate_piece_by_piece_are_refused(tmp_path: Path) -> None:
+    with zipfile.ZipFile(tmp_path / "x.skyc", "w", zipfile.ZIP_BZIP2) as archive:
+        archive.writestr("show.json", "{}")
+    with pytest.raises(rho.PlanFileError, match=r"show.json.: got compression 12, expected 8"):
+        rho.load_trajectories(tmp_path / "x.skyc")

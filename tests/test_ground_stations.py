@@ -405,6 +405,10 @@ def test_nested_json_is_refused(tmp_path: Path) -> None:
     (tmp_path / "m.plan").write_text('{"fileType": "Plan", "mission": ' + "[" * 100_000)
     with pytest.raises(rho.ScenarioError, match=r"m\.plan: got malformed JSON"):
         rho.load_mission(tmp_path / "m.plan")
+    deep = '{"fileType": "Plan", "mission": ' + "[" * 900 + "]" * 900 + "}"
+    (tmp_path / "m.plan").write_text(deep)
+    with pytest.raises(rho.ScenarioError, match=r"m.plan: got malformed JSON, nested too deeply"):
+        rho.load_mission(tmp_path / "m.plan")
 
 
 def test_a_frame_is_saved_and_printed(scenario: rho.Scenario, tmp_path: Path) -> None:
@@ -489,6 +493,7 @@ def test_tables_without_times_are_places(text: str, tmp_path: Path) -> None:
         ("1,2\n", "line 1: got 2 columns"),
         ("0,0,1e13\n", "line 1, column 3: got '1e13'"),
         ("", "got no row"),
+        ("t,x,y,z\n", "got no rows, expected at least one waypoint below the header"),
     ],
 )
 def test_a_table_is_refused_by_row_and_column(text: str, words: str, tmp_path: Path) -> None:

@@ -122,6 +122,8 @@ REFUSED: list[tuple[str, str, Any, str]] = [
     ("crazyswarm", "x", {"v0": "velocity"}, "expected angles in rad with crazyswarm"),
     ("px4", "x.csv", "north", "heading: got 'north', expected .*velocity"),
     ("px4", "x.csv", float("nan"), "heading: got nan, expected 'velocity', an angle in rad"),
+    ("px4", "x.csv", True, "heading: got True, expected 'velocity', an angle in rad"),
+    ("px4", "x.csv", {"v0": True}, "heading: got True, expected 'velocity', an angle in rad"),
     ("px4", "x.csv", [1.0, 2.0], r"heading: got \[1.0, 2.0\], expected 'velocity', an angle"),
     ("mcap", "x.mcap", {"v0": "up"}, "heading: got 'up', expected 'velocity'"),
     ("px4", "x.csv", {"v9": 1.0}, "heading: got 'v9', expected names of vehicles: v0, v1, v2"),

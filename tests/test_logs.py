@@ -18,7 +18,7 @@ import pytest
 from mcap.writer import CompressionType
 from mcap.writer import Writer as McapWriter
 from pyulog import ULog
-from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
 import drake_rho as rho
@@ -229,6 +229,12 @@ def test_files_of_one_log_are_read_together(tmp_path: Path) -> None:
             {"topics": {"a": "/b"}},
             "topics: got '/b', expected one of a/pose",
         ),
+        (
+            [("/a/pose", s, stamped(START, p)) for s, p in line(3)]
+            + [("/a/pose", s, stamped(s, p)) for s, p in line(3)],
+            {},
+            rf"'a': got the positions .* at {START} ns, expected one at each stamp",
+        ),
     ],
 )
 def test_logs_that_are_ambiguous_are_refused(
@@ -237,6 +243,37 @@ def test_logs_that_are_ambiguous_are_refused(
     folder = write_bag(tmp_path / "bag", [*recorded, ("/x", 1, pose((0.0, 0.0, 0.0)))])
     with pytest.raises(rho.PlanFileError, match=f"{folder}: {words}"):
         read(folder) if not options else read(folder, **options)
+
+
+def test_equal_positions_of_a_stamp_are_one(tmp_path: Path) -> None:
+    recorded = [("/a/pose", s, stamped(s, p)) for s, p in line(5) for _ in range(2)]
+    same(read(write_bag(tmp_path / "bag", recorded)), "a", line(5), START)
+
+
+def test_other_files_beside_a_bag_are_left_out(tmp_path: Path) -> None:
+    bag = write_bag(tmp_path / "bag", [("/a/pose", s, stamped(s, p)) for s, p in line(5)])
+    (bag / "readme.txt").write_text("flown on a sunny day")
+    same(read(bag), "a", line(5), START)
+
+
+@pytest.mark.parametrize(
+    ("mode", "words"),
+    [
+        ("FILE", "bag.db3.zstd: got a whole file compressed by zstd, as bags can be, expected it"),
+        ("MESSAGE", "topic '/a/pose', at .* ns: got a bag compressed message by message .zstd."),
+    ],
+)
+def test_a_compressed_bag_is_refused_with_how_it_is(mode: str, words: str, tmp_path: Path) -> None:
+    store, kind = CompressionFormat.ZSTD, StoragePlugin.SQLITE3
+    writer = Writer(tmp_path / "bag", version=8, storage_plugin=kind)
+    writer.set_compression(CompressionMode[mode], store)
+    with writer:
+        message = "geometry_msgs/msg/PoseStamped"
+        topic = writer.add_connection("/a/pose", message, typestore=STORE)
+        for s, p in line(3):
+            writer.write(topic, s, bytes(STORE.serialize_cdr(stamped(s, p), message)))
+    with pytest.raises(rho.PlanFileError, match=words):
+        read(tmp_path / "bag")
 
 
 def test_logs_are_samples_and_topics_are_of_ros(tmp_path: Path) -> None:

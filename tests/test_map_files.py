@@ -254,10 +254,17 @@ BAD_MESHES: dict[str, tuple[str, bytes]] = {
     "no triangles": (".obj", b"v 0 0 0\nv 1 0 0\n"),
     "vertex 2 at": (".obj", b"v 0 0 0\nv 1 0 nan\nv 0 1 0\nf 1 2 3\n"),
     "vertex 3 at": (".stl", _stl([0, 0, 0], [1, 0, 0], [0, np.inf, 0])),
-    "a damaged file": (".obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 7\n"),
+    "a face has a vertex that is not there": (
+        ".obj",
+        b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 7\n",
+    ),
+    r"bad\.obj: got a damaged file, .*a face has a vertex": (
+        ".obj",
+        b"v 0 0 0\nv 1 0 0\nf 1 2 9\n",
+    ),
     "a damaged file, expected": (".ply", b"ply\nformat ascii 1.0\nelement vertex 9\n"),
     "expected a mesh": (".glb", b"glTF and more"),
-    "a reference to a file elsewhere": (
+    r"bad\.gltf: got a reference to '\.\./up\.bin', a file elsewhere": (
         ".gltf",
         b'{"asset": {"version": "2.0"}, "buffers": [{"uri": "../up.bin", "byteLength": 4}]}',
     ),

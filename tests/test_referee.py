@@ -5,7 +5,9 @@ Random polynomials are judged beside dense samples of them, computed here by Hor
 
 from __future__ import annotations
 
+import dataclasses
 import json
+import zipfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -399,6 +401,7 @@ def test_samples_without_a_bound_are_refused_by_the_option(
 
 TABLE = "time,x,y,z\n0,0,0,0\n1,1,0,0\n2,2,0,0\n"
 PIECE = ",".join(["1.0", *["0.0"] * 32])
+COEFFICIENTS = ["duration", *(f"{axis}^{k}" for axis in ("x", "y", "z", "yaw") for k in range(8))]
 
 
 @pytest.mark.parametrize(
@@ -416,6 +419,19 @@ PIECE = ",".join(["1.0", *["0.0"] * 32])
         (f"duration,x^0\n{PIECE}\n-{PIECE}\n", "row 3, column duration"),
         (f"duration\n{PIECE.replace('0.0', 'inf', 1)}\n", "row 2, column x^0: got 'inf'"),
         ("duration\n", "got no piece"),
+        ("time,x,y,z\n", "got no rows, expected times and positions below the header"),
+        (TABLE.replace("x", "x [cm]", 1), "row 1, column 2: got 'x [cm]', expected x [m]"),
+        (TABLE.replace("z", "z (ft)", 1), "row 1, column 4: got 'z (ft)', expected z [m]"),
+        (TABLE.replace("time", "t [min]", 1), "column 1: got 't [min]', expected time [s] or"),
+        (f"duration\n{PIECE},9\n", "row 2: got 34 cells, expected 33, the last one yaw^7"),
+        (
+            f"{','.join([*COEFFICIENTS, 'x^8'])}\n{PIECE},9\n",
+            "row 1, column 34: got 'x^8', expected none after yaw^7",
+        ),
+        (
+            f"{','.join(['duration', *COEFFICIENTS[17:25], *COEFFICIENTS[9:17]])}\n{PIECE}\n",
+            "row 1, column 2: got 'z^0', expected x^0",
+        ),
     ],
 )
 def test_a_damaged_file_is_refused_with_its_place_and_reason(
@@ -453,11 +469,120 @@ def test_tables_of_any_columns_are_read(tmp_path: Path) -> None:
         TABLE.partition("\n")[2],
         "\ufeffX [m]; Time [msec]".replace(";", ",") + ",z,y,note\n0,0,0,0,a\n2,2000,0,0,b\n",
         "id,t,x,y,z\na,0,0,0,0\na,2,2,0,0\n",
+        "# flown\n\n" + TABLE.replace(",", ";"),
+        TABLE.replace(",", "\t"),
+        "Time (ms),x (m),y,z [m]\n0,0,0,0\n2000,2,0,0\n",
     ):
         path.write_text(text)
         found = rho.load_trajectories(path, max_acceleration=1.0)
         assert found.names == ("a",)
         np.testing.assert_array_equal(found.at(1.0, vehicle="a").positions, expected)
+
+
+def hop(step: float, knots: int, **more: Any) -> rho.Plan:
+    """Return a plan of 6 m in a time that may be no whole number of milliseconds."""
+    ends = rho.State((0.0, 0.0, 1.0)), rho.State((6.0, 1.0, 1.0))
+    more["limits"] = rho.Limits(max_acceleration=8.0)
+    return rho.plan(rho.Scenario("k", rho.Grid(step, knots), (rho.Vehicle("a", *ends),), **more))
+
+
+@pytest.mark.parametrize("format", ["skyc", "skybrush", "show.zip", "mcap"])
+@pytest.mark.parametrize(
+    ("step", "knots", "more"),
+    [
+        (1.0 / 3.0, 32, {}),
+        (1.0 / 3.0, 33, {}),
+        (0.1001, 32, {"disturbance": rho.Disturbance(0.01)}),
+        (0.12345, 31, {}),
+        (1.0 / 3.0, 31, {"smoothing": rho.Smoothing(1.0 / 3.0)}),
+    ],
+)
+def test_exports_whose_end_is_rounded_to_the_clock_of_the_file_hold(
+    step: float, knots: int, more: dict[str, Any], format: str, tmp_path: Path
+) -> None:
+    if format != "skyc":
+        more = {name: each for name, each in more.items() if name != "disturbance"}
+    plan, name = hop(step, knots, **more), format.rpartition(".")[0] and "skybrush"
+    path = rho.export(plan, tmp_path / f"a.{format}", format=name or format).path
+    bound = None if format == "skyc" else 8.0
+    found = rho.load_trajectories(path, plan.scenario, max_acceleration=bound)
+    report = rho.verify(found, plan.scenario)
+    assert not report.violations
+    assert {each.kind for each in report.undecided} <= {"max_acceleration"}
+    end = plan.scenario.grid.end + plan.scenario.lead
+    assert abs(found.end - end) < 1e-3
+    assert any("the end of the file" in each for each in report.notes) == (found.end > end + 1e-6)
+
+
+def test_a_goal_is_judged_where_a_file_ends_and_only_within_its_rounding(tmp_path: Path) -> None:
+    plan = hop(1.0 / 3.0, 32)
+    path = rho.export(plan, tmp_path / "k.skyc").path
+    found = rho.load_trajectories(path, plan.scenario)
+    elsewhere = rho.Vehicle("a", plan.scenario.vehicles[0].start, rho.State((6.0, 1.001, 1.0)))
+    missed = rho.verify(found, dataclasses.replace(plan.scenario, vehicles=(elsewhere,)))
+    assert {each.what: round(each.value, 6) for each in missed.violations} == {
+        "goal position": 0.001
+    }
+    with pytest.raises(ValueError, match="or a scenario that lasts as long"):
+        found.delayed(0.001).for_scenario(plan.scenario)
+    with pytest.raises(ValueError, match=r"tick: got 0.01, expected 0 to 0.001 s"):
+        dataclasses.replace(found, tick=0.01)
+
+
+def test_times_of_skybrush_count_from_the_beginning(tmp_path: Path) -> None:
+    plan = hop(0.25, 17)
+    late = dataclasses.replace(plan.scenario, grid=rho.Grid(0.25, 17, start=100.0))
+    rho.export(plan, tmp_path / "a", format="skybrush")
+    found = rho.load_trajectories(tmp_path / "a", late, max_acceleration=8.0)
+    assert (found.start, found.end) == (100.0, 104.0)
+
+
+def write_zip(path: Path, files: Mapping[str, bytes]) -> Path:
+    """Write an archive."""
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, content in files.items():
+            archive.writestr(name, content)
+    return path
+
+
+def test_an_archive_of_tables_is_read_like_their_folder(tmp_path: Path) -> None:
+    files = {"a.csv": TABLE.encode(), "../b.csv": TABLE.encode(), "__MACOSX/._a.csv": b"x"}
+    found = rho.load_trajectories(write_zip(tmp_path / "x.zip", files), max_acceleration=1.0)
+    assert found.names == ("a", "b")
+
+
+@pytest.mark.parametrize(
+    ("files", "reason"),
+    [
+        ({"a.csv": TABLE.encode(), "b/a.csv": TABLE.encode()}, "got 'a' again, expected each"),
+        ({"a.csv": TABLE.encode(), "b.txt": b"hello"}, "x.zip/b.txt: got no trajectories"),
+        ({"b.zip": b"PK\3\4"}, "got 'b.zip' in the archive, expected tables"),
+        ({"a\nb.csv": TABLE.encode()}, "got .* in the archive, expected tables"),
+        ({}, r"got an archive without show\.json, expected a Skybrush show"),
+        ({"plan.positions.npy": b""}, "got a saved result, which has its own scenario"),
+    ],
+)
+def test_archives_of_anything_else_are_refused(
+    files: dict[str, bytes], reason: str, tmp_path: Path
+) -> None:
+    path = write_zip(tmp_path / "x.zip", files)
+    with pytest.raises(rho.PlanFileError, match=reason) as caught:
+        rho.load_trajectories(path, max_acceleration=1.0)
+    assert str(caught.value).startswith(str(path))
+
+
+@pytest.mark.parametrize("ending", ["npz", "json"])
+def test_a_plan_is_not_taken_for_trajectories(
+    ending: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plan, file, scenario = hop(0.25, 17), tmp_path / f"two.{ending}", tmp_path / "two.yaml"
+    rho.save(plan, file) if ending == "npz" else rho.export(plan, file)
+    rho.save_scenario(plan.scenario, scenario)
+    for words in (["verify"], ["show", "--html", "x.html"], ["export", "-o", "x.json"]):
+        command = [words[0], str(file), "--scenario", str(scenario), *words[1:]]
+        status, text = run(capsys, monkeypatch, *command)
+        assert status == 2
+        assert f"{file}: got a saved result, which has its own scenario" in text
 
 
 def mutated(rng: np.random.Generator, content: bytes) -> bytes:
@@ -512,7 +637,10 @@ def test_mutated_files_are_read_or_refused_in_a_line(tmp_path: Path) -> None:
     [
         (lambda: rho.verify(smooth_x()), "scenario: got None"),
         (lambda: rho.verify(flight("steps"), along_x()), "None for a plan"),
-        (lambda: rho.verify(smooth_x().delayed(0.5), along_x()), "expected times of x, 0 to 2"),
+        (
+            lambda: rho.verify(smooth_x().delayed(0.5), along_x()),
+            "expected times of x, 0 to 2 s, or a scenario that lasts as long",
+        ),
         (lambda: rho.verify(OTHER, along_x()), "a is in x, but not"),
         (lambda: rho.Trajectories.of({}), "motions: got none"),
         (lambda: rho.Trajectories.of({"a": PAIR}), r"shape \(2, 1\)"),
@@ -606,6 +734,19 @@ def test_without_their_scenario_or_a_fitting_format_they_are_refused(
     with pytest.raises(ValueError, match=reason):
         call(tmp_path)
     assert not list(tmp_path.iterdir())
+
+
+def test_what_is_read_as_trajectories_is_listed_and_told(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _, text = run(capsys, monkeypatch, "formats", "--json")
+    listed = {each["name"]: each["read_by"] or "" for each in json.loads(text)["formats"]}
+    read = {name for name, by in listed.items() if "rho.load_trajectories(path)" in by}
+    assert read == {"csv", "crazyswarm", "skybrush", "skyc", "mcap"}
+    for command in ("verify", "export"):
+        _, text = run(capsys, monkeypatch, command, "--help")
+        words = " ".join(text.replace("│", " ").split())
+        assert "with --scenario trajectories of another program" in words
 
 
 def test_commands_show_and_export_tables_of_others(

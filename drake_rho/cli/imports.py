@@ -58,8 +58,13 @@ class _Given:
     max_acceleration: float | None
     world: str | None
 
-    def grid(self, file: Path, why: str) -> Grid:
+    def grid(self, file: Path, why: str, needed: str = "--duration and --step") -> Grid:
         """Return the grid.
+
+        Args:
+            file: the file that is imported.
+            why: reason for which options are needed, for errors.
+            needed: these options.
 
         Raises:
             ValueError: an option of it is missing.
@@ -67,7 +72,7 @@ class _Given:
         """
         for option, value in (("--duration", self.duration), ("--step", self.step)):
             if value is None:
-                raise ValueError(f"{file}: got no {option}, expected --duration and --step: {why}")
+                raise ValueError(f"{file}: got no {option}, expected {needed}: {why}")
         with options_named(duration="--duration", step="--step"):
             return Grid.lasting(self.duration or 0.0, step=self.step or 0.0)
 
@@ -109,14 +114,15 @@ def _of_table(files: Sequence[Path], given: _Given) -> Scenario:
         expected = "a start, waypoints if any, and a goal"
         raise ScenarioError(str(files[0]), Description("one row"), expected)
     *waypoints, goal = waypoints
-    begin = 0.0
+    begin, needed = 0.0, {"why": "a table without times has no grid"}
     if start.time is not None and goal.time is not None:
         begin, lasting = start.time, goal.time - start.time
         if given.duration is not None:
             expected = f"none: the times of {files[0]} last {lasting:g} s"
             raise ValueError(f"--duration: got {given.duration:g}, expected {expected}")
         given = dataclasses.replace(given, duration=lasting)
-    grid = dataclasses.replace(given.grid(files[0], "a table has no grid"), start=begin)
+        needed = {"why": "a table with times has no grid", "needed": "--step"}
+    grid = dataclasses.replace(given.grid(files[0], **needed), start=begin)
     with in_file(files[0]):
         ends = State(start.position), State(goal.position)
         vehicle = Vehicle(files[0].stem, *ends, waypoints=waypoints)

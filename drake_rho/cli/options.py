@@ -62,7 +62,8 @@ ResultArgument = Annotated[
     Path,
     typer.Argument(
         metavar="FILE",
-        help="A file (.npz) saved by 'plan', 'fly' or 'simulate', or a plan exported as JSON.",
+        help="A file (.npz) saved by 'plan', 'fly' or 'simulate', or a plan exported as JSON; with "
+        "--scenario trajectories of another program.",
     ),
 ]
 TrajectoriesOption = Annotated[
@@ -71,8 +72,8 @@ TrajectoriesOption = Annotated[
         "--scenario",
         metavar="SCENARIO|FILE",
         help="Scenario for trajectories of another program: FILE is then a CSV table of positions, "
-        "polynomials of Crazyswarm, a show of Skybrush (.skyc), or a log of ROS 2 or PX4, in a "
-        "file or in a folder.",
+        "polynomials of Crazyswarm, a show of Skybrush (.skyc), or a log of ROS 2 or PX4: a file, "
+        "or a folder or an archive (.zip) of them.",
     ),
 ]
 MaxAccelerationOption = Annotated[

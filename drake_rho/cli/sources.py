@@ -6,6 +6,7 @@ import os
 import zipfile
 from contextlib import suppress
 from difflib import get_close_matches
+from functools import partial
 from pathlib import Path
 
 from drake_rho.cli.checks import options_named
@@ -13,6 +14,7 @@ from drake_rho.formats.crazyflies import is_crazyflies
 from drake_rho.formats.load import load_trajectories
 from drake_rho.formats.lsc_missions import is_lsc_mission
 from drake_rho.formats.missions import is_mission, load_mission
+from drake_rho.formats.waypoint_tables import load_waypoints
 from drake_rho.motion.documents import is_exported
 from drake_rho.motion.files import PlanFileError, load
 from drake_rho.motion.flown import Flown, Planned
@@ -122,13 +124,24 @@ def _refuse_imported(source: str) -> None:
     Raises:
         ValueError: the file is one of them; the message has the command that imports it.
     """
-    for words, is_one, world in (
-        ("a mission of the LSC planner", is_lsc_mission, " [--world FILE]"),
-        ("robots of Crazyswarm2", is_crazyflies, ""),
+    for words, is_one, options in (
+        ("a mission of the LSC planner", is_lsc_mission, "--duration S --step S [--world FILE]"),
+        ("robots of Crazyswarm2", is_crazyflies, "--duration S --step S"),
+        ("a table of waypoints", partial(_is_waypoints, timed=False), "--duration S --step S"),
+        ("a table of waypoints with times", partial(_is_waypoints, timed=True), "--step S"),
     ):
         if is_one(source):
-            command = f"drake-rho import {source} --duration S --step S{world} -o scenario.yaml"
+            command = f"drake-rho import {source} {options} -o scenario.yaml"
             raise ValueError(f"{source}: got {words}, expected a scenario: {command}")
+
+
+def _is_waypoints(source: str, *, timed: bool) -> bool:
+    """Return whether a file is a table of waypoints, with times or without them."""
+    if not source.lower().endswith(".csv"):
+        return False
+    with suppress(ScenarioError):
+        return all((each.time is not None) == timed for each in load_waypoints(source))
+    return False
 
 
 def _load_scenario(source: str) -> Scenario:

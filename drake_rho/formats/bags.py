@@ -21,6 +21,8 @@ from drake_rho.system.files import LARGEST_TEXT
 
 MCAP, SQLITE = b"\x89MCAP0\r\n", b"SQLite format 3\x00"
 """Beginnings of files."""
+ZSTD = b"\x28\xb5\x2f\xfd"
+"""Beginning of what zstd has compressed."""
 _LARGEST = 16 << 20
 """Largest size of a message that is read [bytes]: an object for each number takes much more."""
 _HEAD = struct.Struct("<BQ")

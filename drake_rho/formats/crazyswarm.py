@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Sequence
+from itertools import zip_longest
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +19,7 @@ from drake_rho.motion.flown import Flown
 from drake_rho.motion.headings import Heading, directions_of
 from drake_rho.motion.polynomials import Polynomials
 from drake_rho.motion.tables import first_row, numbers_of_row, read_rows, write_rows
+from drake_rho.scenario.errors import shorten
 
 MAX_PIECES = 31
 """Largest number of pieces of a vehicle: a Crazyflie has 4096 bytes for trajectories, and a piece
@@ -63,16 +66,37 @@ class Crazyswarm(Format):
 
     def read(self, content: bytes, name: str) -> dict[str, Polynomials]:
         """Return the motion in a file of one vehicle; the heading is left out."""
-        rows = [*enumerate(read_rows(content), start=1)]
-        rows = rows[rows[0][1][0].lower() == "duration" :]
-        table = np.array([numbers_of_row(*row, COLUMNS) for row in rows if row[1]])
+        rows = read_rows(content)
+        if rows[0][1][0].lower() == COLUMNS[0]:
+            _check_header(*rows.pop(0))
+        for number, row in rows:
+            if len(row) > len(COLUMNS):
+                expected = f"{len(COLUMNS)}, the last one {COLUMNS[-1]}"
+                raise ValueError(f"row {number}: got {len(row)} cells, expected {expected}")
+        table = np.array([numbers_of_row(*row, COLUMNS) for row in rows])
         if len(table) == 0:
             raise ValueError("got no piece, expected one in each row below the header")
         if (short := table[:, 0] <= 0.0).any():
-            number = [number for number, row in rows if row][int(np.argmax(short))]
+            number = rows[int(np.argmax(short))][0]
             raise ValueError(f"row {number}, column duration: expected a positive number")
         axes = table[:, 1:].reshape(len(table), 4, DEGREE + 1)
         return {name: Polynomials.lasting(table[:, 0], axes[:, :3])}
+
+
+def _check_header(number: int, header: Sequence[str]) -> None:
+    """Check that a header names the first columns, in their order; it may leave out the others.
+
+    Args:
+        number: number of its row.
+        header: its cells.
+
+    Raises:
+        ValueError: a column is another one.
+    """
+    for k, (cell, column) in enumerate(zip_longest(header, COLUMNS[: len(header)]), start=1):
+        if cell.lower() != column:
+            expected = f"expected {column or f'none after {COLUMNS[-1]}'}"
+            raise ValueError(f"row {number}, column {k}: got {shorten(cell)}, {expected}")
 
 
 def _with_two_steps(motion: Motion) -> Motion:

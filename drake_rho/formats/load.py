@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from itertools import chain
 from pathlib import Path
 
+from drake_rho.formats.archives import is_archive, names_in, open_archive
+from drake_rho.formats.bags import ZSTD
 from drake_rho.formats.export import FORMATS
 from drake_rho.formats.folders import file_names
 from drake_rho.formats.mcap import ros_names
 from drake_rho.formats.reader import Reader, naming
+from drake_rho.formats.skyc import SHOW
 from drake_rho.formats.ulog import ULog
+from drake_rho.motion.documents import is_exported
 from drake_rho.motion.files import PlanFileError
 from drake_rho.motion.polynomials import Polynomials
 from drake_rho.motion.trajectories import Trajectories
@@ -18,8 +23,20 @@ from drake_rho.scenario.errors import shorten
 from drake_rho.scenario.records import Scenario
 from drake_rho.system.files import LARGEST_TEXT, read_bytes, reason_of
 
-READERS: tuple[Reader, ...] = (*(each for each in FORMATS.values() if each.reads), ULog())
-"""Formats that are read."""
+READERS: tuple[Reader, ...] = (
+    FORMATS["skybrush"],  # whose tables are tables of positions too
+    *(each for each in FORMATS.values() if each.reads and each.name != "skybrush"),
+    ULog(),
+)
+"""Formats that are read, the first that recognises a file counts."""
+_PACKED = {
+    ZSTD: "zstd",
+    b"\x04\x22\x4d\x18": "lz4",
+    b"\x1f\x8b": "gzip",
+    b"\xfd7zXZ": "xz",
+    b"BZh": "bzip2",
+}
+"""Ways of compression by the beginnings of files."""
 _METADATA = "metadata.yaml"
 """File of a rosbag2 that says nothing but what its other files hold."""
 _LONGEST_NAME = 80
@@ -41,18 +58,20 @@ def load_trajectories(
     - polynomials of Crazyswarm (degree 7, with durations), one file for each vehicle;
     - compiled shows of Skybrush (.skyc), of all vehicles;
     - tables of positions with columns time, x, y and z (CSV), of all vehicles with a column vehicle
-      or of one, with or without names of columns: those of `rho.export` and of Skybrush as well;
+      or of one, with or without names of columns: those of `rho.export` and of Skybrush as well,
+      whose times count from the beginning;
     - logs of ROS 2 (MCAP, or SQLite of rosbag2; extra `ros`) with positions in the messages
       Odometry, PoseStamped, TFMessage, MultiDOFJointTrajectory or Path, of vehicles named after
       the topic's namespace, or after the child frame;
     - a log of PX4 (ULog), of one vehicle named after the file, in axes east, north and up.
 
     Args:
-        path: path of a file, or of a folder with a file for each vehicle, named after it, or of a
-            rosbag2.
+        path: path of a file, or of a folder or an archive (zip) with a file for each vehicle, named
+            after it, or of a rosbag2, of which other files are left out.
         scenario: scenario of the vehicles. It tells which vehicle a file named after it is of, and
-            when trajectories begin whose times count from their beginning, as those of polynomials
-            and logs: without it, at 0.
+            when trajectories begin whose times count from their beginning, as those of polynomials,
+            shows and logs: without it, at 0. They may end later than the scenario by the rounding
+            of times in the file, at most a millisecond.
         max_acceleration: bound on the norm of the acceleration between samples [m/s²]; required for
             tables and logs, not allowed for polynomials.
         topics: topic or child frame of each vehicle, for logs of ROS 2; those without are left out.
@@ -102,7 +121,8 @@ def load_trajectories(
         expected = f"None: {path} holds polynomials, not samples"
         raise ValueError(f"max_acceleration: got {max_acceleration:g}, expected {expected}")
     try:
-        return Trajectories(motions, max_acceleration, scenario)
+        tick = max(form.tick for form in formats)
+        return Trajectories(motions, max_acceleration, scenario, tick)
     except ValueError as error:
         raise PlanFileError(f"{path}: {error}") from None
 
@@ -133,21 +153,54 @@ def _files(path: Path) -> list[Path]:
 
 
 def _recognised(files: list[Path]) -> dict[Reader, dict[Path, bytes]]:
-    """Return the contents of files by their formats.
+    """Return the contents of files by their formats; beside bags, other files are left out.
 
     Raises:
         PlanFileError: a file cannot be read, or is of no known format.
     """
-    found = dict[Reader, dict[Path, bytes]]()
-    for file in files:
-        with naming(file):
-            content = read_bytes(file, LARGEST_TEXT)
+    found, other = dict[Reader, dict[Path, bytes]](), None
+    for file, content in chain.from_iterable(map(_contents, files)):
         form = next((each for each in READERS if each.recognises(content)), None)
-        if form is None:
-            expected = ", or ".join(each.reads for each in READERS)
-            raise PlanFileError(f"{file}: got no trajectories, expected {expected}")
-        found.setdefault(form, {})[file] = content
+        if form is not None:
+            found.setdefault(form, {})[file] = content
+            continue
+        if way := next((_PACKED[each] for each in _PACKED if content.startswith(each)), None):
+            got = f"got a whole file compressed by {way}, as bags can be"
+            raise PlanFileError(f"{file}: {got}, expected it decompressed")
+        other = other or file
+    if other is not None and FORMATS["mcap"] not in found:
+        expected = ", or ".join(each.reads for each in READERS)
+        raise PlanFileError(f"{other}: got no trajectories, expected {expected}")
     return found
+
+
+def _contents(path: Path) -> Iterator[tuple[Path, bytes]]:
+    """Yield a file's path and content; of an archive that is no show, those of the files in it.
+
+    Raises:
+        PlanFileError: the file cannot be read, or is a result of this package.
+    """
+    with naming(path):
+        content = read_bytes(path, LARGEST_TEXT)
+        names = names_in(content)
+        if all(name.endswith(".npy") for name in names) if names else _is_exported(content):
+            got = "got a saved result, which has its own scenario"
+            raise ValueError(f"{got}, expected trajectories of another program; rho.load reads it")
+        if not names or SHOW in names:
+            yield path, content
+            return
+        with open_archive(content, "an archive of tables") as archive:
+            for name in names:
+                inner = archive.read(name)
+                if not name.isprintable() or is_archive(inner):
+                    expected = "tables, one of each vehicle"
+                    raise ValueError(f"got {shorten(name)} in the archive, expected {expected}")
+                yield path / name, inner
+
+
+def _is_exported(content: bytes) -> bool:
+    """Return whether a content is a plan that was exported as JSON."""
+    return content.lstrip().startswith(b"{") and is_exported(content.decode(errors="replace"))
 
 
 def _named_as(motions: dict[str, Polynomials], scenario: Scenario | None) -> dict[str, Polynomials]:

@@ -9,12 +9,13 @@ from __future__ import annotations
 import struct
 from bisect import bisect_left
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import pairwise
 from operator import itemgetter
 from typing import Any
 
 import numpy as np
 
-from drake_rho.formats.bags import Message, messages
+from drake_rho.formats.bags import ZSTD, Message, messages
 from drake_rho.motion.polynomials import Polynomials
 from drake_rho.motion.trajectories import sampled
 from drake_rho.scenario.errors import shorten, shortened
@@ -40,14 +41,28 @@ class Source:
     def add(self, frame: str, places: Places) -> None:
         """Add positions; a later plan replaces the rest of an earlier one."""
         self.frames.add(frame.strip("/"))
-        found = sorted({stamp: (each.x, each.y, each.z) for stamp, each in places}.items())
+        found = sorted((stamp, (each.x, each.y, each.z)) for stamp, each in places)
         if self.kind in (_TRAJECTORY, _PATH) and found:
             del self._samples[bisect_left(self._samples, found[0][0], key=itemgetter(0)) :]
         self._samples += found
 
+    @property
+    def moves(self) -> bool:
+        """Whether there are positions at two times or more."""
+        return len({stamp for stamp, _ in self._samples}) > 1
+
     def samples(self) -> list[tuple[int, tuple[float, float, float]]]:
-        """Return the positions in the order of their stamps, the last one of equal stamps."""
-        return sorted(dict(self._samples).items())
+        """Return the positions in the order of their stamps, equal ones once.
+
+        Raises:
+            ValueError: two positions of one stamp differ.
+        """
+        found = sorted(set(self._samples))
+        for (stamp, one), (next_stamp, other) in pairwise(found):
+            if stamp == next_stamp:
+                got = f"got the positions {shorten(one)} and {shorten(other)} at {stamp} ns"
+                raise ValueError(f"{got}, expected one at each stamp")
+        return found
 
 
 class Log:
@@ -77,6 +92,9 @@ class Log:
                     )
             except self._refusals as error:
                 where = f"topic {shorten(each.topic)}, at {each.stamp} ns"
+                if each.data.startswith(ZSTD):
+                    got = "got a bag compressed message by message (zstd)"
+                    raise ValueError(f"{where}: {got}, expected one without compression") from None
                 raise ValueError(f"{where}: not a message of {each.kind} ({error})") from None
 
     def motions(self, topics: Mapping[str, str] | None) -> dict[str, Polynomials]:
@@ -87,15 +105,20 @@ class Log:
                 namespaces of topics and frames, or after the topic or frame if it has none.
 
         Raises:
-            ValueError: there are no positions, a vehicle has several sources, or their frames
-                differ.
+            ValueError: there are no positions, a vehicle has several sources or two positions at
+                one stamp, or frames differ.
         """
         chosen = self._named(topics)
         frames = sorted(set[str]().union(*(each.frames for each in chosen.values())))
         if len(frames) > 1:
             got = f"got positions in the frames {shorten(frames[0])} and {shorten(frames[1])}"
             raise ValueError(f"{got}, expected one frame")
-        samples = {name: each.samples() for name, each in chosen.items()}
+        samples = dict[str, list[tuple[int, tuple[float, float, float]]]]()
+        for name, each in chosen.items():
+            try:
+                samples[name] = each.samples()
+            except ValueError as error:
+                raise ValueError(f"{shorten(name)}: {error}") from None
         begin = min(each[0][0] for each in samples.values())
         return {
             name: sampled(name, np.array([[(s - begin) / _SECOND, *p] for s, p in each]))
@@ -107,7 +130,7 @@ class Log:
         moving = {
             key: each
             for key, each in sorted(self._sources.items(), key=lambda e: KINDS.index(e[0][0]))
-            if len(each.samples()) > 1
+            if each.moves
         }
         by_place = {place.strip("/"): each for (_, place), each in reversed(moving.items())}
         if topics is not None:

@@ -39,7 +39,7 @@ from pydantic import (
 from drake_rho.scenario.errors import Description, ScenarioError
 from drake_rho.scenario.fields import LARGEST, Count, Finite, Name
 from drake_rho.scenario.records import Box, Limits
-from drake_rho.scenario.refusals import scenario_error
+from drake_rho.scenario.refusals import malformed_json, scenario_error
 
 _Size = Annotated[float, Field(ge=1.0 / LARGEST, le=LARGEST, allow_inf_nan=False)]
 _Sizes = tuple[_Size, _Size, _Size]
@@ -154,7 +154,7 @@ def parse_mission(text: str) -> Mission:
     except ValidationError as error:
         raise scenario_error(error, Mission) from None
     except (ValueError, RecursionError) as error:
-        raise ScenarioError("", Description("malformed JSON"), f"JSON; {error}") from None
+        raise malformed_json(error) from None
 
 
 def _each_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

@@ -52,6 +52,7 @@ class Mcap(Format):
     read_by = "rho.load_trajectories(path)"
     reads = "a log of ROS 2 (MCAP or SQLite)"
     from_zero = True
+    tick = 1.0 / _NANOSECONDS
 
     def recognises(self, content: bytes) -> bool:
         """Return whether the content begins as MCAP or as SQLite."""

@@ -32,7 +32,7 @@ from drake_rho.formats.written_missions import MissionFormat, WrittenMission
 from drake_rho.scenario.errors import Description, ScenarioError
 from drake_rho.scenario.fields import LARGEST
 from drake_rho.scenario.frame import Frame
-from drake_rho.scenario.refusals import scenario_error
+from drake_rho.scenario.refusals import malformed_json, scenario_error
 
 _Number = Annotated[float, Field(ge=-LARGEST, le=LARGEST, allow_inf_nan=False)]
 _Latitude = Annotated[float, Field(ge=-90.0, le=90.0, allow_inf_nan=False)]
@@ -134,7 +134,7 @@ def parse_plan(text: str) -> MissionFile:
     except ValidationError as error:
         raise _older(content) or scenario_error(error, _Plan) from None
     except (ValueError, RecursionError) as error:
-        raise ScenarioError("", Description("malformed JSON"), f"JSON; {error}") from None
+        raise malformed_json(error) from None
     mission, skipped = plan.mission, list[str]()
     items = tuple(
         item

@@ -31,6 +31,8 @@ class Reader:
     """files that `load_trajectories` reads, in words; empty for a format that is only written"""
     from_zero: ClassVar[bool] = False
     """whether times in files count from the beginning, and not on the scenario's clock"""
+    tick: ClassVar[float] = 0.0
+    """unit in which files count times [s]; 0 if they hold all digits"""
 
     def recognises(self, content: bytes) -> bool:
         """Return whether `read` understands files with this content."""

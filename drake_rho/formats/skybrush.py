@@ -12,13 +12,16 @@ from drake_rho.formats.format import RATE, Format, exported
 from drake_rho.formats.lights import lights_of
 from drake_rho.formats.milliseconds import milliseconds
 from drake_rho.formats.record import Exported
+from drake_rho.formats.states import Csv
 from drake_rho.motion.flown import Flown, sample
 from drake_rho.motion.headings import Heading
 from drake_rho.motion.jumps import jump_sizes
-from drake_rho.motion.tables import write_rows
+from drake_rho.motion.polynomials import Polynomials
+from drake_rho.motion.tables import first_row, write_rows
 from drake_rho.scenario.fields import FloatArray, IntArray
 
 COLUMNS = ("Time [msec]", "x [m]", "y [m]", "z [m]", "Red", "Green", "Blue")
+_POSITIONS = tuple(each.lower() for each in COLUMNS[:4])
 
 
 class Skybrush(Format):
@@ -28,6 +31,10 @@ class Skybrush(Format):
     endings = (".zip",)
     content = "positions at a rate, with lights"
     folder = True
+    read_by = "rho.load_trajectories(path)"
+    reads = "positions of Skybrush (Time [msec], x [m], …)"
+    from_zero = True
+    tick = 1e-3
 
     def write(
         self, flown: Flown, path: Path, rate: float | None, heading: Heading | None
@@ -47,6 +54,14 @@ class Skybrush(Format):
         files = [path] if archive else [path / name for name in names]
         words = f"{len(ticks)} positions of each vehicle, joined by straight lines,"
         return exported(flown, path, files, words, _chord_deviations(flown, ticks))
+
+    def recognises(self, content: bytes) -> bool:
+        """Return whether the first columns are times in milliseconds and positions."""
+        return tuple(each.lower() for each in first_row(content)[:4]) == _POSITIONS
+
+    def read(self, content: bytes, name: str) -> dict[str, Polynomials]:
+        """Return straight lines between the positions of one vehicle; lights are left out."""
+        return Csv().read(content, name)
 
 
 def _table(ticks: IntArray, positions: FloatArray, colours: FloatArray) -> bytes:

@@ -9,13 +9,8 @@ take times to the millisecond.
 from __future__ import annotations
 
 import base64
-import io
 import json
-import lzma
-import zipfile
-import zlib
 from collections.abc import Iterator
-from itertools import pairwise
 from math import comb
 from pathlib import Path
 from typing import Any
@@ -23,6 +18,7 @@ from urllib.parse import unquote
 
 import numpy as np
 
+from drake_rho.formats.archives import Members, is_archive, open_archive
 from drake_rho.formats.beziers import Segments, as_segments
 from drake_rho.formats.folders import write_archive
 from drake_rho.formats.format import Format, exported, planned
@@ -34,12 +30,15 @@ from drake_rho.motion.plan import Plan
 from drake_rho.motion.polynomials import Polynomials
 from drake_rho.scenario.errors import shorten
 from drake_rho.scenario.fields import LARGEST, FloatArray, IntArray
-from drake_rho.system.files import LARGEST_TEXT
 
+SHOW = "show.json"
+"""File of an archive that lists the drones."""
 _HEADING_STEP = 100
 """Time between two headings, which players join by straight lines [ms]."""
 _HIGHEST = 7
 """Highest degree of a segment that is read."""
+_MOST_SEGMENTS = 5_000_000
+"""Largest number of segments of all drones that is read: 5000 drones with 1000 each."""
 _LIGHT_STEP = 0.02
 """Unit of times in light programs [s]."""
 _END, _SET_COLOUR, _FADE_TO_COLOUR = 0, 4, 8
@@ -57,6 +56,7 @@ class Skyc(Format):
     read_by = "rho.load_trajectories(path)"
     reads = "a compiled show of Skybrush"
     from_zero = True
+    tick = 1e-3
 
     def write(
         self, flown: Flown, path: Path, rate: float | None, heading: Heading | None
@@ -80,7 +80,7 @@ class Skyc(Format):
 
     def recognises(self, content: bytes) -> bool:
         """Return whether the content is an archive."""
-        return content.startswith(b"PK")
+        return is_archive(content)
 
     def read(self, content: bytes, name: str) -> dict[str, Polynomials]:
         """Return the motions of a show's drones; one without a name is called "drone 1" and so on.
@@ -91,11 +91,8 @@ class Skyc(Format):
             ValueError: the archive is damaged, too large or not of version 1, or refers to files
                 that are not in it.
         """
-        try:
-            with zipfile.ZipFile(io.BytesIO(content)) as archive:
-                return _trajectories(_Documents(archive))
-        except _DAMAGES as error:
-            raise ValueError(f"not a Skybrush show, or damaged ({error})") from None
+        with open_archive(content, "a Skybrush show") as archive:
+            return _trajectories(archive)
 
 
 def _yaws(plan: Plan, ticks: IntArray, heading: Heading) -> list[list[list[float]]]:
@@ -125,7 +122,7 @@ def _contents(
             settings["yawControl"] = {"version": 1, "setpoints": yaws[i]}
         drones.append({"type": "generic", "settings": settings})
     yield (
-        "show.json",
+        SHOW,
         {
             "version": 1,
             "environment": {"type": "outdoor"},
@@ -168,32 +165,20 @@ def _text(document: object) -> bytes:
     return json.dumps(document, ensure_ascii=False, separators=(",", ":")).encode()
 
 
-_DAMAGES = (zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, RuntimeError)
-"""Errors of damaged archives; RuntimeError of encrypted, unsupported or deeply nested ones too."""
+def _read(archive: Members, link: str) -> Any:
+    """Return the document in an archive that a path or a reference names.
 
-
-class _Documents:
-    """JSON files of an archive, whose sizes together are bounded."""
-
-    def __init__(self, archive: zipfile.ZipFile) -> None:
-        self._archive, self._left = archive, LARGEST_TEXT
-
-    def read(self, name: str) -> Any:
-        """Return the content of a file in the archive, by its path or a reference to it.
-
-        Raises:
-            ValueError: there is no such file, it is too large, or it is no JSON.
-        """
-        name = unquote(name.removesuffix("#").removeprefix("./"))
-        if name not in self._archive.NameToInfo:
-            raise ValueError(f"got a reference to {shorten(name)}, expected a file in the archive")
-        self._left -= self._archive.getinfo(name).file_size  # no more than that is inflated
-        if self._left < 0:
-            raise ValueError(f"more than {LARGEST_TEXT} bytes, inflated")
-        try:
-            return json.loads(self._archive.read(name), parse_constant=_no_number)
-        except ValueError as error:
-            raise ValueError(f"{name}: not valid JSON: {error}") from None
+    Raises:
+        ValueError: there is no such file, it is too large, or it is no JSON.
+    """
+    name = unquote(link.removesuffix("#").removeprefix("./"))
+    content = archive.read(name)
+    try:
+        return json.loads(content, parse_constant=_no_number)
+    except RecursionError:
+        raise ValueError(f"{name}: not valid JSON: nested too deeply") from None
+    except ValueError as error:
+        raise ValueError(f"{name}: not valid JSON: {error}") from None
 
 
 def _no_number(word: str) -> float:
@@ -201,28 +186,37 @@ def _no_number(word: str) -> float:
     raise ValueError(f"got {word}, expected a finite number")
 
 
-def _trajectories(documents: _Documents) -> dict[str, Polynomials]:
-    """Return the trajectories of a show by name.
+def _trajectories(archive: Members) -> dict[str, Polynomials]:
+    """Return the trajectories of a show by name; a file that several drones share is read once.
 
     Raises:
         ValueError: the documents are not those of a show of version 1.
     """
-    found = dict[str, Polynomials]()
-    for number, drone in enumerate(_drones(documents.read("show.json")), start=1):
+    if SHOW not in archive.names:
+        raise ValueError(f"got an archive without {SHOW}, expected a Skybrush show")
+    found, shared, segments = dict[str, Polynomials](), dict[str, Polynomials](), 0
+    for number, drone in enumerate(_drones(_read(archive, SHOW)), start=1):
         settings = drone.get("settings") if isinstance(drone, dict) else None
         if not isinstance(settings, dict):
             raise ValueError(f"drone {number}: got no settings, expected a trajectory in them")
         name, trajectory = settings.get("name", f"drone {number}"), settings.get("trajectory")
-        if isinstance(trajectory, dict) and isinstance(link := trajectory.get("$ref"), str):
-            trajectory = documents.read(link)
         if not isinstance(name, str) or name in found:
             raise ValueError(
                 f"drone {number}: got the name {shorten(name)}, expected one of its own"
             )
+        link = trajectory.get("$ref") if isinstance(trajectory, dict) else None
         try:
-            found[name] = _polynomials(trajectory)
-        except (KeyError, TypeError, ValueError) as error:
+            if not isinstance(link, str):
+                found[name] = _polynomials(trajectory)
+            elif link in shared:
+                found[name] = shared[link]
+            else:
+                found[name] = shared[link] = _polynomials(_read(archive, link))
+        except ValueError as error:
             raise ValueError(f"drone {number}: not a trajectory of version 1: {error}") from None
+        segments += len(found[name].instants) - 1
+        if segments > _MOST_SEGMENTS:
+            raise ValueError(f"got more than {_MOST_SEGMENTS} segments of all drones")
     return found
 
 
@@ -243,38 +237,99 @@ def _polynomials(trajectory: Any) -> Polynomials:
     """Return the motion of a trajectory.
 
     Raises:
-        KeyError, TypeError, ValueError: it is not a trajectory of version 1.
+        ValueError: it is not a trajectory of version 1.
     """
-    if trajectory["version"] != 1:
-        raise ValueError(f"got version {shorten(trajectory['version'])}")
-    points = trajectory["points"]
-    times = np.array([time for time, _, _ in points], dtype=np.float64)
-    corners = [[before[1], *now[2], now[1]] for before, now in pairwise(points)]
-    if len(points) < 2 or points[0][2]:
-        raise ValueError("expected two points or more, the first without control points")
-    if not np.all(np.diff(times) > 0.0):
-        raise ValueError("expected increasing times")
-    degree = max(map(len, corners)) - 1
-    if degree > _HIGHEST:
-        raise ValueError(f"got a segment of degree {degree}, expected at most {_HIGHEST}")
-    coefficients = np.zeros((len(corners), 3, degree + 1))
-    for own, each, lasting in zip(coefficients, corners, np.diff(times), strict=True):
-        own[:, : len(each)] = _powers(each, lasting)
-    start = float(trajectory.get("takeoffTime", 0.0))
+    if not isinstance(trajectory, dict):
+        raise ValueError(f"got {shorten(trajectory)}, expected version and points")
+    if "$ref" in trajectory:
+        raise ValueError("got a reference in the file of a reference, expected version and points")
+    if trajectory.get("version") != 1:
+        raise ValueError(f"got version {shorten(trajectory.get('version'))}")
+    start = trajectory.get("takeoffTime", 0.0)
+    if not _is_number(start):
+        raise ValueError(f"takeoffTime: got {shorten(start)}, expected a time in s")
+    times, corners = _segments(trajectory.get("points"))
+    durations = np.diff(times)
+    sizes = np.array([len(each) for each in corners])
+    coefficients = np.zeros((len(corners), 3, sizes.max()))
+    for size in np.unique(sizes):
+        those = np.flatnonzero(sizes == size)
+        control = np.array([corners[k] for k in those])
+        coefficients[those, :, :size] = _powers(control, durations[those])
     return Polynomials(start + times, coefficients[None])
 
 
-def _powers(corners: list[list[float]], lasting: float) -> FloatArray:
-    """Return the coefficients of a Bézier curve of D + 1 control points, shape (3, D + 1).
+def _segments(points: Any) -> tuple[FloatArray, list[list[list[float]]]]:
+    """Return the times of points, and the control points of the segments between them.
 
-    They are of the powers of the time since it began, and of a curve that lasts for a time [s].
+    Raises:
+        ValueError: there are less than two points, or one is damaged; the message names it.
     """
-    points = np.array(corners, dtype=np.float64)
-    if points.shape[1:] != (3,):
-        raise ValueError(f"got points of shape {points.shape[1:]}, expected x, y, z")
-    if not np.abs(points).max() <= LARGEST:
-        raise ValueError(f"expected numbers up to {LARGEST:g}")
-    degree = len(points) - 1
-    differences = (np.diff(points, k, axis=0)[0] for k in range(degree + 1))
-    scaled = [comb(degree, k) * each / lasting**k for k, each in enumerate(differences)]
+    if not isinstance(points, list) or len(points) < 2:
+        raise ValueError(f"points: got {shorten(points)}, expected a list of two or more")
+    times, corners, last = list[float](), list[list[list[float]]](), None
+    for number, point in enumerate(points, start=1):
+        try:
+            time, place, control = _point(point, times, 0 if last is None else _HIGHEST - 1)
+        except ValueError as error:
+            raise ValueError(f"point {number}: {error}") from None
+        if last is not None:
+            corners.append([last, *control, place])
+        times.append(time)
+        last = place
+    return np.array(times, dtype=np.float64), corners
+
+
+def _point(
+    point: Any, before: list[float], most: int
+) -> tuple[float, list[float], list[list[float]]]:
+    """Return the time, position and control points of a point.
+
+    Args:
+        point: the point in the document.
+        before: times of the points before it [s].
+        most: largest number of control points.
+
+    Raises:
+        ValueError: it is none, or not after those before.
+    """
+    if not (isinstance(point, list) and len(point) == 3 and isinstance(point[2], list)):
+        expected = "a time, a position and a list of control points"
+        raise ValueError(f"got {shorten(point)}, expected {expected}")
+    time, place, control = point
+    if not _is_number(time) or (before and not time > before[-1]):
+        after = f"a time after {before[-1]:.12g} s" if before else "a time in s"
+        raise ValueError(f"got {shorten(time)}, expected {after}")
+    for each in (place, *control):
+        if not _is_place(each):
+            raise ValueError(f"got {shorten(each)}, expected x, y and z of at most {LARGEST:g}")
+    if len(control) > most:
+        raise ValueError(f"got {len(control)} control points, expected at most {most}")
+    return time, place, control
+
+
+def _is_place(value: Any) -> bool:
+    return isinstance(value, list) and len(value) == 3 and all(map(_is_number, value))
+
+
+def _is_number(value: Any) -> bool:
+    kind = type(value)  # a truth value is an int too
+    return (kind is float or kind is int) and abs(value) <= LARGEST
+
+
+def _powers(corners: FloatArray, lasting: FloatArray) -> FloatArray:
+    """Return the coefficients of Bézier curves of D + 1 control points, shape (S, 3, D + 1).
+
+    They are of the powers of the time since a curve began.
+
+    Args:
+        corners: control points [m], shape (S, D + 1, 3).
+        lasting: durations [s], shape (S,).
+    """
+    degree = corners.shape[1] - 1
+    differences = (np.diff(corners, k, axis=1)[:, 0] for k in range(degree + 1))
+    with np.errstate(over="ignore"):  # such numbers are refused with all others
+        scaled = [
+            comb(degree, k) * each / lasting[:, None] ** k for k, each in enumerate(differences)
+        ]
     return np.stack(scaled, axis=-1)

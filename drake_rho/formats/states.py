@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -15,14 +15,14 @@ from drake_rho.motion.flown import Flown, sample
 from drake_rho.motion.headings import Heading
 from drake_rho.motion.polynomials import Polynomials
 from drake_rho.motion.samples import with_knots
-from drake_rho.motion.tables import first_row, numbers_of_row, read_rows, write_table
+from drake_rho.motion.tables import column_of, first_row, numbers_of_row, read_rows, write_table
 from drake_rho.motion.trajectories import sampled
 from drake_rho.system.files import atomic_write
 
-_NAMES = {"vehicle": ("vehicle", "name", "id"), "time": ("time", "t")}
-_NAMES |= {axis: (axis,) for axis in "xyz"}
-"""Names of columns, without units, for times and positions."""
-_UNIT, _UNIT_MS = re.compile(r"\s*[\[(].*"), re.compile(r"\[m(illi)?se?c?\]", re.IGNORECASE)
+_NAMES = dict.fromkeys(("vehicle", "name", "id"), "vehicle")
+_NAMES |= {"time": "time", "t": "time", "x": "x", "y": "y", "z": "z"}
+"""Columns by their names, without units."""
+_NUMBERS = ("time", "x", "y", "z")
 
 
 class Csv(Format):
@@ -32,7 +32,7 @@ class Csv(Format):
     endings = (".csv",)
     content = "states at a rate and at every knot"
     any_motion = True
-    read_by = "rho.load(path, scenario=...)"
+    read_by = "rho.load(path, scenario=...), rho.load_trajectories(path)"
     reads = "a table with columns time, x, y and z"
 
     def write(
@@ -47,50 +47,57 @@ class Csv(Format):
 
     def recognises(self, content: bytes) -> bool:
         """Return whether the first row names the columns, or has four numbers and no names."""
-        return _columns(first_row(content)) is not None
+        first = first_row(content)
+        with suppress(ValueError):  # a unit is refused by `read`
+            return _columns(first).keys() >= {*_NUMBERS}
+        return True
 
     def read(self, content: bytes, name: str) -> dict[str, Polynomials]:
         """Return straight lines between the positions of each vehicle; other states are left out.
 
-        The vehicle is the one of the file if no column names it. Times are in seconds unless the
-        column's name has the unit ms or msec.
+        The vehicle is the one of the file if no column names it. Times are in seconds, or in ms if
+        the column's name says so.
         """
         rows = read_rows(content)
-        columns = _columns(rows[0]) or {}
-        named, numbers = columns.pop("vehicle", None), [*columns.values()]
-        first = 0 if _is_number(rows[0][numbers[0]]) else 1
-        unit = 1.0 if first == 0 or _UNIT_MS.search(rows[0][numbers[0]]) is None else 1e-3
+        line, first = rows[0]
+        try:
+            columns = _columns(first)
+        except ValueError as error:
+            raise ValueError(f"row {line}, {error}") from None
+        numbers = [columns[each][0] for each in _NUMBERS]
+        named = columns["vehicle"][0] if "vehicle" in columns else None
         tables = dict[str, list[list[float]]]()
-        for number, row in enumerate(rows[first:], start=first + 1):
-            if not row:
-                continue
+        for number, row in rows if _is_number(first[numbers[0]]) else rows[1:]:
             if len(row) <= max([*numbers, -1 if named is None else named]):
-                raise ValueError(f"row {number}: got {len(row)} cells, expected {len(rows[0])}")
-            found = numbers_of_row(number, [row[k] for k in numbers], [*columns])
-            found[0] *= unit
+                raise ValueError(f"row {number}: got {len(row)} cells, expected {len(first)}")
+            found = numbers_of_row(number, [row[k] for k in numbers], _NUMBERS)
+            found[0] *= columns["time"][1]
             table = tables.setdefault(name if named is None else row[named], [])
             if table and not found[0] > table[-1][0]:
                 expected = f"expected a time after {table[-1][0]:.12g} s"
                 raise ValueError(f"row {number}: got {found[0]:.12g} s, {expected}")
             table.append(found)
+        if not tables:
+            raise ValueError("got no rows, expected times and positions below the header")
         return {each: sampled(each, np.array(table)) for each, table in tables.items()}
 
 
-def _columns(first: Sequence[str]) -> dict[str, int] | None:
-    """Return the numbers of the columns of times and positions, and of vehicles if there are any.
+def _columns(first: Sequence[str]) -> dict[str, tuple[int, float]]:
+    """Return the numbers and units of the columns of times, positions and vehicles.
 
     Args:
         first: first row, of names or of numbers.
+
+    Raises:
+        ValueError: a column is in another unit.
     """
-    if len(first) == len(_NAMES) - 1 and all(map(_is_number, first)):
-        return {"time": 0, "x": 1, "y": 2, "z": 3}
-    plain = [_UNIT.sub("", cell).lower() for cell in first]
-    found = {
-        name: next((k for k, cell in enumerate(plain) if cell in words), None)
-        for name, words in _NAMES.items()
-    }
-    known = {name: k for name, k in found.items() if k is not None}
-    return known if known.keys() >= {"time", "x", "y", "z"} else None
+    if len(first) == len(_NUMBERS) and all(map(_is_number, first)):
+        return {name: (k, 1.0) for k, name in enumerate(_NUMBERS)}
+    found = dict[str, tuple[int, float]]()
+    for k, cell in enumerate(first):
+        if (column := column_of(k + 1, cell, _NAMES)) is not None:
+            found.setdefault(column[0], (k, column[1]))
+    return found
 
 
 def _is_number(cell: str) -> bool:

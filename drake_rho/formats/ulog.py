@@ -39,6 +39,7 @@ class ULog(Reader):
     read_by = "rho.load_trajectories(path)"
     reads = "a log of PX4 (ULog)"
     from_zero = True
+    tick = 1.0 / _SECOND
 
     def recognises(self, content: bytes) -> bool:
         """Return whether the content begins as a log."""

@@ -16,7 +16,7 @@ from drake_rho.formats.straight_legs import Legs, legs_of
 from drake_rho.formats.texts import in_file, text_of
 from drake_rho.motion.flown import Flown
 from drake_rho.motion.headings import Heading
-from drake_rho.motion.tables import write_rows
+from drake_rho.motion.tables import rows_of, write_rows
 from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.errors import Description, ScenarioError
 from drake_rho.scenario.fields import LARGEST
@@ -48,31 +48,25 @@ def load_waypoints(path: str | Path) -> tuple[Waypoint, ...]:
 
 
 def _parse(text: str) -> tuple[Waypoint, ...]:
-    reader = csv.reader(io.StringIO(text, newline=""), delimiter=_separator(text), strict=True)
     try:
-        rows = [(reader.line_num, [cell.strip() for cell in row]) for row in reader]
+        rows = rows_of(text)
     except csv.Error as error:
         raise ScenarioError("", Description("malformed CSV"), f"CSV; {error}") from None
-    rows = [(line, row) for line, row in rows if any(row) and not row[0].startswith("#")]
     if not rows:
         raise ScenarioError("", Description("no row"), "at least one waypoint: x, y, z in metres")
     order = tuple(range(len(rows[0][1])))
     if not any(_is_number(cell) for cell in rows[0][1]):
         (line, header), *rows = rows
         order = _order(line, header)
+        if not rows:
+            expected = "at least one waypoint below the header"
+            raise ScenarioError("", Description("no rows"), expected)
     elif len(order) not in (3, 4):
         expected = "3, x, y, z; or 4, a time before them"
         raise ScenarioError(f"line {rows[0][0]}", Description(f"{len(order)} columns"), expected)
     if len(rows) > _MOST_ROWS:
         raise ScenarioError("", Description(f"{len(rows)} rows"), f"at most {_MOST_ROWS}")
     return tuple(_waypoint(line, row, order) for line, row in rows)
-
-
-def _separator(text: str) -> str:
-    """Return the separator in the first row that has one."""
-    lines = (line for line in text.splitlines() if line.strip() and not line.startswith("#"))
-    first = next(lines, "")
-    return next((each for each in "\t;" if each in first), ",")
 
 
 def _order(line: int, header: Sequence[str]) -> tuple[int, ...]:

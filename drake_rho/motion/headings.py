@@ -45,6 +45,8 @@ def direction_of(direction: Direction) -> Direction:
         raise ValueError(f"heading: got {direction!r}, expected {expected}")
     try:
         numbers = np.array(direction, dtype=np.float64)
+        if np.asarray(direction).dtype == bool:
+            raise TypeError
     except (TypeError, ValueError):
         numbers = np.array(np.nan)
     if numbers.shape not in ((), (3,)) or not np.all(np.abs(numbers) <= LARGEST):

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import codecs
 import csv
 import io
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from typing import IO
 
@@ -12,9 +13,17 @@ import numpy as np
 
 from drake_rho.motion.plan import Plan
 from drake_rho.motion.samples import COLUMNS, Samples, knots_among
-from drake_rho.scenario.errors import shortened
+from drake_rho.scenario.errors import shorten, shortened
 from drake_rho.scenario.fields import LARGEST, FloatArray
 from drake_rho.scenario.records import Scenario
+
+_BEGINNING = 1 << 20
+"""Bytes of a file in which its first row is looked for."""
+_SECONDS = dict.fromkeys(("s", "sec", "second", "seconds"), 1.0)
+_SECONDS |= dict.fromkeys(("ms", "msec", "millisecond", "milliseconds"), 1e-3)
+_METRES = dict.fromkeys(("m", "metre", "metres", "meter", "meters"), 1.0)
+_UNITS = {"time": _SECONDS, "x": _METRES, "y": _METRES, "z": _METRES}
+"""Units in headers."""
 
 
 def write_rows(file: IO[bytes], rows: Iterable[Iterable[object]]) -> None:
@@ -24,30 +33,82 @@ def write_rows(file: IO[bytes], rows: Iterable[Iterable[object]]) -> None:
     text.detach()  # flushes the buffer and leaves the file open
 
 
-def read_rows(content: bytes) -> list[list[str]]:
-    """Return the rows of a CSV file without spaces around cells and empty cells at the ends.
+def rows_of(text: str) -> list[tuple[int, list[str]]]:
+    """Return the rows of a CSV text, with their line numbers and without spaces around cells.
+
+    Columns are separated by commas, semicolons or tabs. Empty rows, and those that begin with #,
+    are left out.
+
+    Raises:
+        csv.Error: a row is damaged.
+    """
+    reader = csv.reader(io.StringIO(text, newline=""), delimiter=_separator(text), strict=True)
+    rows = [(reader.line_num, [cell.strip() for cell in row]) for row in reader]
+    return [(line, row) for line, row in rows if any(row) and not row[0].startswith("#")]
+
+
+def _separator(text: str) -> str:
+    """Return the separator that the first row has most often."""
+    first = next(filter(_is_row, io.StringIO(text)), "")
+    return max(",;\t", key=first.count)
+
+
+def _is_row(line: str) -> bool:
+    """Return whether a line is a row, neither empty nor a comment."""
+    return bool(line.strip()) and not line.lstrip().startswith("#")
+
+
+def read_rows(content: bytes) -> list[tuple[int, list[str]]]:
+    """Return the rows of a CSV file as `rows_of` does, without empty cells at their ends.
 
     Raises:
         ValueError: it is not a UTF-8 text, or a row is damaged.
     """
     try:
-        text = io.StringIO(content.decode("utf-8-sig"), newline="")
-        rows = [[cell.strip() for cell in row] for row in csv.reader(text, strict=True)]
+        rows = rows_of(content.decode("utf-8-sig"))
     except UnicodeDecodeError:
         raise ValueError("not a UTF-8 text file") from None
     except csv.Error as error:
         raise ValueError(f"not a table: {error}") from None
-    for row in rows:
-        while row and not row[-1]:
+    for _, row in rows:
+        while not row[-1]:
             row.pop()
     return rows
 
 
 def first_row(content: bytes) -> list[str]:
     """Return the first row of a CSV file as `read_rows` does; no cell if it is another file."""
+    lines = io.BytesIO(content[:_BEGINNING].removeprefix(codecs.BOM_UTF8))
+    first = next((each for each in lines if each.strip() and each.lstrip()[:1] != b"#"), b"")
     with suppress(ValueError):
-        return next(iter(read_rows(content.partition(b"\n")[0])), [])
+        return next((row for _, row in read_rows(first)), [])
     return []
+
+
+def column_of(number: int, cell: str, names: Mapping[str, str]) -> tuple[str, float] | None:
+    """Return the column that a cell of a header names, and its unit in s or m.
+
+    Args:
+        number: number of the column, from 1.
+        cell: such as `time [ms]`, `x (m)` or `y`.
+        names: columns by their names in small letters; time, x, y and z have units.
+
+    Returns:
+        The column and the size of its unit; None if it has none of the names.
+
+    Raises:
+        ValueError: the column is in another unit.
+    """
+    word, _, unit = cell.lower().replace("(", "[").partition("[")
+    if (name := names.get(word.strip())) is None:
+        return None
+    units = _UNITS.get(name)
+    if units is None or not (found := unit.strip(" ])")):
+        return name, 1.0
+    if found not in units:
+        expected = "time [s] or time [ms]" if name == "time" else f"{name} [m]"
+        raise ValueError(f"column {number}: got {shorten(cell)}, expected {expected}")
+    return name, units[found]
 
 
 def numbers_of_row(number: int, cells: Sequence[str], names: Sequence[str]) -> list[float]:

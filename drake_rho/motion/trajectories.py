@@ -23,6 +23,9 @@ from drake_rho.scenario.fields import LARGEST, FloatArray
 from drake_rho.scenario.records import Scenario
 from drake_rho.scenario.times import Clock
 
+_LONGEST_TICK = 1e-3
+"""Largest unit of times: files of shows count milliseconds [s]."""
+
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Trajectories(metaclass=Described):
@@ -36,8 +39,9 @@ class Trajectories(metaclass=Described):
 
     Raises:
         ValueError: there is no vehicle, a time or a coefficient is not a finite number, times do
-            not increase, the bound on the acceleration is not a positive number, the vehicles are
-            not those of the scenario, or a motion is outside its time.
+            not increase, the bound on the acceleration is not a positive number, the tick is not
+            from 0 to 1 ms, the vehicles are not those of the scenario, or a motion is outside its
+            time.
 
     Examples:
         >>> plan = rho.plan(rho.load_scenario("courier"))
@@ -54,6 +58,9 @@ class Trajectories(metaclass=Described):
     lines; None if the polynomials are the motion itself"""
     judged_for: Scenario | None = None
     """scenario whose vehicles they move, for figures, scenes and exports; None if it is unknown"""
+    tick: float = 0.0
+    """unit in which their file counts times [s]: they may end later than their scenario by this
+    rounding, and are then verified to their own end; 0 if times are exact"""
 
     def __post_init__(self) -> None:
         if not self.motions:
@@ -63,6 +70,8 @@ class Trajectories(metaclass=Described):
         most = self.max_acceleration
         if most is not None and not 0.0 < most <= LARGEST:
             raise ValueError(f"max_acceleration: got {most}, expected a positive number")
+        if not 0.0 <= self.tick <= _LONGEST_TICK:
+            raise ValueError(f"tick: got {self.tick}, expected 0 to {_LONGEST_TICK:g} s")
         motions, own = dict(self.motions), self.judged_for
         if own is not None:
             motions = dict(zip(own.names, self.by_vehicle(own), strict=True))
@@ -243,11 +252,11 @@ class Trajectories(metaclass=Described):
             one, two = (scenario.name, "the trajectories")[:: 1 if other in names else -1]
             raise ValueError(f"vehicles: {other} is in {one}, but not in {two}")
         span = grid.start - scenario.lead, grid.end + scenario.lead
-        if not grid.clock.within(np.array([self.start, self.end]), span).all():
+        latest = span[0], span[1] + self.tick
+        if not grid.clock.within(np.array([self.start, self.end]), latest).all():
             got = f"got trajectories from {self.start:.12g} to {self.end:.12g} s"
-            raise ValueError(
-                f"{got}, expected times of {scenario.name}, {span[0]:g} to {span[1]:g}"
-            )
+            expected = f"times of {scenario.name}, {span[0]:.12g} to {span[1]:.12g} s"
+            raise ValueError(f"{got}, expected {expected}, or a scenario that lasts as long")
         return [self.motions[name] for name in names]
 
     @checked

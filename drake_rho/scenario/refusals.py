@@ -30,6 +30,8 @@ def scenario_error(error: ValidationError, root: type, parent: str = "") -> Scen
         return cause.inside(where).inside(parent)
     if (wrong_tag := _wrong_tag(first, where, kinds)) is not None:
         return wrong_tag.inside(parent)
+    if first["type"] == "json_invalid":
+        return malformed_json(first["ctx"]["error"]).inside(parent)
     if first["type"] in _UNKNOWN:
         expected = "no field of this name" + _suggestion(str(names[-1]), kinds)
         return ScenarioError(where, first["input"], expected).inside(parent)
@@ -39,6 +41,13 @@ def scenario_error(error: ValidationError, root: type, parent: str = "") -> Scen
         expected = _records(kinds, in_python=bool(parent))
         return ScenarioError(where, first["input"], expected).inside(parent)
     return ScenarioError(where, first["input"], _expectation(first["msg"])).inside(parent)
+
+
+def malformed_json(reason: object) -> ScenarioError:
+    """Return the error for a text that is no JSON, or is nested more deeply than readers go."""
+    if "recursion" in str(reason):
+        return ScenarioError("", Description("malformed JSON, nested too deeply"), "JSON")
+    return ScenarioError("", Description("malformed JSON"), f"JSON; {reason}")
 
 
 def _records(kinds: list[type], *, in_python: bool) -> str:

@@ -4,14 +4,18 @@ Their polynomials become the pieces of a `PiecewiseTrajectory`, for which all ch
 piece is cut where a piece of another vehicle begins, and at the knots. Samples are straight lines
 with the error radii of `drake_rho.verification.sampled`.
 
-Outside a vehicle's own time it is at rest, up to the beginning and the end of the scenario. A jump
-of position or velocity, also to this rest, violates the dynamics. The acceleration may jump, as it
-does in plans: the jerk there is the jump over one step of the scenario's grid.
+Outside a vehicle's own time it is at rest, up to the beginning and the end of the scenario. Where a
+file counts times in ticks and rounds its end up, the last piece goes on to the file's own end, and
+the goal is to be met there.
+
+A jump of position or velocity, also to rest, violates the dynamics. The acceleration may jump, as
+it does in plans: the jerk there is the jump over one step of the scenario's grid.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
@@ -25,10 +29,12 @@ from drake_rho.verification.jerks import Jerks
 from drake_rho.verification.sampled import SampleTubes, check_samples
 from drake_rho.verification.states import check_flown, check_goal, check_start
 from drake_rho.verification.trajectory import PiecewiseTrajectory
-from drake_rho.verification.tubes import Tubes
+from drake_rho.verification.tubes import NO_ERRORS, Tubes
 
 _NAMED = 3
 """Largest number of vehicles that a note names."""
+_NANOSECOND = 1e-9
+"""Unit of times whose rounding changes no state by more than the tolerances [s]."""
 
 
 def trajectory_of_any(trajectories: Trajectories, scenario: Scenario) -> PiecewiseTrajectory:
@@ -38,10 +44,7 @@ def trajectory_of_any(trajectories: Trajectories, scenario: Scenario) -> Piecewi
         ValueError: the vehicles are not those of the scenario, a motion is outside its time, or
             samples are to be verified with a disturbance.
     """
-    own = [
-        Polynomials(scenario.grid.since_start(each.instants), each.coefficients)
-        for each in trajectories.by_vehicle(scenario)
-    ]
+    own = _since_start(trajectories, scenario)
     bound = trajectories.max_acceleration
     elapsed, knots = _instants(scenario, own, sampled=bound is not None)
     durations = np.diff(elapsed)
@@ -63,7 +66,7 @@ def trajectory_of_any(trajectories: Trajectories, scenario: Scenario) -> Piecewi
         commands=a,
         higher=np.moveaxis(c[..., 3:], -1, -2),
         jerks=Jerks.at_joints(scenario, elapsed, a, bends, 0.0 if bound is None else np.inf),
-        tubes=_tubes(trajectories, scenario),
+        tubes=_tubes(scenario, own, bound),
         jumps=np.arange(1, len(durations)),
     )
 
@@ -97,6 +100,9 @@ def notes_on_trajectories(trajectories: Trajectories, scenario: Scenario) -> tup
             f"samples, verified with accelerations of at most {bound:g} m/s² between them; so "
             f"velocities at starts and goals are known to {bound * max(widths) / 2.0:.2g} m/s only"
         )
+    if trajectories.end - (grid.end + lead) > _rounding(trajectories, scenario):
+        end, tick = clock_number(trajectories.end), trajectories.tick
+        notes.append(f"verified to {end} s, the end of the file, whose times are in {tick:g} s")
     late = {
         name: each.instants[0]
         for name, each in trajectories.motions.items()
@@ -115,6 +121,28 @@ def notes_on_trajectories(trajectories: Trajectories, scenario: Scenario) -> tup
     return tuple(notes)
 
 
+def _since_start(trajectories: Trajectories, scenario: Scenario) -> list[Polynomials]:
+    """Return the motions on the clock of the scenario's first knot.
+
+    Ends that differ from the scenario's by rounding to whole nanoseconds are the scenario's.
+    """
+    grid, lead = scenario.grid, scenario.lead
+    rounding = _rounding(trajectories, scenario)
+    found = list[Polynomials]()
+    for each in trajectories.by_vehicle(scenario):
+        instants = grid.since_start(each.instants)
+        for place, end in ((0, -lead), (-1, grid.elapsed[-1] + lead)):
+            if abs(instants[place] - end) <= rounding:
+                instants[place] = end
+        found.append(Polynomials(instants, each.coefficients))
+    return found
+
+
+def _rounding(trajectories: Trajectories, scenario: Scenario) -> float:
+    """Return the difference of two times that count as equal [s]."""
+    return max(scenario.grid.clock.rounding, min(trajectories.tick, _NANOSECOND) / 2.0)
+
+
 def _instants(
     scenario: Scenario, own: list[Polynomials], *, sampled: bool
 ) -> tuple[FloatArray, BoolArray]:
@@ -123,7 +151,8 @@ def _instants(
     The knots are those of the grid. Of samples verified at every instant they are the samples.
     """
     grid, lead = scenario.grid, scenario.lead
-    fixed = np.union1d(grid.elapsed, [-lead, grid.elapsed[-1] + lead])
+    last = max(grid.elapsed[-1] + lead, *(each.instants[-1] for each in own))
+    fixed = np.union1d(grid.elapsed, [-lead, last])
     given = grid.clock.distinct(np.concatenate([each.instants for each in own]))
     elapsed = np.union1d(fixed, grid.clock.apart(given, fixed))
     if sampled and scenario.between_knots:
@@ -141,15 +170,21 @@ def _alike(coefficients: list[FloatArray]) -> list[FloatArray]:
     ]
 
 
-def _tubes(trajectories: Trajectories, scenario: Scenario) -> Tubes:
-    """Return the error tubes: those of samples, or that of the scenario's disturbance.
+def _tubes(scenario: Scenario, own: list[Polynomials], bound: float | None) -> Tubes:
+    """Return the error tubes: those of samples with a bound, or of the scenario's disturbance.
+
+    Where a file ends later, by rounding, the tube of a disturbance is that of one step more.
 
     Raises:
         ValueError: there are samples and a disturbance.
     """
-    if trajectories.max_acceleration is None:
-        return Tubes.of_plan(scenario)
+    if bound is None:
+        tubes, ends = Tubes.of_plan(scenario), [each.instants[-1] for each in own]
+        if tubes is NO_ERRORS or max(ends) <= scenario.grid.elapsed[-1] + scenario.lead:
+            return tubes
+        one = tubes.last
+        return replace(tubes, tubes=(replace(one, grid=one.grid.from_knot(0, one.grid.knots)),))
     if scenario.disturbance is not None:
         expected = "expected one without: samples are verified as they were flown"
         raise ValueError(f"{scenario.name} has a disturbance, {expected}")
-    return SampleTubes.of_samples(trajectories, trajectories.max_acceleration)
+    return SampleTubes.of_samples([scenario.grid.start + each.instants for each in own], bound)

@@ -14,6 +14,7 @@ violated.
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -43,11 +44,14 @@ class SampleTubes(Tubes):
     """times of the samples on the scenario's clock [s], those of several vehicles once"""
 
     @classmethod
-    def of_samples(cls, trajectories: Trajectories, bound: float) -> SampleTubes:
-        """Return the error radii of sampled trajectories with a bound on accelerations [m/s²]."""
-        distinct = {
-            each.instants.tobytes(): each.instants for each in trajectories.motions.values()
-        }
+    def of_samples(cls, times: Sequence[FloatArray], bound: float) -> SampleTubes:
+        """Return the error radii of sampled motions.
+
+        Args:
+            times: times of each vehicle's samples on the scenario's clock [s].
+            bound: bound on accelerations [m/s²].
+        """
+        distinct = {each.tobytes(): each for each in times}
         return cls((), np.zeros(0), np.zeros(0, dtype=bool), bound, tuple(distinct.values()))
 
     def widths(self, times: FloatArray) -> FloatArray:

@@ -9,7 +9,7 @@ from urllib.parse import unquote
 
 import numpy as np
 
-from drake_rho.scenario.errors import Description, ScenarioError
+from drake_rho.scenario.errors import Description, ScenarioError, shorten
 from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.libraries import library, quiet
 from drake_rho.scenario.maps.claims import check_gltf, check_ply
@@ -25,6 +25,7 @@ _FEW = 1_000_000
 """Number of triangles up to which a file may repeat them, whatever its size."""
 
 _EXPECTED = "a mesh of triangles"
+_NO_VERTEX = "a face has a vertex that is not there"
 
 
 class MeshFile(NamedTuple):
@@ -74,7 +75,8 @@ def read_mesh(path: str | Path) -> MeshFile:
     except ScenarioError:
         raise
     except Exception as error:  # readers of damaged files may raise almost anything
-        raise unreadable(path, error, _EXPECTED) from None
+        reason = _NO_VERTEX if isinstance(error, IndexError) and ending == ".obj" else error
+        raise unreadable(path, reason, _EXPECTED) from None
     if len(triangles) == 0:
         raise ScenarioError(named(path), Description("no triangles"), _EXPECTED)
     if not np.isfinite(vertices).all():
@@ -113,7 +115,7 @@ class _Beside:
     """Files of numbers in the folder of a mesh; trimesh asks for them by name."""
 
     def __init__(self, path: Path) -> None:
-        self._folder = path.parent
+        self._folder, self._mesh = path.parent, named(path)
         self.read = set[str]()
 
     def __getitem__(self, name: str) -> bytes:
@@ -124,8 +126,8 @@ class _Beside:
         """
         path = absolute(self._folder / unquote(name))
         if not path.resolve().is_relative_to(self._folder) or not path.is_relative_to(self._folder):
-            given = Description("a reference to a file elsewhere")
-            raise ScenarioError(named(name), given, f"only files in {named(self._folder)}")
+            given = Description(f"a reference to {shorten(name)}, a file elsewhere")
+            raise ScenarioError(self._mesh, given, f"only files in {named(self._folder)}")
         content = read_bytes(checked_file(path, (".bin", ".glbin")))
         self.read.add(path.relative_to(self._folder).as_posix())
         return content
