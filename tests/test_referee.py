@@ -545,6 +545,22 @@ def write_zip(path: Path, files: Mapping[str, bytes]) -> Path:
     return path
 
 
+def test_jumps_that_rounded_coefficients_explain_are_told_and_do_not_count(tmp_path: Path) -> None:
+    scenario = along_x()
+    folder = rho.export(rho.plan(scenario), tmp_path / "flight", format="crazyswarm").path
+    (file,) = folder.iterdir()
+    header, *rows = [each.split(",") for each in file.read_text().splitlines()]
+    for digits, by, holds in ((6, 0.0, True), (6, 1e-3, False), (2, 0.0, True)):
+        cells = [[f"{float(each):.{digits}f}" for each in row] for row in rows]
+        cells[1][1] = f"{float(cells[1][1]) + by:.{digits}f}"  # x at the second piece's beginning
+        file.write_text("\n".join(map(",".join, [header, *cells])))
+        report = rho.verify(rho.load_trajectories(folder, scenario), scenario)
+        assert report.ok == holds, report
+        assert any("digits of the file's coefficients" in each for each in report.notes)
+        if not holds:
+            assert report.violations[0].what == "dynamics position"
+
+
 def test_an_archive_of_tables_is_read_like_their_folder(tmp_path: Path) -> None:
     files = {"a.csv": TABLE.encode(), "../b.csv": TABLE.encode(), "__MACOSX/._a.csv": b"x"}
     found = rho.load_trajectories(write_zip(tmp_path / "x.zip", files), max_acceleration=1.0)

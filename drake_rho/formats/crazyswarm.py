@@ -24,6 +24,9 @@ from drake_rho.scenario.errors import shorten
 MAX_PIECES = 31
 """Largest number of pieces of a vehicle: a Crazyflie has 4096 bytes for trajectories, and a piece
 takes 33 numbers of 4 bytes."""
+_FEW_DIGITS = 9
+"""Digits after the point up to which the coefficients of a file count as rounded: many programs
+write six. With more, pieces are joined as well as plans are."""
 COLUMNS = ("duration", *(f"{axis}^{k}" for axis in ("x", "y", "z", "yaw") for k in range(8)))
 
 
@@ -80,7 +83,14 @@ class Crazyswarm(Format):
             number = rows[int(np.argmax(short))][0]
             raise ValueError(f"row {number}, column duration: expected a positive number")
         axes = table[:, 1:].reshape(len(table), 4, DEGREE + 1)
-        return {name: Polynomials.lasting(table[:, 0], axes[:, :3])}
+        digits = max(_digits(cell) for _, row in rows for cell in row)
+        rounding = 0.5 * 10.0**-digits if digits <= _FEW_DIGITS else 0.0
+        return {name: Polynomials.lasting(table[:, 0], axes[:, :3], rounding)}
+
+
+def _digits(cell: str) -> float:
+    """Return the number of digits after the point; infinite with an exponent."""
+    return np.inf if "e" in cell.lower() else len(cell.partition(".")[2])
 
 
 def _check_header(number: int, header: Sequence[str]) -> None:

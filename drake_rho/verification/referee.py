@@ -75,18 +75,22 @@ def check_own(trajectory: PiecewiseTrajectory, trajectories: Trajectories) -> It
     """Verify that trajectories are continuous, begin at the starts and end at the goals.
 
     Samples can contradict the velocities of start and goal, but never prove them: they are met if a
-    motion that the bound allows has them.
+    motion that the bound allows has them. So it is with jumps of polynomials, and their ends, if
+    the coefficients are rounded.
     """
     bound, ends = trajectories.max_acceleration, trajectory.times[[0, -1]]
     if bound is None:
         joined = zip((trajectory.positions, trajectory.velocities), trajectory.ends, strict=True)
-        before = (np.concatenate([whole[:, :1], each], axis=1) for whole, each in joined)
-        yield from check_flown(trajectory, *before)
-        first, last = 0.0, 0.0
-    else:
-        yield check_samples(trajectory, trajectories, bound)
-        first, last = trajectory.tubes.at("velocity", ends).tolist()
-    yield from check_start(trajectory, first)
+        p, v = (np.concatenate([whole[:, :1], each], axis=1) for whole, each in joined)
+        own = trajectories.by_vehicle(trajectory.scenario)
+        jumps = np.array([each.jumps for each in own]).T
+        yield from check_flown(trajectory, p, v, jumps)
+        yield from check_start(trajectory, jumps)
+        yield from check_goal(trajectory, jumps)
+        return
+    yield check_samples(trajectory, trajectories, bound)
+    first, last = trajectory.tubes.at("velocity", ends).tolist()
+    yield from check_start(trajectory, (0.0, first))
     yield from check_goal(trajectory, (0.0, last))
 
 
@@ -99,6 +103,13 @@ def notes_on_trajectories(trajectories: Trajectories, scenario: Scenario) -> tup
         notes.append(
             f"samples, verified with accelerations of at most {bound:g} m/s² between them; so "
             f"velocities at starts and goals are known to {bound * max(widths) / 2.0:.2g} m/s only"
+        )
+    rounded = [each.jumps for each in trajectories.motions.values() if each.rounding]
+    if rounded:
+        away, faster = np.max(rounded, axis=0)
+        notes.append(
+            f"jumps of up to {away:.2g} m and {faster:.2g} m/s, which the digits of the file's "
+            "coefficients can explain, do not count"
         )
     if trajectories.end - (grid.end + lead) > _rounding(trajectories, scenario):
         end, tick = clock_number(trajectories.end), trajectories.tick
@@ -134,7 +145,7 @@ def _since_start(trajectories: Trajectories, scenario: Scenario) -> list[Polynom
         for place, end in ((0, -lead), (-1, grid.elapsed[-1] + lead)):
             if abs(instants[place] - end) <= rounding:
                 instants[place] = end
-        found.append(Polynomials(instants, each.coefficients))
+        found.append(replace(each, instants=instants))
     return found
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
+import numpy.typing as npt
 
 from drake_rho.motion.plan import Plan
 from drake_rho.motion.simulation import Simulation
@@ -80,57 +81,62 @@ def check_planned(plan: Plan, trajectory: PiecewiseTrajectory) -> Iterator[Colum
 
 
 def check_flown(
-    trajectory: PiecewiseTrajectory, positions: FloatArray, velocities: FloatArray
+    trajectory: PiecewiseTrajectory,
+    positions: FloatArray,
+    velocities: FloatArray,
+    within: npt.ArrayLike = (0.0, 0.0),
 ) -> Iterator[Column]:
-    """Verify that positions and velocities (N, J + 1, 3) are those of the trajectory."""
+    """Verify that positions and velocities (N, J + 1, 3) are those of the trajectory.
+
+    Args:
+        trajectory: the motion.
+        positions: the positions [m].
+        velocities: the velocities [m/s].
+        within: largest differences [m, m/s], of all vehicles or of each, shape (2,) or (2, N).
+    """
     pairs: tuple[tuple[Quantity, FloatArray, FloatArray], ...] = (
         ("position", positions, trajectory.positions),
         ("velocity", velocities, trajectory.velocities),
     )
-    for quantity, own, flown in pairs:
+    for (quantity, own, flown), most in zip(pairs, np.asarray(within), strict=True):
         differences = np.linalg.norm(own - flown, axis=2)
         k, largest = differences.argmax(axis=1), differences.max(axis=1)
         yield _difference(
-            trajectory.scenario, "dynamics", quantity, trajectory.times[k], largest, 0.0
+            trajectory.scenario, "dynamics", quantity, trajectory.times[k], largest, most
         )
 
 
-def check_start(trajectory: PiecewiseTrajectory, within: float) -> Iterator[Column]:
+def check_start(trajectory: PiecewiseTrajectory, within: npt.ArrayLike) -> Iterator[Column]:
     """Verify that a motion that was not planned here begins at the start.
 
     Args:
         trajectory: the motion.
-        within: allowed distance of the velocity from that of the start [m/s].
+        within: allowed distances from the start [m, m/s], as in `check_flown`.
     """
     fleet, times = (
         trajectory.scenario.fleet,
         np.full(len(trajectory.positions), trajectory.times[0]),
     )
-    pairs: tuple[tuple[Quantity, FloatArray, float], ...] = (
-        ("position", trajectory.positions[:, 0] - fleet.start_positions, 0.0),
-        ("velocity", trajectory.velocities[:, 0] - fleet.start_velocities, within),
+    pairs: tuple[tuple[Quantity, FloatArray], ...] = (
+        ("position", trajectory.positions[:, 0] - fleet.start_positions),
+        ("velocity", trajectory.velocities[:, 0] - fleet.start_velocities),
     )
-    for quantity, missed, most in pairs:
+    for (quantity, missed), most in zip(pairs, np.asarray(within), strict=True):
         away = np.linalg.norm(missed, axis=1)
         yield _difference(trajectory.scenario, "start", quantity, times, away, most)
 
 
-def check_goal(trajectory: PiecewiseTrajectory, within: tuple[float, float]) -> Iterator[Column]:
-    """Verify that the last state is within the given distances [m, m/s] of the goal."""
-    fleet, errors = (
-        trajectory.scenario.fleet,
-        dict(zip(("position", "velocity"), within, strict=True)),
-    )
+def check_goal(trajectory: PiecewiseTrajectory, within: npt.ArrayLike) -> Iterator[Column]:
+    """Verify that the last state is within distances of the goal, as in `check_flown`."""
+    fleet = trajectory.scenario.fleet
     pairs: tuple[tuple[Quantity, FloatArray, BoolArray], ...] = (
         ("position", trajectory.positions[:, -1], fleet.fixed_positions),
         ("velocity", trajectory.velocities[:, -1], fleet.fixed_velocities),
     )
-    for quantity, reached, fixed in pairs:
+    for (quantity, reached, fixed), most in zip(pairs, np.asarray(within), strict=True):
         missed = np.linalg.norm(fleet.missed(quantity, reached), axis=1)
         times = np.full(len(missed), trajectory.times[-1])
-        yield _difference(
-            trajectory.scenario, "goal", quantity, times, missed, errors[quantity], fixed
-        )
+        yield _difference(trajectory.scenario, "goal", quantity, times, missed, most, fixed)
 
 
 def _difference(
@@ -139,7 +145,7 @@ def _difference(
     quantity: Quantity,
     times: FloatArray,
     values: FloatArray,
-    most: float,
+    most: FloatArray,
     concerned: BoolArray | None = None,
 ) -> Column:
     """Return the checks of differences, which may not exceed `most`, of some or all vehicles."""
