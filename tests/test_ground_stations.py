@@ -660,6 +660,38 @@ def test_flights_from_the_air_need_no_takeoff(tmp_path: Path) -> None:
         assert written.deviation <= 0.1 + 1e-3
 
 
+def test_fences_come_back_as_they_were(tmp_path: Path) -> None:
+    dent = [(-50.0, -50.0), (150.0, -50.0), (150.0, 150.0), (50.0, 140.0), (-50.0, 150.0)]
+    zone = [(60.0, 60.0), (90.0, 60.0), (90.0, 90.0)]
+    circles = [
+        {"circle": {"center": geodetic(*place, 0.0)[:2], "radius": size}, "inclusion": inside}
+        for place, size, inside in (((40.0, 40.0), 250.0, True), ((110.0, 20.0), 12.0, False))
+    ]
+    fence = {"polygons": [polygon(True, *dent), polygon(False, *zone)], "circles": circles}
+    given = rho.load_mission(
+        plan_file(tmp_path, [item(22, 0, 0, 20), item(16, 40, 40, 20)], **fence)
+    )
+    ball = rho.Obstacle(rho.Sphere([20.0, -20.0, 20.0], 3.0))  # no fence
+    scenario = dataclasses.replace(given, obstacles=(*given.obstacles, ball))
+    written = rho.export(rho.plan(scenario), tmp_path / "again.plan")
+    assert "no fences but 5 without an end in height" in str(written)
+    again = rho.load_mission(tmp_path / "again.plan")
+    rng = np.random.default_rng(1)
+    x = np.column_stack([rng.uniform(-100, 200, (4000, 2)), np.full(4000, 20.0)])
+
+    def allowed(scenario: rho.Scenario) -> np.ndarray:
+        sets = [each.set for each in scenario.requirements if "circle" in str(each.name)]
+        sets += [each.set for each in scenario.requirements if "polygon" in str(each.name)]
+        inside = np.all([np.asarray(each.signed_distance(x)) <= 0.0 for each in sets], axis=0)
+        shapes = [each.shape for each in scenario.obstacles if each is not ball]
+        return inside & np.all([each.signed_distance(x) > 0.0 for each in shapes], axis=0)
+
+    assert len(again.requirements) == len(given.requirements)
+    differ = allowed(given) != allowed(again)
+    assert differ.mean() < 0.001  # at most where rounding decides
+    assert 0.2 < allowed(given).mean() < 0.8
+
+
 def test_a_return_comes_back_as_a_landing_and_speeds_are_missed(
     plan: rho.Plan, tmp_path: Path
 ) -> None:
@@ -667,7 +699,8 @@ def test_a_return_comes_back_as_a_landing_and_speeds_are_missed(
     items = json.loads((tmp_path / "m.plan").read_text())["mission"]["items"]
     assert [items[0]["command"], items[-1]["command"]] == [22, 21]
     assert {each["params"][1] for each in items if each["command"] == 16} == {0.5}
-    assert "no times, no fences, no speeds of single legs" in str(written)
+    assert "no times, no fences" in str(written)
+    assert "no speeds of single legs" in str(written)
     ((again,),) = [rho.load_mission(tmp_path / "m.plan").vehicles]
     np.testing.assert_allclose(again.goal.position, PLACES[-1], atol=MILLIMETRE)
     assert again.waypoints[-1].velocity is not None

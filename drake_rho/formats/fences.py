@@ -1,4 +1,4 @@
-"""Fences of missions: inclusion as requirements, exclusion as obstacles, both without an end.
+"""Fences of missions as requirements (inclusion) and obstacles (exclusion), and back again.
 
 A concave inclusion polygon is its convex hull without the pockets between hull and polygon, which
 are no-fly zones. No-fly zones are cut into triangles that overlap by `OVERLAP`, as a vehicle
@@ -19,7 +19,7 @@ from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.frame import Frame
 from drake_rho.scenario.obstacles import Obstacle
 from drake_rho.scenario.polygons import crosses_itself, triangulated, turn
-from drake_rho.scenario.records import KeepIn
+from drake_rho.scenario.records import KeepIn, Scenario
 from drake_rho.scenario.shapes.cylinders import Cylinder
 from drake_rho.scenario.shapes.polyhedra import Polytope
 
@@ -80,6 +80,58 @@ def zones_of(fences: tuple[Fence, ...], origin: Frame, heights: tuple[float, flo
             solids = [_solid(fence.name, part, heights) for part in parts]
             obstacles += [Obstacle(each, name=fence.name) for each in solids]
     return Zones(tuple(requirements), tuple(obstacles))
+
+
+def fences_of(
+    scenario: Scenario, vehicle: str, origin: Frame, heights: tuple[float, float]
+) -> tuple[Fence, ...]:
+    """Return what a scenario keeps a vehicle in and out of at all times and heights, as fences.
+
+    These are upright, endless cylinders, and upright prisms that reach over the heights. No-fly
+    zones in parts remain in parts.
+
+    Args:
+        scenario: scenario of the plan.
+        vehicle: name of the vehicle.
+        origin: origin of the local positions.
+        heights: least and greatest height at which it flies [m].
+    """
+    inside = [
+        each.set
+        for each in scenario.requirements
+        if (each.vehicles is None or vehicle in each.vehicles)
+        and each.of == "position"
+        and (each.relative_to, each.between, each.active, each.penalty) == (None,) * 4
+    ]
+    outside = [
+        each.shape
+        for each in scenario.bodies
+        if each.is_steady and (each.active, each.penalty) == (None, None)
+    ]
+    found = list[Fence]()
+    for inclusion, shapes in ((True, inside), (False, outside)):
+        for shape in shapes:
+            if isinstance(shape, Cylinder) and shape.axis == "z" and shape.height is None:
+                corners, radius = shape.center[None, :2], float(shape.radius)
+            elif isinstance(shape, Polytope) and (base := _base(shape, heights)) is not None:
+                corners, radius = base, None
+            else:
+                continue
+            level = np.column_stack([corners, np.zeros(len(corners))])
+            found.append(Fence("", inclusion, origin.geodetic(level)[:, :2], radius))
+    return tuple(found)
+
+
+def _base(shape: Polytope, heights: tuple[float, float]) -> FloatArray | None:
+    """Return the corners of an upright prism that reaches over heights, shape (M, 2), else None."""
+    corners = shape.vertices
+    lowest, highest = corners[:, 2].min(), corners[:, 2].max()
+    top = corners[:, 2] == highest
+    lower, upper = (np.unique(corners[each, :2], axis=0) for each in (~top, top))
+    upright = np.array_equal(lower, upper) and (corners[~top, 2] == lowest).all()
+    if not (upright and lowest <= heights[0] and heights[1] <= highest):
+        return None
+    return np.asarray(lower[ConvexHull(lower).vertices])
 
 
 def _local(fence: Fence, origin: Frame) -> FloatArray:

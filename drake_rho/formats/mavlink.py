@@ -148,6 +148,7 @@ class Mavlink(MissionFormat):
 
     name = "mavlink"
     endings = (".waypoints",)
+    has_fences = False  # they are items of files of their own
 
     def text(self, mission: WrittenMission) -> str:
         """Return the content of a vehicle's file."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -258,13 +258,14 @@ class QGroundControl(MissionFormat):
 
     name = "qgroundcontrol"
     endings = (".plan",)
+    has_fences = True
 
     def text(self, mission: WrittenMission) -> str:
         """Return the content of a vehicle's file."""
         items = [_written(number, each) for number, each in enumerate(mission.items, start=1)]
         content: dict[str, Any] = {
             "fileType": "Plan",
-            "geoFence": {"circles": [], "polygons": [], "version": 2},
+            "geoFence": {**_written_fences(mission.fences), "version": 2},
             "groundStation": "QGroundControl",
             "mission": {
                 "cruiseSpeed": mission.speed,
@@ -297,3 +298,16 @@ def _written(number: int, item: Item) -> dict[str, Any]:
         relative = {"AMSLAltAboveTerrain": None, "Altitude": params[6], "AltitudeMode": 1}
         written = {**relative, **written}
     return written
+
+
+def _written_fences(fences: Sequence[Fence]) -> dict[str, list[dict[str, Any]]]:
+    """Return circles and polygons as in the file; 1e-10 of a degree are a hundredth of a mm."""
+    circles, polygons = list[dict[str, Any]](), list[dict[str, Any]]()
+    for fence in fences:
+        corners, common = fence.corners.round(10).tolist(), {"inclusion": fence.inclusion}
+        if fence.radius is None:
+            polygons.append({"polygon": corners, **common, "version": 1})
+        else:
+            circle = {"center": corners[0], "radius": fence.radius}
+            circles.append({"circle": circle, **common, "version": 1})
+    return {"circles": circles, "polygons": polygons}

@@ -5,10 +5,12 @@ from __future__ import annotations
 import dataclasses
 from abc import abstractmethod
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 
 from drake_rho.formats.clearance import spare_of
+from drake_rho.formats.fences import fences_of
 from drake_rho.formats.folders import write_each
 from drake_rho.formats.format import Format, planned
 from drake_rho.formats.mission_items import (
@@ -18,6 +20,7 @@ from drake_rho.formats.mission_items import (
     SLOWEST,
     TAKEOFF,
     WAYPOINT,
+    Fence,
     Item,
 )
 from drake_rho.formats.record import Exported
@@ -53,6 +56,8 @@ class WrittenMission:
     """items after home"""
     speed: float
     """largest speed of the plan [m/s]"""
+    fences: tuple[Fence, ...] = ()
+    """what the vehicle is kept in and out of"""
 
 
 class MissionFormat(Format):
@@ -62,6 +67,8 @@ class MissionFormat(Format):
     rated = False
     content = "a vertical take-off, then places joined by straight legs, without times"
     read_by = "rho.load_mission(path), as a mission"
+    has_fences: ClassVar[bool]
+    """whether a file holds fences"""
 
     def write(
         self, flown: Flown, path: Path, rate: float | None, heading: Heading | None
@@ -87,16 +94,28 @@ class MissionFormat(Format):
             _mission(each, scenario.frame, speed, landing)
             for each, speed, landing in zip(legs, speeds, lands, strict=True)
         ]
+        if self.has_fences:
+            missions = [_with_fences(each, index, plan) for index, each in enumerate(missions)]
         most = max(len(each.items) for each in missions)
         if most >= MOST_ITEMS:  # home is one more
             raise ValueError(f"{self.name}: got {most} items, expected less than {MOST_ITEMS}")
         texts = [self.text(each).encode() for each in missions]
         files = write_each(path, scenario.names, self.endings[0], texts)
-        return _exported(plan, path, files, legs, most)
+        count = max(len(each.fences) for each in missions)
+        return _exported(plan, path, files, legs, most, count)
 
     @abstractmethod
     def text(self, mission: WrittenMission) -> str:
         """Return the content of a vehicle's file."""
+
+
+def _with_fences(mission: WrittenMission, index: int, plan: Plan) -> WrittenMission:
+    """Return the mission of a vehicle with its fences."""
+    scenario, heights = plan.scenario, plan.positions[index, :, 2]
+    assert scenario.frame is not None  # noqa: S101  # checked before
+    span = float(heights.min()), float(heights.max())
+    fences = fences_of(scenario, scenario.names[index], scenario.frame, span)
+    return dataclasses.replace(mission, fences=fences)
 
 
 def _takes_off(legs: Legs) -> bool:
@@ -203,7 +222,9 @@ def _mission(legs: Legs, frame: Frame, speed: float, lands: bool) -> WrittenMiss
     return WrittenMission(home, tuple(items), most)
 
 
-def _exported(plan: Plan, path: Path, files: list[Path], legs: list[Legs], most: int) -> Exported:
+def _exported(
+    plan: Plan, path: Path, files: list[Path], legs: list[Legs], most: int, fences: int
+) -> Exported:
     """Return the record; without times, vehicles may be anywhere on their paths at once.
 
     Args:
@@ -212,6 +233,7 @@ def _exported(plan: Plan, path: Path, files: list[Path], legs: list[Legs], most:
         files: paths of the files.
         legs: legs of all vehicles.
         most: largest number of items of a file.
+        fences: largest number of fences of a file.
     """
     bent = [each.longest**2 / (8.0 * EARTH_RADIUS) for each in legs]
     deviations = np.array([each.deviation for each in legs]) + bent
@@ -229,7 +251,10 @@ def _exported(plan: Plan, path: Path, files: list[Path], legs: list[Legs], most:
     if most > _STORED:
         words += f", {most} items, where boards with ArduPilot usually store some {_STORED}"
     asked = {each.of for each in scenario.requirements}
-    words += ", no fences" if scenario.bodies or "position" in asked else ""
+    if fences:
+        words += f", no fences but {fences} without an end in height"
+    elif scenario.bodies or "position" in asked:
+        words += ", no fences"
     words += ", no speeds of single legs" if "velocity" in asked else ""
     words += ": separation is lost," if len(legs) > 1 else ","
     return Exported(path, tuple(files), words, scenario.names, deviations, spare)
