@@ -683,8 +683,9 @@ def test_fences_come_back_as_they_were(tmp_path: Path) -> None:
         sets = [each.set for each in scenario.requirements if "circle" in str(each.name)]
         sets += [each.set for each in scenario.requirements if "polygon" in str(each.name)]
         inside = np.all([np.asarray(each.signed_distance(x)) <= 0.0 for each in sets], axis=0)
-        shapes = [each.shape for each in scenario.obstacles if each is not ball]
-        return inside & np.all([each.signed_distance(x) > 0.0 for each in shapes], axis=0)
+        shapes = [each.shape for each in scenario.bodies if each is not ball]
+        outside = np.all([np.asarray(each.signed_distance(x)) > 0.0 for each in shapes], axis=0)
+        return np.asarray(inside & outside)
 
     assert len(again.requirements) == len(given.requirements)
     differ = allowed(given) != allowed(again)
@@ -959,7 +960,8 @@ def test_landings_at_any_height_are_written_as_landings(height: float, tmp_path:
         rho.export(plan, tmp_path / "m.waypoints")
         again = rho.load_mission(tmp_path / "m.waypoints")
     command, *_, z, _ = (tmp_path / "m.waypoints").read_text().split("\n")[-2].split("\t")[3:]
-    assert (command, float(z)) == ("21", pytest.approx(height, abs=1e-3))
+    assert command == "21"
+    assert float(z) == pytest.approx(height, abs=1e-3)
     np.testing.assert_allclose(again.vehicles[0].goal.position, [60, 0, height], atol=2e-3)
     floors = [each.name for each in again.requirements if each.between and each.of == "position"]
     assert floors == (["ground"] if height > 0.1 else [])
@@ -974,7 +976,7 @@ def test_plans_that_end_in_the_air_are_no_landings(tmp_path: Path) -> None:
     landing = rho.load_mission(path)
     (lander,) = landing.vehicles
     higher = dataclasses.replace(lander, goal=rho.State(lander.goal.position + np.array([0, 0, 5])))
-    for scenario in (hover, dataclasses.replace(landing, vehicles=[higher])):
+    for scenario in (hover, dataclasses.replace(landing, vehicles=(higher,))):
         rho.export(rho.plan(scenario), tmp_path / "m.waypoints")
         last = (tmp_path / "m.waypoints").read_text().split("\n")[-2].split("\t")
         assert last[3] == "16"

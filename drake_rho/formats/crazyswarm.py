@@ -84,8 +84,8 @@ class Crazyswarm(Format):
             raise ValueError(f"row {number}, column duration: expected a positive number")
         axes = table[:, 1:].reshape(len(table), 4, DEGREE + 1)
         digits = max(_digits(cell) for _, row in rows for cell in row)
-        rounding = 0.5 * 10.0**-digits if digits <= _FEW_DIGITS else 0.0
-        return {name: Polynomials.lasting(table[:, 0], axes[:, :3], rounding)}
+        resolution = 0.5 * 10.0**-digits if digits <= _FEW_DIGITS else 0.0
+        return {name: Polynomials.lasting(table[:, 0], axes[:, :3], resolution)}
 
 
 def _digits(cell: str) -> float:

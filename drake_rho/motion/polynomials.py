@@ -24,8 +24,8 @@ class Polynomials:
     coefficients: FloatArray
     """coefficients of the powers of the time since a piece began, from the lowest up: [m], [m/s],
     [m/s²], …, shape (N, J, 3, D + 1)"""
-    rounding: float = 0.0
-    """largest rounding of coefficients, in their units: half of the last digit in a file"""
+    resolution: float = 0.0
+    """largest error of coefficients by the digits of a file, in their units; 0 if it has all"""
 
     @classmethod
     def through(cls, times: FloatArray, positions: FloatArray) -> Self:
@@ -40,16 +40,16 @@ class Polynomials:
 
     @classmethod
     def lasting(
-        cls, durations: FloatArray, coefficients: FloatArray, rounding: float = 0.0
+        cls, durations: FloatArray, coefficients: FloatArray, resolution: float = 0.0
     ) -> Self:
         """Return the motion of one vehicle from time 0 on, by the durations of its pieces.
 
         Args:
             durations: durations [s], shape (J,).
             coefficients: coefficients as in the field, shape (J, 3, D + 1).
-            rounding: as in the field.
+            resolution: as in the field.
         """
-        return cls(np.append(0.0, np.cumsum(durations)), coefficients[None], rounding)
+        return cls(np.append(0.0, np.cumsum(durations)), coefficients[None], resolution)
 
     @classmethod
     def of_trajectory(cls, trajectory: PiecewisePolynomial) -> Self:
@@ -79,15 +79,15 @@ class Polynomials:
 
     @property
     def jumps(self) -> tuple[float, float]:
-        """Largest jumps of positions [m] and velocities [m/s] that rounding can explain.
+        """Largest jumps of positions [m] and velocities [m/s] that the resolution can explain.
 
         A coefficient of s^k is multiplied by the k-th power of the duration of its piece, and that
         of the next piece by 1.
         """
-        if self.rounding == 0.0:
+        if self.resolution == 0.0:
             return 0.0, 0.0
         s, powers = float(np.diff(self.instants).max()), np.arange(self.coefficients.shape[-1])
-        each = self.rounding * np.sqrt(3.0)
+        each = self.resolution * np.sqrt(3.0)
         slopes = powers[1:] * s ** (powers[1:] - 1.0)
         return float(each * (1.0 + np.sum(s**powers))), float(each * (1.0 + np.sum(slopes)))
 

@@ -104,14 +104,16 @@ def notes_on_trajectories(trajectories: Trajectories, scenario: Scenario) -> tup
             f"samples, verified with accelerations of at most {bound:g} m/s² between them; so "
             f"velocities at starts and goals are known to {bound * max(widths) / 2.0:.2g} m/s only"
         )
-    rounded = [each.jumps for each in trajectories.motions.values() if each.rounding]
+    rounded = [each.jumps for each in trajectories.motions.values() if each.resolution]
     if rounded:
         away, faster = np.max(rounded, axis=0)
         notes.append(
             f"jumps of up to {away:.2g} m and {faster:.2g} m/s, which the digits of the file's "
             "coefficients can explain, do not count"
         )
-    if trajectories.end - (grid.end + lead) > _rounding(trajectories, scenario):
+    if not _is_one(scenario, trajectories, trajectories.end, grid.end + lead) and grid.clock.after(
+        trajectories.end, grid.end + lead
+    ):
         end, tick = clock_number(trajectories.end), trajectories.tick
         notes.append(f"verified to {end} s, the end of the file, whose times are in {tick:g} s")
     late = {
@@ -138,20 +140,20 @@ def _since_start(trajectories: Trajectories, scenario: Scenario) -> list[Polynom
     Ends that differ from the scenario's by rounding to whole nanoseconds are the scenario's.
     """
     grid, lead = scenario.grid, scenario.lead
-    rounding = _rounding(trajectories, scenario)
     found = list[Polynomials]()
     for each in trajectories.by_vehicle(scenario):
         instants = grid.since_start(each.instants)
         for place, end in ((0, -lead), (-1, grid.elapsed[-1] + lead)):
-            if abs(instants[place] - end) <= rounding:
+            if _is_one(scenario, trajectories, instants[place], end):
                 instants[place] = end
         found.append(replace(each, instants=instants))
     return found
 
 
-def _rounding(trajectories: Trajectories, scenario: Scenario) -> float:
-    """Return the difference of two times that count as equal [s]."""
-    return max(scenario.grid.clock.rounding, min(trajectories.tick, _NANOSECOND) / 2.0)
+def _is_one(scenario: Scenario, trajectories: Trajectories, time: float, end: float) -> bool:
+    """Return whether a time is that of an end, but for whole nanoseconds in the file."""
+    tick = min(trajectories.tick, _NANOSECOND)
+    return bool(scenario.grid.clock.same(time, end)) or abs(time - end) <= tick / 2.0
 
 
 def _instants(
