@@ -82,10 +82,14 @@ class Track:
     @property
     def last_velocity(self) -> FloatArray:
         """Velocity of the last piece [m/s], shape (3,); zero if there is only one time."""
+        return self._slopes[-1]
+
+    @cached_property
+    def _slopes(self) -> FloatArray:
+        """Velocities of the pieces [m/s], shape (M - 1, 3); zero if there is only one time."""
         if len(self.times) < 2:
-            return np.zeros(3)
-        moved, time = np.diff(self.positions[-2:], axis=0)[0], self.times[-1] - self.times[-2]
-        return np.asarray(moved / time)
+            return np.zeros((1, 3))
+        return np.asarray(np.diff(self.positions, axis=0) / np.diff(self.times)[:, None])
 
     @classmethod
     def sampled(
@@ -133,8 +137,11 @@ class Track:
 
     def at(self, times: FloatArray) -> FloatArray:
         """Return the positions at times on the scenario's clock [m], shape (M, 3)."""
-        axes = [np.interp(times, self.times, axis) for axis in self.positions.T]
-        positions = np.stack(axes, axis=-1)
+        first, last = self.times[0], self.times[-1]
+        since = np.minimum(np.maximum(times, first), last)
+        k = np.minimum(self.times.searchsorted(since, "right"), len(self._slopes)) - 1
+        positions = self._slopes[k] * (since - self.times[k])[..., None] + self.positions[k]
+        positions[since == last] = self.positions[-1]  # without rounding
         if self.after == "goes_on":
             positions += np.maximum(times - self.times[-1], 0.0)[..., None] * self.last_velocity
         return positions
@@ -151,8 +158,7 @@ class Track:
         """
         piece_at = clock.last_before if before else clock.last_begun
         piece = piece_at(self.times, times) + 1
-        moving = np.diff(self.positions, axis=0) / np.diff(self.times)[:, None]
-        rest = np.zeros((1, 3))
+        moving, rest = self._slopes[: len(self.times) - 1], np.zeros((1, 3))
         last = self.last_velocity[None] if self.after == "goes_on" else rest
         velocities: FloatArray = np.concatenate([rest, moving, last])[piece]
         return velocities

@@ -75,8 +75,11 @@ class KeepOutOfShape(KeepOutOfObstacle):
         if not self.every_instant:
             return self._penetrating_knots(motion, vehicles)
         _, whose, times = self.deepest_instants(motion, vehicles, beyond)
-        repeated = (np.diff(whose, prepend=-1) == 0) & (np.diff(times, prepend=-1.0) == 0.0)
-        return EvaluationPoints(whose[~repeated], whose[~repeated], times[~repeated])
+        if len(times) > 1:
+            first = np.ones(len(times), dtype=bool)
+            first[1:] = (whose[1:] != whose[:-1]) | (times[1:] != times[:-1])
+            whose, times = whose[first], times[first]
+        return EvaluationPoints(whose, whose, times)
 
     def _penetrating_knots(self, motion: Motion, vehicles: IntArray) -> EvaluationPoints:
         """Return the points at inner knots that are inside."""
