@@ -11,7 +11,7 @@ from pathlib import Path
 
 from drake_rho.cli.checks import options_named
 from drake_rho.formats.crazyflies import is_crazyflies
-from drake_rho.formats.load import load_trajectories
+from drake_rho.formats.load import holds_trajectories, load_trajectories
 from drake_rho.formats.lsc_missions import is_lsc_mission
 from drake_rho.formats.missions import is_mission, load_mission
 from drake_rho.formats.waypoint_tables import load_waypoints
@@ -61,7 +61,7 @@ def load_any(
     """Load a plan, flight or simulation, or trajectories if their scenario is given.
 
     Raises:
-        PlanFileError: the file cannot be read, or is of another kind.
+        PlanFileError: the file cannot be read, is of another kind, or lacks its scenario.
         ValueError: a bound on the acceleration is missing for samples, or an option of trajectories
             is given otherwise.
     """
@@ -75,7 +75,13 @@ def load_any(
     if max_acceleration is not None or topic:
         option = "--topic" if topic else "--max-acceleration"
         raise ValueError(f"{option}: got no --scenario, expected that of samples")
-    return load_result(file)
+    try:
+        return load_result(file)
+    except PlanFileError:
+        if not holds_trajectories(file):
+            raise
+    got = "trajectories without their scenario"
+    raise PlanFileError(f"{file}: got {got}, expected it too: --scenario FILE")
 
 
 def _vehicle_and_topic(text: str) -> tuple[str, str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from itertools import chain
 from pathlib import Path
 
@@ -125,6 +126,13 @@ def load_trajectories(
         return Trajectories(motions, max_acceleration, scenario, tick)
     except ValueError as error:
         raise PlanFileError(f"{path}: {error}") from None
+
+
+def holds_trajectories(path: str | Path) -> bool:
+    """Return whether a file or folder is of a format that `load_trajectories` reads."""
+    with suppress(PlanFileError):
+        return bool(_recognised(_files(Path(path))))
+    return False
 
 
 def _files(path: Path) -> list[Path]:
