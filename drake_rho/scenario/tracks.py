@@ -82,7 +82,7 @@ class Track:
     @property
     def last_velocity(self) -> FloatArray:
         """Velocity of the last piece [m/s], shape (3,); zero if there is only one time."""
-        return self._slopes[-1]
+        return np.asarray(self._slopes[-1])
 
     @cached_property
     def _slopes(self) -> FloatArray:
@@ -138,10 +138,11 @@ class Track:
     def at(self, times: FloatArray) -> FloatArray:
         """Return the positions at times on the scenario's clock [m], shape (M, 3)."""
         first, last = self.times[0], self.times[-1]
-        since = np.minimum(np.maximum(times, first), last)
-        k = np.minimum(self.times.searchsorted(since, "right"), len(self._slopes)) - 1
-        positions = self._slopes[k] * (since - self.times[k])[..., None] + self.positions[k]
-        positions[since == last] = self.positions[-1]  # without rounding
+        during = np.minimum(np.maximum(times, first), last)
+        k = np.minimum(self.times.searchsorted(during, "right"), len(self._slopes)) - 1
+        since = during - self.times[k]
+        positions: FloatArray = self._slopes[k] * since[..., None] + self.positions[k]
+        positions[during == last] = self.positions[-1]  # without rounding
         if self.after == "goes_on":
             positions += np.maximum(times - self.times[-1], 0.0)[..., None] * self.last_velocity
         return positions
