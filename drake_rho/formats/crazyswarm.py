@@ -24,9 +24,9 @@ from drake_rho.scenario.errors import shorten
 MAX_PIECES = 31
 """Largest number of pieces of a vehicle: a Crazyflie has 4096 bytes for trajectories, and a piece
 takes 33 numbers of 4 bytes."""
-_FEW_DIGITS = 9
-"""Digits after the point up to which the coefficients of a file count as rounded: many programs
-write six. With more, pieces are joined as well as plans are."""
+_ROUNDED_DIGITS = range(5, 10)
+"""Numbers of digits after the point at which the coefficients of a file count as rounded: many
+programs write six. With fewer they are exact, and with more pieces join as well as in plans."""
 COLUMNS = ("duration", *(f"{axis}^{k}" for axis in ("x", "y", "z", "yaw") for k in range(8)))
 
 
@@ -84,7 +84,7 @@ class Crazyswarm(Format):
             raise ValueError(f"row {number}, column duration: expected a positive number")
         axes = table[:, 1:].reshape(len(table), 4, DEGREE + 1)
         digits = max(_digits(cell) for _, row in rows for cell in row)
-        resolution = 0.5 * 10.0**-digits if digits <= _FEW_DIGITS else 0.0
+        resolution = 0.5 * 10.0**-digits if digits in _ROUNDED_DIGITS else 0.0
         return {name: Polynomials.lasting(table[:, 0], axes[:, :3], resolution)}
 
 

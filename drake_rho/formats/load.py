@@ -183,7 +183,7 @@ def _recognised(files: list[Path]) -> dict[Reader, dict[Path, bytes]]:
 
 
 def _contents(path: Path) -> Iterator[tuple[Path, bytes]]:
-    """Yield a file's path and content; of an archive that is no show, those of the files in it.
+    """Yield the path and the content of a file, or of each file in an archive that is no show.
 
     Raises:
         PlanFileError: the file cannot be read, or is a result of this package.

@@ -184,7 +184,7 @@ def _read(path: Path) -> MissionFile:
 
 
 def _home(path: Path, mission: MissionFile, given: Frame | None) -> Frame:
-    """Return the place of the launch; that of the first item with one if there is no other.
+    """Return the place of the launch, or of the first item on the map if there is none.
 
     Raises:
         ScenarioError: there is none, or nothing to fly to from there, or items are above mean sea
@@ -223,7 +223,7 @@ def _above_sea(mission: MissionFile) -> Item | None:
 
 
 def _names(paths: Sequence[Path]) -> list[str]:
-    """Return names of vehicles: those of their files, numbered where several are equal."""
+    """Return the names of the vehicles, which are those of their files, with numbers if equal."""
     names = list[str]()
     for path in paths:
         stem = "".join(each for each in path.stem if each.isprintable())
@@ -236,7 +236,7 @@ def _names(paths: Sequence[Path]) -> list[str]:
 
 
 def _notes(mission: MissionFile, home: Frame | None, flight: _Flight) -> Iterator[str]:
-    """Yield what is left out or taken for granted, and altitudes far from the origin.
+    """Yield the warnings on a mission, of what is left out and of what is taken for granted.
 
     Args:
         mission: content of the file.

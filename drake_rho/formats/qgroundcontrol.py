@@ -235,7 +235,7 @@ def _is_relative(name: str, item: _Item) -> bool:
 
 
 def _filled(values: tuple[float | None, ...], count: int) -> list[float]:
-    """Return values with NaN for those that are null or missing."""
+    """Return a number of values, NaN where they are null or missing."""
     given = [np.nan if each is None else each for each in values[:count]]
     return given + [np.nan] * (count - len(given))
 

@@ -106,14 +106,15 @@ def step_for(seconds: float, steps: Callable[[float], int]) -> float:
         seconds: time of the flight without a grid [s].
         steps: function from a step [s] to the number of steps of the flight.
     """
-    rounded = _rounded_up(max(seconds / _STEPS, _SHORTEST))
-    best, most = rounded, max(_MOST, 1.25 * steps(rounded))
-    while best * steps(best) > _LONGER * seconds and rounded > _SHORTEST:
+    best = rounded = _rounded_up(max(seconds / _STEPS, _SHORTEST))
+    least = best * steps(best)
+    most = max(_MOST, 1.25 * least / best)
+    while least > _LONGER * seconds and rounded > _SHORTEST:
         rounded = _rounded_up(0.4 * rounded)
         if (count := steps(rounded)) > most:
             break
-        if rounded * count < best * steps(best):
-            best = rounded
+        if rounded * count < least:
+            best, least = rounded, rounded * count
     return best
 
 

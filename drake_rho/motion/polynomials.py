@@ -14,6 +14,9 @@ from drake_rho.scenario.times import Clock
 if TYPE_CHECKING:
     from pydrake.trajectories import PiecewisePolynomial
 
+_LARGEST_JUMPS = 1e-3, 1e-2
+"""Largest jumps of positions [m] and velocities [m/s] that count as rounding."""
+
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Polynomials:
@@ -82,14 +85,16 @@ class Polynomials:
         """Largest jumps of positions [m] and velocities [m/s] that the resolution can explain.
 
         A coefficient of s^k is multiplied by the k-th power of the duration of its piece, and that
-        of the next piece by 1.
+        of the next piece by 1. Jumps beyond `_LARGEST_JUMPS` are no rounding of use to anyone.
         """
         if self.resolution == 0.0:
             return 0.0, 0.0
         s, powers = float(np.diff(self.instants).max()), np.arange(self.coefficients.shape[-1])
         each = self.resolution * np.sqrt(3.0)
         slopes = powers[1:] * s ** (powers[1:] - 1.0)
-        return float(each * (1.0 + np.sum(s**powers))), float(each * (1.0 + np.sum(slopes)))
+        sums = each * (1.0 + np.sum(s**powers)), each * (1.0 + np.sum(slopes))
+        position, velocity = np.minimum(sums, _LARGEST_JUMPS).tolist()
+        return position, velocity
 
     def states(self, times: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return positions [m], velocities [m/s] and accelerations [m/s²] at times, (N, M, 3) each.
