@@ -296,6 +296,36 @@ def test_a_limit_active_on_another_axis_is_not_named_in_the_subset() -> None:
     assert names == ("goal x", "velocity box x from 0.5 s to 7.5 s")
 
 
+@pytest.mark.parametrize("knots", [21, 81, pytest.param(201, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("limit", [{"max_acceleration": 4.0}, {"max_thrust": 15.0}])
+def test_a_waypoint_out_of_reach_conflicts_with_nothing_after_it(
+    limit: dict[str, float], knots: int
+) -> None:
+    far, limits = rho.Waypoint(1.0, [0, 100, 0]), rho.Limits(**limit, max_speed=9.0)
+    late = single(limits=limits, waypoints=[far], grid=rho.Grid(0.1, knots))
+    with pytest.raises(rho.InfeasibleError) as caught:
+        rho.plan(late)
+    names = rho.infeasible_subset(caught.value)["solo"]
+    assert len(names) == 2
+    assert "from 0 s to 0.9 s" in names[0]  # the last acceleration before the waypoint
+    assert names[1] == "waypoint 1 at 1 s"
+
+
+@pytest.mark.parametrize("knots", [21, 81])
+def test_waypoints_too_far_apart_conflict_with_the_speed_between_them(knots: int) -> None:
+    passed = [rho.Waypoint(3.0, [2, 0, 0]), rho.Waypoint(3.1, [5, 0, 0])]
+    limits = rho.Limits(max_acceleration=4.0, max_speed=3.0)
+    fast = single(limits=limits, waypoints=passed, grid=rho.Grid(0.5, knots))
+    with pytest.raises(rho.InfeasibleError) as caught:
+        rho.plan(fast)
+    names = rho.infeasible_subset(caught.value)["solo"]
+    assert sorted(names) == [
+        "maximum speed from 3 s to 3.5 s",
+        "waypoint 1 at 3 s",
+        "waypoint 2 at 3.1 s",
+    ]
+
+
 def test_what_a_solver_calls_infeasible_without_a_proof_is_planned() -> None:
     """Clarabel's weights for this mission exclude solutions of a hundredth of its bounds only."""
     places = [

@@ -110,14 +110,15 @@ def elastic(
 ) -> list[Constraint]:
     """Return the goals and some constraints, softened with penalties scaled by quantity.
 
-    The scale of a quantity is the largest of all vehicles. Acceleration boxes stay hard if
+    The scale of a quantity is the largest of all vehicles. Penalties have the programs' unit: in
+    another, solvers would take large violations for none. Acceleration boxes stay hard if
     margins leave them feasible. Other sets of accelerations are soft: a requirement may contradict
     the boxes, and tangent planes converge slowly where only violations have a cost. Soft limits of
     the scenario are left out.
     """
     hard = "acceleration" if has_room_for(problem.scenario, problem.margins, "acceleration") else ""
     fleet = problem.scenario.fleet
-    unit = float(fleet.scale("acceleration").max())
+    unit = float(fleet.units.max())
     return [
         each
         if each.kind == hard
