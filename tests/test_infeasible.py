@@ -297,11 +297,18 @@ def test_a_limit_active_on_another_axis_is_not_named_in_the_subset() -> None:
 
 
 @pytest.mark.parametrize("knots", [21, 81, pytest.param(201, marks=pytest.mark.slow)])
-@pytest.mark.parametrize("limit", [{"max_acceleration": 4.0}, {"max_thrust": 15.0}])
+@pytest.mark.parametrize(
+    "limits",
+    [
+        rho.Limits(max_acceleration=4.0, max_speed=9.0),
+        rho.Limits(max_thrust=15.0, max_speed=9.0),
+    ],
+    ids=["acceleration", "thrust"],
+)
 def test_a_waypoint_out_of_reach_conflicts_with_nothing_after_it(
-    limit: dict[str, float], knots: int
+    limits: rho.Limits, knots: int
 ) -> None:
-    far, limits = rho.Waypoint(1.0, [0, 100, 0]), rho.Limits(**limit, max_speed=9.0)
+    far = rho.Waypoint(1.0, [0, 100, 0])
     late = single(limits=limits, waypoints=[far], grid=rho.Grid(0.1, knots))
     with pytest.raises(rho.InfeasibleError) as caught:
         rho.plan(late)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Iterable, Mapping
+from functools import cached_property
 from itertools import pairwise
 from typing import TYPE_CHECKING, Self, get_args
 
@@ -144,6 +145,17 @@ class Motion:
         """
         if pieces == 1:
             return self
+        if pieces not in self._subdivided:
+            self._subdivided[pieces] = self._in_pieces(pieces)
+        return self._subdivided[pieces]
+
+    @cached_property
+    def _subdivided(self) -> dict[int, Motion]:
+        """Motions with divided steps, by the number of pieces: several constraints need them."""
+        return {}
+
+    def _in_pieces(self, pieces: int) -> Motion:
+        """Return the same motions with each step divided."""
         s = self.step / pieces * np.arange(pieces)[:, None]
         p, v, a = (
             each[..., : self.accelerations.shape[-2], None, :]

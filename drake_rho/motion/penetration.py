@@ -17,6 +17,7 @@ space that it may occupy is d less an affine function of s, so that all of this 
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from functools import singledispatch
 
 import numpy as np
@@ -107,9 +108,7 @@ class Course:
             count: number of steps.
         """
         times: FloatArray = np.float64(h) * np.arange(count)
-        corners, clock = obstacle.corners, Clock.of(h)  # at the ends, none splits a step
-        corners = corners[clock.after(corners, 0.0) & clock.before(corners, h * count)]
-        steps = None
+        corners, steps = corners_within(obstacle, h, count), None
         if len(corners) > 0:
             times = np.union1d(times, corners)
             steps = np.minimum(step_at(times, h), count - 1)
@@ -126,6 +125,91 @@ class Course:
             obstacle.uncertainty(times + durations),
             obstacle.is_active(middles),
         )
+
+
+def corners_within(obstacle: Obstacle, h: float, count: int) -> FloatArray:
+    """Return the corners of an obstacle's motion between the ends of so many steps [s], (C,)."""
+    corners = obstacle.corners
+    if len(corners) == 0:
+        return corners
+    clock = Clock.of(h)  # at the ends, none splits a step
+    return corners[clock.after(corners, 0.0) & clock.before(corners, h * count)]
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Courses:
+    """Motions of several obstacles of convex shapes in the same steps, of which none is split."""
+
+    times: FloatArray
+    """beginning of each step since the first knot [s], shape (K-1,)"""
+    durations: FloatArray
+    """durations of the steps [s], shape (K-1,)"""
+    extents: FloatArray
+    """half the side lengths of the obstacles' bounding boxes [m], shape (M, 3)"""
+    centers: FloatArray
+    """centres at the beginnings [m], shape (M, K-1, 3)"""
+    velocities: FloatArray
+    """velocities in the steps [m/s], shape (M, K-1, 3)"""
+    errors: FloatArray
+    """position errors at the beginnings [m], shape (M, K-1)"""
+    growths: FloatArray
+    """growth rates of the position errors [m/s], shape (M, K-1)"""
+    grown: FloatArray
+    """position errors at the ends [m], shape (M, K-1)"""
+    active: BoolArray
+    """whether each obstacle is avoided in each step, shape (M, K-1)"""
+
+    @classmethod
+    def of(cls, obstacles: Sequence[Obstacle], h: float, count: int) -> Courses:
+        """Return the motions of obstacles in a number of steps h [s].
+
+        Args:
+            obstacles: on a clock that is 0 at the first knot, without corners within these steps.
+            h: duration of a step [s].
+            count: number of steps.
+        """
+        times: FloatArray = np.float64(h) * np.arange(count)
+        durations: FloatArray = np.diff(times, append=h * count)
+        middles, ends = times + durations / 2.0, times + durations
+        errors = np.array([each.uncertainty(times) for each in obstacles])
+        grown = np.array([each.uncertainty(ends) for each in obstacles])
+        return cls(
+            times,
+            durations,
+            np.array([each.shape.extent for each in obstacles]),
+            np.array([each.centers(times) for each in obstacles]),
+            np.array([each.velocities(middles) for each in obstacles]),
+            errors,
+            (grown - errors) / durations,
+            grown,
+            np.array([each.is_active(middles) for each in obstacles]),
+        )
+
+    @property
+    def grow(self) -> BoolArray:
+        """Whether the space that each may occupy grows, shape (M,)."""
+        return np.asarray(self.growths.any(axis=1))
+
+
+def pieces_near_courses(motion: Motion, courses: Courses, within: FloatArray) -> Pieces:
+    """Return the steps of motions relative to obstacles that may come close to them.
+
+    The parts of the pieces are the obstacles' indices, in ascending order.
+
+    Args:
+        motion: of several vehicles, arrays of shape (N, ..., 3).
+        courses: motions of M obstacles in its steps.
+        within: the distance that counts as close, of each obstacle and vehicle [m], shape (M, N).
+    """
+    p = motion.positions[:, :-1] - courses.centers[:, None]
+    v = motion.velocities[:, :-1] - courses.velocities[:, None]
+    a, distances = motion.accelerations, within[..., None] + courses.grown[:, None]
+    near = _near_box(courses.extents[:, None, None], p, v, a, courses.durations, distances)
+    near &= courses.active[:, None]
+    parts, owners, k = near.nonzero()
+    errors, growths = courses.errors[parts, k], courses.growths[parts, k]
+    of = p[near], v[near], a[owners, k]
+    return Pieces(owners, courses.times[k], courses.durations[k], *of, parts, errors, growths)
 
 
 def pieces_near(motion: Motion, obstacle: Obstacle, within: FloatArray) -> Pieces:
@@ -173,10 +257,10 @@ def _near_box(
     durations: FloatArray,
     within: FloatArray,
 ) -> BoolArray:
-    """Return a mask of the pieces (N, K) that may come within distances (N, K) of a centred box."""
+    """Return which pieces (..., K) may come within distances (..., K) of boxes around zero."""
     w = durations[:, None]  # a coordinate that reverses moves at most as far as v/2 does in w
     moved = w * np.maximum(np.abs(v + w / 2 * a), np.abs(v) / 2)
-    near: BoolArray = np.all(np.abs(p) < extent + within[..., None] + moved, axis=2)
+    near = np.asarray((np.abs(p) < extent + within[..., None] + moved).all(axis=-1))
     return near
 
 
@@ -246,11 +330,32 @@ def _(
     """Return pieces, and times since their beginnings, in closed form if nothing grows."""
     if np.any(pieces.growths):
         return _Search(shape, pieces, below, _PRECISION * tolerances).run()
-    if (_least_lengths(pieces) >= shape.radius + below + pieces.errors).all():
-        return np.zeros(0, dtype=int), np.zeros(0)
+    return _nearest_within(pieces, shape.radius + below)
+
+
+def deepest_in_balls(pieces: Pieces, below: FloatArray) -> tuple[IntArray, FloatArray]:
+    """Return the pieces that come below a distance from the centre of a ball that does not grow.
+
+    Args:
+        pieces: M pieces, which may be near several balls.
+        below: distance from the centre of each piece's ball [m], shape (M,).
+
+    Returns:
+        Indices of these pieces, shape (D,), and times since the first knot [s], shape (D,).
+    """
+    which, s = _nearest_within(pieces, below)
+    return which, pieces.times[which] + s
+
+
+def _nearest_within(pieces: Pieces, below: FloatArray) -> tuple[IntArray, FloatArray]:
+    """Return pieces and times since their beginnings, in closed form."""
+    near = (_least_lengths(pieces) < below + pieces.errors).nonzero()[0]
+    if len(near) == 0:
+        return near, np.zeros(0)
+    pieces, below = pieces.select(near), below[near]
     s = nearest_moments(pieces.p, pieces.v, pieces.a, pieces.durations)
-    inside = np.flatnonzero(shape.local_distance(pieces.at(s)) - pieces.errors < below)
-    return inside, s[inside]
+    inside = (lengths_of(pieces.at(s)) - pieces.errors < below).nonzero()[0]
+    return near[inside], s[inside]
 
 
 def _least_lengths(pieces: Pieces) -> FloatArray:

@@ -303,8 +303,8 @@ class Fleet:
         )
         # fmax ignores NaN, which stands for unknown accelerations and waypoints that are not given
         lengths: FloatArray = np.sqrt(np.fmax.reduce(np.vecdot(distances, distances)))
-        lengths = np.maximum(np.maximum(lengths, self._separation), self._evasion_lengths())
-        lengths = np.maximum(lengths, self._reaches)
+        lengths = np.maximum(np.maximum(lengths, self._separation), self._reaches)
+        lengths = np.maximum(lengths, self._evasion_lengths(lengths))
         lengths[lengths == 0.0] = 1.0
         errors = self.summed_errors
         nowhere = ~self.given_positions & (lengths <= errors)
@@ -323,8 +323,10 @@ class Fleet:
         """Upper bound of the rounding errors of positions that are summed over steps [m], (N,)."""
         return self._grid.knots * self.coordinate_errors
 
-    def _evasion_lengths(self) -> FloatArray:
+    def _evasion_lengths(self, lengths: FloatArray) -> FloatArray:
         """Return the evasive distances that moving obstacles may require [m], shape (N,).
+
+        Those below given lengths (N,) may be omitted.
 
         An obstacle counts if it comes close enough to a vehicle that moves straight to its goal.
         The length is then the obstacle's least extent plus the required distance from it, but at
@@ -333,7 +335,7 @@ class Fleet:
         """
         evasion = np.zeros(len(self._vehicles))
         changing = [body for body in self._bodies if not body.is_steady]
-        for body in self._may_be_met(changing) if changing else ():
+        for body in self._may_be_met(changing, lengths) if changing else ():
             instants = self._instants(body)
             errors = body.uncertainty(instants)
             required = self.radii + body.deviation + errors[-1]
@@ -346,16 +348,19 @@ class Fleet:
             evasion[met] = np.maximum(evasion, most)[met]
         return evasion
 
-    def _may_be_met(self, bodies: Sequence[Obstacle]) -> Iterator[Obstacle]:
-        """Yield the obstacles that are not far from the boxes around straight paths to the goals.
+    def _may_be_met(self, bodies: Sequence[Obstacle], lengths: FloatArray) -> Iterator[Obstacle]:
+        """Yield obstacles that may take longer to evade than given lengths (N,).
 
-        This saves most of the time, and leaves out none that `_closest_to` would find close.
+        They are not far from the boxes around straight paths to the goals. This saves most of the
+        time, and leaves out none that `_closest_to` would find close.
         """
         ends, end = (self.start_positions, self.goal_positions), np.array([self._grid.duration])
         lower, upper = np.minimum(*ends), np.maximum(*ends)
         for body in bodies:
-            size = float(np.linalg.norm(body.shape.extent)) + body.deviation
-            required = self.radii + size + body.uncertainty(end)
+            required = self.radii + body.deviation + body.uncertainty(end)
+            if (body.shape.thickness + required <= lengths).all():
+                continue
+            required += float(np.linalg.norm(body.shape.extent))
             if not (_ROUNDED_DOWN * body.gaps(lower, upper, 0.0) > required).all():  # or NaN
                 yield body
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import sys
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from drake_rho.planning.constraints.base import (
 from drake_rho.planning.constraints.keep_out import EvaluationPoints, KeepOutOfObstacle, side_of
 from drake_rho.planning.constraints.maps import KeepOutOfMap
 from drake_rho.planning.constraints.margins import PlanMargins
+from drake_rho.planning.constraints.shapes_together import ShapesTogether
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.maps.parts import Parts
 from drake_rho.scenario.records import Scenario
@@ -31,6 +32,9 @@ class KeepOutOfShape(KeepOutOfObstacle):
 
     shape: Shape
     """shape of the obstacle"""
+    together: tuple[ShapesTogether, int] | None = None
+    """obstacles that are searched together with this one, and its index; None if its motion has
+    corners within steps"""
 
     def distances_at(self, points: EvaluationPoints, offsets: FloatArray) -> FloatArray:
         """Return signed distances from the shape [m], shape (R,)."""
@@ -74,7 +78,11 @@ class KeepOutOfShape(KeepOutOfObstacle):
         """Return the deepest instant of each penetrating step, without duplicates."""
         if not self.every_instant:
             return self._penetrating_knots(motion, vehicles)
-        _, whose, times = self.deepest_instants(motion, vehicles, beyond)
+        if self.together is None:
+            _, whose, times = self.deepest_instants(motion, vehicles, beyond)
+        else:
+            others, number = self.together
+            whose, times = others.deepest_instants(number, motion, vehicles, beyond)
         if len(times) > 1:
             first = np.ones(len(times), dtype=bool)
             first[1:] = (whose[1:] != whose[:-1]) | (times[1:] != times[:-1])
@@ -165,10 +173,14 @@ def obstacles_of(
     reference = reference.subdivided(margins.inner.pieces)
     open_end = scenario.fleet.open_end
     inner_knots = EvaluationPoints.at_inner_knots(reference, open_end=open_end)
+    together = dict[int, tuple[ShapesTogether, int]]()
+    if scenario.between_knots:
+        together = _searched_together(scenario, margins, reference)
     constraints: list[KeepOutOfObstacle] = []
     for number, obstacle in known:
         shape: Solid = obstacle.shape
-        kind = KeepOutOfMap if isinstance(shape, Parts) else KeepOutOfShape
+        is_map = isinstance(shape, Parts)
+        kind = KeepOutOfMap if is_map else partial(KeepOutOfShape, together=together.get(number))
         constraints.append(
             kind(
                 shape=shape,  # type: ignore[arg-type]  # of that kind
@@ -193,3 +205,23 @@ def obstacles_of(
             )
         )
     return constraints
+
+
+def _searched_together(
+    scenario: Scenario, margins: PlanMargins, reference: Motion
+) -> dict[int, tuple[ShapesTogether, int]]:
+    """Return the obstacles that each is searched with, and its index among them, by its number."""
+    together = dict[int, tuple[ShapesTogether, int]]()
+    fleet, obstacles = scenario.fleet, [each for _, each in scenario.avoided]
+    for group in ShapesTogether.groups(obstacles, reference):
+        members = [obstacles[index] for index in group]
+        joint = ShapesTogether(
+            members,
+            [fleet.radii + each.deviation for each in members],
+            [fleet.obstacle_tolerances(each.shape) for each in members],
+            margins.inner,
+            reference,
+        )
+        numbers = [scenario.avoided[index][0] for index in group]
+        together |= {number: (joint, index) for index, number in enumerate(numbers)}
+    return together

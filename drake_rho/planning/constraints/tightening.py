@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from drake_rho.planning.constraints.slack import (
     slacks_at_rest,
     states_at,
 )
-from drake_rho.scenario.fields import unchecked
+from drake_rho.scenario.fields import FloatArray, unchecked
 from drake_rho.scenario.parts import Quantity
 from drake_rho.scenario.records import Scenario
 
@@ -47,19 +47,24 @@ def missing_slack(
         under_way: whether starts are measured states, which may deviate by a few tolerances.
         of_start: whether only constraints at starts are checked.
     """
-    near = _near_ends(scenario, margins)
-    slacks = _end_slacks(near, margins, 0) if of_start else _slacks(near, margins)
+    fleet = scenario.fleet
+    starts, goals = fleet.start_positions, fleet.goal_positions
+    if of_start:
+        slacks = _end_slacks(_near(scenario, margins, [starts]), margins, 0)
+    else:
+        slacks = _slacks(_near(scenario, margins, [starts, goals]), margins)
     return _missing(scenario, slacks, under_way=under_way)
 
 
-def _near_ends(scenario: Scenario, margins: PlanMargins) -> Scenario:
-    """Return a scenario without the obstacles that are surely far from all starts and goals."""
-    fleet = scenario.fleet
-    required = fleet.radii + float(margins.inner.knots["position"][list(ENDS)].max())
-    places = np.concatenate([fleet.start_positions, fleet.goal_positions])
-    both = np.tile(required, 2)
-    near = tuple(each for each in scenario.avoided if not each[1].stays_beyond(places, both, 0.0))
-    return scenario.derived(avoided=near, fleet=fleet)
+def _near(scenario: Scenario, margins: PlanMargins, places: Sequence[FloatArray]) -> Scenario:
+    """Return a scenario without the obstacles surely far from the vehicles' places, (N, 3) each."""
+    required = scenario.fleet.radii + float(margins.inner.knots["position"][list(ENDS)].max())
+    near = tuple(
+        each
+        for each in scenario.avoided
+        if not all(each[1].stays_beyond(own, required, 0.0) for own in places)
+    )
+    return scenario.derived(avoided=near, fleet=scenario.fleet)
 
 
 def missing_slack_at_rest(scenario: Scenario) -> dict[str, tuple[str, ...]]:
