@@ -260,8 +260,7 @@ def _near_box(
     """Return which pieces (..., K) may come within distances (..., K) of boxes around zero."""
     w = durations[:, None]  # a coordinate that reverses moves at most as far as v/2 does in w
     moved = w * np.maximum(np.abs(v + w / 2 * a), np.abs(v) / 2)
-    near = np.asarray((np.abs(p) < extent + within[..., None] + moved).all(axis=-1))
-    return near
+    return np.asarray((np.abs(p) < extent + within[..., None] + moved).all(axis=-1))
 
 
 def _near_parts(

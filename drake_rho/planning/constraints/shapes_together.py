@@ -106,7 +106,7 @@ class ShapesTogether:
     def _is_asked_again(self, motion: Motion, vehicles: IntArray, beyond: float) -> bool:
         if self._asked is None or motion is not self._asked[0] or beyond != self._asked[2]:
             return False
-        return np.array_equal(vehicles, self._asked[1])
+        return vehicles is self._asked[1] or np.array_equal(vehicles, self._asked[1])
 
     def _search(
         self, motion: Motion, vehicles: IntArray, beyond: float
