@@ -16,6 +16,8 @@ from hypothesis import strategies as st
 import drake_rho as rho
 from drake_rho.motion.dynamics import Motion
 from drake_rho.motion.penetration import deepest, pieces_near
+from drake_rho.planning.constraints.margins import without_errors
+from drake_rho.planning.constraints.shapes_together import ShapesTogether
 from drake_rho.planning.programs.backend import Solver
 from tests.arrays import FloatArray
 from tests.motions import from_start
@@ -208,6 +210,56 @@ def test_the_deepest_instants_agree_with_dense_samples(seed: int, kind: str, mov
             assert min(distances(np.array(instants))) <= dense + 1e-8 * shape.size
         for time in instants:
             assert distances(np.array([time]))[0] < below[0] + 1e-12 or dense < below[0]
+
+
+def _bodies(rng: np.random.Generator, count: int, step: float) -> list[rho.Obstacle]:
+    """Return obstacles of every kind, at rest, moving, for a time, or more and more uncertain."""
+    kinds = [*sorted(KINDS), "sphere", "sphere"]  # of balls, all are solved at once
+    bodies = []
+    for number in range(count):
+        shape = random_shape(rng, kinds[number % len(kinds)], rng.normal(size=3), 1.0)
+        changes: list[dict[str, object]] = [
+            {},
+            {"velocity": rng.normal(size=3)},
+            {"velocity": rng.normal(size=3), "velocity_error": 0.1, "seen_at": 0.0},
+            {"active": (2 * step, 5 * step)},  # with corners within the flight
+        ]
+        change = changes[int(rng.integers(4 if number > 0 else 3))]
+        bodies.append(rho.Obstacle(shape, **change))  # type: ignore[arg-type]
+    return bodies
+
+
+@given(seed=seeds, count=st.integers(1, 14), vehicles=st.integers(1, 3))
+@settings(max_examples=20)
+def test_obstacles_are_as_deep_together_as_each_alone(seed: int, count: int, vehicles: int) -> None:
+    rng, step, grid = np.random.default_rng(seed), 0.5, rho.Grid(0.5, 9)
+    one = from_start(
+        rho.State(2 * rng.normal(size=3), rng.normal(size=3)), rng.normal(size=(8, 3)), step
+    )
+    columns = (each for each in dataclasses.astuple(one)[1:] if each is not None)
+    motion = Motion(step, *(np.stack([each] * vehicles) for each in columns))
+    motion.positions[...] += rng.normal(size=(vehicles, 1, 3))
+    bodies = [each.since(grid) for each in _bodies(rng, count, step)]
+    required = [rng.uniform(0.0, 0.5, vehicles) for _ in bodies]
+    tolerances = [np.full(vehicles, each.shape.tolerance) for each in bodies]
+    group = [number for each in ShapesTogether.groups(bodies, motion) for number in each]
+    assert group == [number for number, each in enumerate(bodies) if each.active is None]
+    together = ShapesTogether(
+        [bodies[number] for number in group],
+        [required[number] for number in group],
+        [tolerances[number] for number in group],
+        without_errors(grid),
+        motion,
+    )
+    everyone = np.arange(vehicles)
+    for number, index in enumerate(group):
+        whose, times = together.deepest_instants(number, motion, everyone, 0.0)
+        body, below = bodies[index], required[index]
+        pieces = pieces_near(motion, body, below)
+        depth = np.full(len(pieces.owners), body.shape.tolerance)
+        which, alone = deepest(body.shape, pieces, below[pieces.owners], depth)
+        np.testing.assert_array_equal(whose, pieces.owners[which])
+        np.testing.assert_allclose(times, alone, rtol=0.0, atol=1e-9)
 
 
 def late(known_from: float, **changes: object) -> rho.Scenario:
