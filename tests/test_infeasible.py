@@ -333,6 +333,22 @@ def test_waypoints_too_far_apart_conflict_with_the_speed_between_them(knots: int
     ]
 
 
+@pytest.mark.parametrize("start", [0.0, 1.7e9])
+def test_waypoints_that_a_limit_keeps_apart_are_named_with_it_on_any_clock(start: float) -> None:
+    """Legs of a quarter of a second in a flight of ten need thousands of times its mean effort."""
+    rng = np.random.default_rng(12)
+    times = start + np.array([2.166, 2.384, 2.889, 4.115])
+    passed = [rho.Waypoint(time, 0.25 * rng.normal(size=3)) for time in times.tolist()]
+    limits = rho.Limits(velocity=box(0.25), acceleration=box(2.0))
+    goal = rho.State(0.25 * rng.normal(size=3))
+    slow = single(limits=limits, waypoints=passed, goal=goal, grid=rho.Grid(0.25, 42, start))
+    with pytest.raises(rho.InfeasibleError) as caught:
+        rho.plan(slow)
+    names = rho.infeasible_subset(caught.value)["solo"]
+    assert any("velocity box" in name for name in names)
+    assert not any("goal" in name for name in names)
+
+
 def test_what_a_solver_calls_infeasible_without_a_proof_is_planned() -> None:
     """Clarabel's weights for this mission exclude solutions of a hundredth of its bounds only."""
     places = [

@@ -77,7 +77,7 @@ def test_without_goals_a_motion_starts_the_same_and_everything_is_reachable() ->
     one_step = single(grid=rho.Grid(2.0, 2))
     effort = MinimumEffort.of(one_step)
     assert effort.unreachable.tolist() == [True]
-    free = effort.without_goals()
+    free = effort.without_goals(one_step.fleet.units)
     assert free.unreachable.tolist() == [False]
     assert [each.shape for each in free.goals.rows] == [(0, 1)]
     np.testing.assert_array_equal(free.motion.positions, effort.motion.positions)

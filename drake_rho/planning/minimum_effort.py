@@ -282,8 +282,12 @@ class MinimumEffort:
             np.abs(least.missed).max(axis=1) > TOLERANCE * fleet.lengths,
         )
 
-    def without_goals(self) -> MinimumEffort:
-        """Return these motions with goals that need not be reached, and changes without a cost."""
+    def without_goals(self, units: FloatArray) -> MinimumEffort:
+        """Return these motions with goals that need not be reached, and changes without a cost.
+
+        Args:
+            units: of accelerations in programs [m/s²], shape (N,).
+        """
         changes, nobody = self.changes, np.zeros_like(self.changes.classes)
         rows = self.goals.rows[0][:0]
         roots = np.sqrt([each.unit for each in changes.spaces])[changes.classes]
@@ -294,7 +298,7 @@ class MinimumEffort:
                 changes,
                 spaces=(Space(rows, rows),),
                 classes=nobody,
-                units=changes.units / roots,
+                units=units,
                 factors=changes.factors * roots,
                 free=True,
             ),

@@ -88,7 +88,9 @@ class Problem:
     def effort(self) -> MinimumEffort:
         """Minimum-effort motions; the unknowns of programs are changes of these."""
         effort = MinimumEffort.of(self.scenario)
-        return effort.without_goals() if self.elastic else effort
+        if not self.elastic:
+            return effort
+        return effort.without_goals(self.scenario.fleet.units_of_violations)
 
     @cached_property
     def boxes(self) -> list[KeepInBox]:

@@ -449,6 +449,18 @@ class Fleet:
             places = np.where(longer[:, None], each.positions, places)
         return units
 
+    @property
+    def units_of_violations(self) -> FloatArray:
+        """Unit of acceleration in programs that may violate constraints [m/s²], shape (N,).
+
+        It is the geometric mean of `units` and the whole flight's. In the former, tolerances of
+        positions late in a flight would have too few digits beside a short leg's accelerations, in
+        the latter limits on a short leg.
+        """
+        whole = self.solver_lengths / self._grid.duration**2
+        units: FloatArray = np.sqrt(whole * self.units)
+        return units
+
     def bounds(self, quantity: Quantity) -> Bounds | None:
         """Return the boxes of a quantity, with their tolerances; None if no vehicle has one.
 

@@ -118,7 +118,7 @@ def elastic(
     """
     hard = "acceleration" if has_room_for(problem.scenario, problem.margins, "acceleration") else ""
     fleet = problem.scenario.fleet
-    unit = float(fleet.units.max())
+    unit = float(fleet.units_of_violations.max())
     return [
         each
         if each.kind == hard
