@@ -85,7 +85,7 @@ def zones_of(fences: tuple[Fence, ...], origin: Frame, heights: tuple[float, flo
 def fences_of(
     scenario: Scenario, vehicle: str, origin: Frame, heights: tuple[float, float]
 ) -> tuple[Fence, ...]:
-    """Return the fences of a vehicle: what it is kept in and out of at all times and heights.
+    """Return the fences that keep a vehicle in and out at all times and heights.
 
     These are upright, endless cylinders, and upright prisms that reach over the heights. No-fly
     zones in parts remain in parts.

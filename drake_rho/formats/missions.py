@@ -223,7 +223,7 @@ def _above_sea(mission: MissionFile) -> Item | None:
 
 
 def _names(paths: Sequence[Path]) -> list[str]:
-    """Return the names of the vehicles, which are those of their files, with numbers if equal."""
+    """Return the names of vehicles after their files, numbered where equal."""
     names = list[str]()
     for path in paths:
         stem = "".join(each for each in path.stem if each.isprintable())
@@ -236,7 +236,7 @@ def _names(paths: Sequence[Path]) -> list[str]:
 
 
 def _notes(mission: MissionFile, home: Frame | None, flight: _Flight) -> Iterator[str]:
-    """Yield the warnings on a mission, of what is left out and of what is taken for granted.
+    """Yield the warnings on what is left out of a mission or taken for granted.
 
     Args:
         mission: content of the file.

@@ -138,7 +138,7 @@ def corners_within(obstacle: Obstacle, h: float, count: int) -> FloatArray:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Courses:
-    """Motions of several obstacles of convex shapes in the same steps, of which none is split."""
+    """Motions of several convex obstacles in the same steps, without corners within them."""
 
     times: FloatArray
     """beginning of each step since the first knot [s], shape (K-1,)"""
