@@ -326,10 +326,11 @@ class Fleet:
     def _evasion_lengths(self, lengths: FloatArray) -> FloatArray:
         """Return the evasive distances that moving obstacles may require [m], shape (N,).
 
-        Distances below the given lengths, shape (N,), may be omitted. An obstacle counts if it comes close enough to a vehicle that moves straight to its goal.
+        An obstacle counts if it comes close enough to a vehicle that moves straight to its goal.
         The length is then the obstacle's least extent plus the required distance from it, but at
         most the length of the obstacle's own path: a vehicle that is outside it at first can move
-        along with it, unless the obstacle appears around it. Obstacles at rest do not count.
+        along with it, unless the obstacle appears around it. Obstacles at rest do not count, nor
+        do those that would take at most the given lengths, shape (N,).
         """
         evasion = np.zeros(len(self._vehicles))
         changing = [body for body in self._bodies if not body.is_steady]
