@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import drake_rho as rho
-from drake_rho.analysis.outside import forbidden_by, halves_of
+from drake_rho.analysis.outside import OCTANTS, Forbidden, Region, forbidden_by
 from drake_rho.analysis.time_bounds import TimeBound
 from drake_rho.motion.dynamics import Motion
 from drake_rho.planning.problem import Problem
@@ -27,36 +27,55 @@ SURFACE = Triangles(np.array(TRIANGLES, dtype=float))
 
 @pytest.mark.parametrize("kind", [*KINDS, "triangles"])
 def test_no_point_outside_of_a_set_is_cut_off(kind: str) -> None:
-    """Each is in one of the eight cones, and in one half of a cone, with its half-spaces."""
+    """Each is in one of the regions, and in one half of a region, with its half-spaces."""
     rng = np.random.default_rng(0)
     drawn = SURFACE if kind == "triangles" else random_shape(rng, kind, np.zeros(3), 1.0)
     kept = forbidden_by(drawn, 0, 0.25)
     assert kept.has_middle
     x = rng.normal(size=(8000, 3)) * 1.5 * np.minimum(kept.scales, 3.0)
     x = x[kept.distance(x) >= 0.25]
-    cones = list(kept.cones)
-    for depth in range(4):
-        inside = [_is_in(kept.half_spaces(cone), x) for cone in cones]
-        assert len(x) > 20
-        assert np.all(np.any(inside, axis=0)), depth
-        chosen = cones[int(np.argmax(np.sum(inside, axis=1)))]
-        x = x[_is_in(kept.half_spaces(chosen), x)]
-        cones = halves_of(chosen)
+    for chosen in kept.regions:
+        regions, left = list(kept.regions), x
+        for depth in range(4):
+            inside = [_is_in(kept, each, left) for each in regions]
+            assert np.all(np.any(inside, axis=0)), depth
+            one = chosen if depth == 0 else regions[int(np.argmax(np.sum(inside, axis=1)))]
+            left = left[_is_in(kept, one, left)]
+            if not (regions := one.halves()):
+                break
+    assert (kept.regions == OCTANTS) == (kind not in ("box", "polytope"))
 
 
-def _is_in(half_spaces: tuple[np.ndarray, np.ndarray], x: np.ndarray) -> np.ndarray:
-    normals, bounds = half_spaces
+def _is_in(kept: Forbidden, region: Region, x: np.ndarray) -> np.ndarray:
+    ((normals, bounds),) = kept.half_spaces([region])
     return np.asarray(np.all(x @ normals.T >= bounds - 1e-9, axis=1))
 
 
 def test_small_cones_come_close_to_the_surface() -> None:
     kept = forbidden_by(rho.Sphere([1, 0, 0], 0.7), 0, 0.3)
-    cone = kept.cones[3]
+    region = kept.regions[3]
     for _ in range(12):
-        cone = halves_of(cone)[0]
-    normals, bounds = kept.half_spaces(cone)
+        region = region.halves()[0]
+    ((normals, bounds),) = kept.half_spaces([region])
     assert 0.99 < bounds[3] <= 1.0  # the radius is 0.7 + 0.3
     np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0)
+
+
+@pytest.mark.parametrize("signs", [[0, 1, 0], [-1, 0, 1], [1, 1, -1]])
+def test_regions_beside_a_box_come_as_close_as_they_are_narrow(signs: list[int]) -> None:
+    """Beside a side the plane touches; else it is below the surface by what a chord is."""
+    kept = forbidden_by(rho.Box([-1, -2, -3], [1, 2, 3]), 0, 0.5)
+    region = next(each for each in kept.regions if each.signs.tolist() == signs)
+    for _ in range(5):
+        ((normals, bounds),) = kept.half_spaces([region])
+        toward = region.edges.sum(axis=0)
+        corner = np.array(signs) * [1.0, 2.0, 3.0]
+        surface = corner + 0.5 * toward / np.linalg.norm(toward)
+        above = normals[-1] @ surface - bounds[-1]
+        assert -1e-12 <= above <= kept.bulge(region) + 1e-12
+        halves = region.halves()
+        assert (len(halves) == 0) == (sum(map(abs, signs)) == 1)
+        region = halves[0] if halves else region
 
 
 LIMITS = {
@@ -101,8 +120,9 @@ def _place(motion: Motion, T: float, longest: float, rng: np.random.Generator) -
         return Place(part, at + away, np.zeros(3), np.zeros((0, 3)), np.zeros(0), radius)
     kept = forbidden_by(rho.Sphere([0, 0, 0], 0.9 * float(np.linalg.norm(away))), 0, 0.0)
     center = at - away + part * (longest - T) * velocity
-    cone = next(each for each in kept.cones if _is_in(kept.half_spaces(each), away[None])[0])
-    return Place(part, center, velocity, *kept.half_spaces(cone))
+    region = next(each for each in kept.regions if _is_in(kept, each, away[None])[0])
+    ((normals, bounds),) = kept.half_spaces([region])
+    return Place(part, center, velocity, normals, bounds)
 
 
 def _has_motion(scenario: rho.Scenario, T: float) -> bool:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import suppress
 from time import monotonic
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg.lapack import dposv
@@ -39,6 +40,19 @@ _INSIDE = 4e-6
 part of the cost's, and rounding errors are bounded."""
 
 
+class Climb(NamedTuple):
+    """Multipliers for which a Lagrangian's minimum is about the largest."""
+
+    weights: FloatArray
+    """λ >= 0, shape (S,)"""
+    multipliers: FloatArray
+    """y >= 0, shape (R,)"""
+    at: FloatArray
+    """v of the relaxed problem's solution, shape (M, 3). Where the Lagrangian is hardly convex, its
+    minimum is far from that for small changes of the multipliers. So it is the minimum where the
+    barrier still counts: the mean of motions that satisfy the curved terms on average."""
+
+
 class Ascent:
     """Progress of a group's maximisations: the gap so far and the estimated remaining time."""
 
@@ -62,8 +76,8 @@ class Ascent:
         tell(self._progress, f"{self._task}: gap {percent(gap)}, at most {seconds:.0f} s left")
 
 
-def best_bound(proposal: Proposal, ascent: Ascent) -> tuple[float, FloatArray, FloatArray]:
-    """Return the largest minimum of the Lagrangian that is found, and its multipliers λ and y.
+def best_bound(proposal: Proposal, ascent: Ascent) -> tuple[float, Climb]:
+    """Return the largest minimum of the Lagrangian that is found, and its multipliers.
 
     The multipliers of the converged program are tried first; if the Lagrangian is convex there,
     they are optimal. Else the obstacles' multipliers are scaled down until it is convex. Then the
@@ -71,17 +85,18 @@ def best_bound(proposal: Proposal, ascent: Ascent) -> tuple[float, FloatArray, F
     violations, is maximised.
 
     Returns:
-        The minimum [m²/s⁴], λ, shape (S,), and y, shape (R,).
+        The minimum [m²/s⁴], and its multipliers.
     """
     lagrangian, given = proposal.lagrangian, (proposal.weights, proposal.multipliers)
     unit = lagrangian.changes.unit**2
-    first = lagrangian.minimum(*given).value
+    first = lagrangian.minimum(*given)
     ascent.begin()
-    if first >= proposal.index * (1 - CONVERGED) or sum(map(len, given)) == 0:
-        return unit * first, *given
-    found = climbed(lagrangian, *given, progress=ascent.report)
-    value = lagrangian.minimum(*found).value
-    return (unit * value, *found) if value > first else (unit * first, *given)
+    if first.value < proposal.index * (1 - CONVERGED) and sum(map(len, given)) > 0:
+        found = climbed(lagrangian, *given, progress=ascent.report)
+        value = lagrangian.minimum(found.weights, found.multipliers).value
+        if value > first.value:
+            return unit * value, found
+    return unit * first.value, Climb(*given, first.at)
 
 
 def climbed(
@@ -92,8 +107,8 @@ def climbed(
     enough: float = np.inf,
     tolerance: float = CONVERGED,
     progress: Callable[[float], None] = lambda bound: None,
-) -> tuple[FloatArray, FloatArray]:
-    """Return multipliers λ, y >= 0 for which the Lagrangian's minimum is about the largest.
+) -> Climb:
+    """Return multipliers for which the Lagrangian's minimum is about the largest.
 
     An interior-point method follows the maximisers of the dual function with a barrier, whose
     factor falls: Newton steps bring them close enough to the next one.
@@ -107,7 +122,7 @@ def climbed(
         progress: called with the largest minimum so far [m²/s⁴] after each iteration.
     """
     if len(weights) + len(multipliers) == 0:
-        return weights, multipliers
+        return Climb(weights, multipliers, np.zeros((lagrangian.changes.free.shape[1], 3)))
     dual, unit = Dual(lagrangian), lagrangian.changes.unit**2
     best = x = dual.inside(weights, multipliers)
     here = dual.around(x)
@@ -130,11 +145,13 @@ def climbed(
             if is_whole or promised <= _CENTRED * factor * dual.degree:
                 factor *= _FALL
             progress(unit * found.value)
+    at = lagrangian.minimiser(*dual.given(x))
+    assert at is not None  # noqa: S101  # the barrier is finite at x
     weights, multipliers = dual.given(_without_idle(best, found))
     if lagrangian.curvature(weights) < _INSIDE:
         # concave in all multipliers together, the minimum falls by at most this part
-        return (1.0 - _INSIDE) * weights, (1.0 - _INSIDE) * multipliers
-    return weights, multipliers
+        weights, multipliers = (1.0 - _INSIDE) * weights, (1.0 - _INSIDE) * multipliers
+    return Climb(weights, multipliers, at)
 
 
 def _newton_step(here: Expansion, factor: float, x: FloatArray) -> tuple[FloatArray, float]:

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from drake_rho.analysis.ascent import climbed
+from drake_rho.analysis.ascent import Climb, climbed
 from drake_rho.analysis.lagrangian import Lagrangian, Proposal
 from drake_rho.analysis.nodes import Node, Split
 from drake_rho.analysis.proof import Proof
@@ -88,36 +88,35 @@ class Relaxation:
 
     def split(self, node: Node, enough: float) -> Split:
         """Return the parts of a node with their bounds, and a plan on its sides."""
-        motion, losses = self._at(node)
-        division = self.sides.parts_of(node.branch, motion, node.curved, losses)
+        motion = self._motion(node.at)
+        division = self.sides.parts_of(node.branch, motion, node.curved, self._losses(node))
         if division is None:
             return Split(())
-        where, cones = division
+        where, regions = division
         found, plans, vain = None, node.plans, node.vain
         if not plans and not vain:  # else the search would end there again, or in nothing
             found = self._plan(node, motion, enough)
             plans, vain = () if found is None else (self.changes.of(found),), found is None
         parts = list[Node]()
-        for cone, rows in zip(cones, self.sides.rows(where, cones), strict=True):
+        for region, rows in zip(regions, self.sides.rows(where, regions), strict=True):
             beyond = self.changes.affine(rows, kept=True)
             part = dataclasses.replace(
                 node,
-                branch={**node.branch, where: cone},
+                branch={**node.branch, where: region},
                 affine=node.affine.union(beyond),
                 multipliers=np.append(node.multipliers, np.zeros(len(beyond))),
                 plans=tuple(v for v in plans if _holds(beyond, v)),
                 vain=vain and where in node.branch,
             )
-            parts.append(self._bounded(part, enough))
+            # where the relaxed problem's solution is on these sides, the bound cannot rise
+            parts.append(part if _holds(beyond, node.at) else self._bounded(part, enough))
         return Split(tuple(parts), where, *self.sides.place(where), found)
 
-    def _at(self, node: Node) -> tuple[Motion, FloatArray]:
-        """Return the motion at the minimum of a node's Lagrangian, and the sizes of its terms."""
+    def _losses(self, node: Node) -> FloatArray:
+        """Return the sizes of the curved terms of a node's Lagrangian at its motion, (S,)."""
         lagrangian = Lagrangian(self.changes, node.curved, node.affine)
-        weights, multipliers = lagrangian.within_prices(node.weights, node.multipliers)
-        at = lagrangian.minimiser(weights, multipliers)
-        assert at is not None  # noqa: S101  # nodes have multipliers for which it is convex
-        return self._motion(at), np.abs(weights * lagrangian.slopes(at)[0])
+        weights, _ = lagrangian.within_prices(node.weights, node.multipliers)
+        return np.abs(weights * lagrangian.slopes(node.at)[0])
 
     def _motion(self, at: FloatArray) -> Motion:
         scenario = self.problem.scenario
@@ -128,36 +127,35 @@ class Relaxation:
         for number in range(_ROUNDS):
             check_time()
             lagrangian = Lagrangian(self.changes, node.curved, node.affine)
-            weights, multipliers = climbed(
+            climb = climbed(
                 lagrangian, node.weights, node.multipliers, enough=enough, tolerance=_PRECISION
             )
-            minimum = lagrangian.minimum(weights, multipliers)
+            minimum = lagrangian.minimum(climb.weights, climb.multipliers)
             bound = self.changes.unit**2 * minimum.value
-            gained, node = self._with(node, bound, weights, multipliers)
+            gained, node = self._with(node, bound, climb)
             if node.bound >= enough or not np.isfinite(minimum.value):
                 break
             if number > 0 and gained < _GAIN * (enough - node.bound):
                 break
-            violated = self._violated(self._motion(minimum.at))
+            violated = self._violated(self._motion(climb.at))
             if not violated:
                 break
             node = self._with_terms(node, violated)
         return node
 
-    def _with(
-        self, node: Node, bound: float, weights: FloatArray, multipliers: FloatArray
-    ) -> tuple[float, Node]:
+    def _with(self, node: Node, bound: float, climb: Climb) -> tuple[float, Node]:
         """Return how much a bound is better than a node's, and the node with it, if it is."""
         if bound < node.bound and node.bound > 0.0:
-            return 0.0, node
-        curved, affine = weights > 0.0, (multipliers > 0.0) | node.affine.kept
+            return 0.0, dataclasses.replace(node, at=climb.at)
+        curved, affine = climb.weights > 0.0, (climb.multipliers > 0.0) | node.affine.kept
         better = dataclasses.replace(
             node,
             bound=max(bound, node.bound),
             curved=node.curved.select(curved),
             affine=node.affine.select(affine),
-            weights=weights[curved],
-            multipliers=multipliers[affine],
+            weights=climb.weights[curved],
+            multipliers=climb.multipliers[affine],
+            at=climb.at,
         )
         return bound - node.bound, better
 

@@ -5,8 +5,9 @@ copied, read, and run by itself: `python check_certificate.py FILE`. Nothing in 
 is trusted but the scenario, which is for the reader to compare with the one that is meant:
 
 - Cones of directions from the middle of an obstacle or of another vehicle are checked to cover all
-  of them, and the halves of a cone are generated here. Each branch has a bound of its own in the
-  file's tree, so that the branches cover all motions.
+  of them. What is beside the sides, edges and corners of a box, and the halves of a cone, are
+  generated here. Each branch has a bound of its own in the file's tree, so that the branches cover
+  all motions.
 - Every term is recomputed from the scenario. A ball counts with the largest radius with which it
   is known to be inside the space to avoid, and a row with the least value that the limits imply.
 - Multipliers may be any that are not negative. The bound of a branch is the least value of its
@@ -24,7 +25,7 @@ import json
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
-from itertools import combinations
+from itertools import combinations, product
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -38,14 +39,29 @@ _Array = npt.NDArray[np.float64]
 _Side = tuple[str, float, int, int, _Array, float]
 """Half-space of a branch: quantity, time, vehicles, normal and bound."""
 
-_Branch = dict[tuple[Any, ...], tuple[_Array, _Array]]
-"""Cones of a branch as their edges in units of scales, shape (3, 3), and the scales [m], (3,)."""
+
+class _Region(NamedTuple):
+    """Cone of directions from the middle of a set, or from the nearest point of a box."""
+
+    edges: _Array
+    """directions of its edges in units of scales, shape (3, 3); beside a box (1 to 3, 3)"""
+    scales: _Array
+    """the scales [m], shape (3,)"""
+    signs: _Array | None = None
+    """beside a box 1 beyond an axis's upper side, -1 beyond its lower one, 0 between, shape (3,)"""
+
+
+_Branch = dict[tuple[Any, ...], _Region]
+"""Regions of a branch."""
 
 _MOST_VERTICES, _PLANAR = 64, 1e-6
 """Most vertices of a polytope, and part of its size by which vertices may be beyond a facet."""
 
-_FAR, _HALVINGS, _TIMES, _ROUNDED, _CONVEX, _CLOSE, _FLAT = 1e4, 60, 1e-9, 1e-12, 1e-7, 1e-6, 1e-6
-"""Longest ray, in scales; halvings of a ray; largest difference of equal times [s]; part of the
+_FAR, _HALVINGS, _NEWTON_STEPS = 1e4, 60, 50
+"""Longest ray, in scales; halvings of a ray; and steps to the nearest point of an ellipsoid."""
+
+_TIMES, _ROUNDED, _CONVEX, _CLOSE, _FLAT = 1e-9, 1e-12, 1e-7, 1e-6, 1e-6
+"""Largest difference of equal times [s]; part of the
 sizes of a Lagrangian's terms that rounding may take; least curvature of one that is convex;
 largest part by which the bound of a row is lowered to what the limits imply; and least volume of
 the edges of a cone, as a part of their lengths."""
@@ -131,6 +147,7 @@ class _Group:
         if not (self.step > 0.0 and self.steps > 0):
             raise ValueError("scenario: expected steps of more than 0 s")
         self._bases, self._least = list[_Array](), list[_Array]()
+        self._sets = dict[tuple[int, int], _Forbidden]()  # by vehicle and obstacle
         for each in self.vehicles:
             if not (each["weight"] > 0.0 and each["radius"] >= 0.0):
                 raise ValueError("scenario: expected weights above 0 and no negative radius")
@@ -187,12 +204,12 @@ class _Group:
             square += float(row @ row)
         return whole, offset, float(np.sqrt(square))
 
-    def bound(self, tree: Mapping[str, Any], cones: _Branch, sides: list[_Side]) -> float:
+    def bound(self, tree: Mapping[str, Any], regions: _Branch, sides: list[_Side]) -> float:
         """Return the lower bound of a tree of branches.
 
         Args:
             tree: a branch with multipliers, or where it is split and the parts.
-            cones: cones of the branch so far.
+            regions: regions of the branch so far.
             sides: half-spaces of the branch so far.
         """
         if "parts" not in tree:
@@ -202,21 +219,20 @@ class _Group:
         if "part" in tree:
             raise ValueError(f"{self.where}: certificate files hold no parts of maps")
         key, forbidden = (one, other, number, time), self._forbidden(one, other, number, time)
-        if key in cones:
-            cone, scales = cones[key]
-            parts = _halves(cone)
+        if key in regions:
+            parts = _halves(regions[key])
+        elif "cones" in tree:
+            parts = _cover(tree["cones"], _vector(tree["scales"]))
         else:
-            scales = _vector(tree["scales"])
-            parts = _cover(tree["cones"])
+            parts = forbidden.beside_box()
         if len(parts) != len(tree["parts"]):
             raise ValueError(f"{self.where}: got {len(tree['parts'])} parts of {len(parts)}")
         least = np.inf
-        for cone, each in zip(parts, tree["parts"], strict=True):
-            normals, bounds = _half_spaces(cone * scales, forbidden)
+        for region, each in zip(parts, tree["parts"], strict=True):
+            normals, bounds = _half_spaces(region, forbidden)
             bounds = bounds + normals @ self._center(number, time)
             rows = [("position", time, one, other, *of) for of in zip(normals, bounds, strict=True)]
-            inner = {**cones, key: (cone, scales)}
-            least = min(least, self.bound(each, inner, [*sides, *rows]))
+            least = min(least, self.bound(each, {**regions, key: region}, [*sides, *rows]))
         return least
 
     def _leaf(self, tree: Mapping[str, Any], sides: Sequence[_Side]) -> float:
@@ -329,14 +345,16 @@ class _Group:
         if number == 0:
             if one == other or self.scenario["separation"] is None:
                 raise ValueError(f"{self.where}: got a separation of one vehicle, or none is asked")
-            return _Forbidden({"kind": "Ellipsoid", "semi_axes": self.scenario["separation"]}, 0.0)
+            shape = {"kind": "Ellipsoid", "semi_axes": self.scenario["separation"]}
+            return self._sets.setdefault((0, 0), _Forbidden(shape, 0.0))
         if one != other or not 0 <= one < len(self.vehicles):
             raise ValueError(f"{self.where}: got an obstacle of vehicles {one} and {other}")
         obstacle, radius = self.scenario["obstacles"][str(number)], self.vehicles[one]["radius"]
         first, last = obstacle["active"] or (-np.inf, np.inf)
         if not first - _TIMES <= time <= last + _TIMES:
             raise ValueError(f"{self.where}: obstacle {number} is not avoided at {time} s")
-        return _Forbidden(obstacle["shape"], radius + float(obstacle["margin"]))
+        made = _Forbidden(obstacle["shape"], radius + float(obstacle["margin"]))
+        return self._sets.setdefault((one, number), made)
 
 
 class _Forbidden:
@@ -355,6 +373,7 @@ class _Forbidden:
         if self._kind not in known:
             raise ValueError(f"scenario: got a {self._kind}, which certificate files do not hold")
         self.depth = known[self._kind]
+        self._rays = dict[bytes, float]()
 
     def _in_cylinder(self, x: _Array) -> float:
         axis = int(self._shape["axis"])
@@ -363,10 +382,22 @@ class _Forbidden:
         return -_beyond(np.array([across, -np.inf if half is None else abs(x[axis]) - half]))
 
     def _in_ellipsoid(self, x: _Array) -> float:
-        """Return a depth in the ellipsoid whose semi-axes are longer by the radius, less that."""
-        axes = _vector(self._shape["semi_axes"]) + self._radius
-        inside = 1.0 - float(np.linalg.norm(x / axes))
-        return inside * float(axes.min()) - self._radius
+        """Return a depth; outside, less the distance from the nearest point.
+
+        It is axes² x / (axes² + t) for the root t of a function that is convex and falls, so that
+        Newton steps from zero approach it from one side.
+        """
+        axes, t = _vector(self._shape["semi_axes"]), 0.0
+        if (size := float(np.linalg.norm(x / axes))) <= 1.0:
+            return (1.0 - size) * float(axes.min())
+        for _ in range(_NEWTON_STEPS):
+            squares = (axes * x / (axes**2 + t)) ** 2
+            step = float((squares.sum() - 1.0) / (2.0 * squares @ (1.0 / (axes**2 + t))))
+            t += step
+            if step <= _ROUNDED * t:
+                break
+        nearest = axes**2 * x / (axes**2 + t)
+        return -float(np.linalg.norm(x - nearest / max(float(np.linalg.norm(nearest / axes)), 1.0)))
 
     @cached_property
     def _facets(self) -> tuple[_Array, _Array]:
@@ -389,11 +420,12 @@ class _Forbidden:
         """Return a depth; outside, less the distance from the nearest facet or segment."""
         normals, offsets = self._facets
         over = normals @ x - offsets
-        first = int(np.argmax(over))
-        nearest = x - max(over[first], 0.0) * normals[first]
-        if np.all(normals @ nearest <= offsets + _ROUNDED):
-            return -float(over[first])
-        return -self._from_segments(x)
+        if np.max(over) <= 0.0:
+            return -float(np.max(over))
+        ahead = over > 0.0
+        nearest = x - over[ahead, None] * normals[ahead]  # on the planes of these facets
+        inside = np.all(nearest @ normals.T <= offsets + _ROUNDED, axis=1)
+        return -min(float(over[ahead][inside].min(initial=np.inf)), self._from_segments(x))
 
     @cached_property
     def _segments(self) -> tuple[_Array, _Array]:
@@ -409,9 +441,43 @@ class _Forbidden:
         parts = np.clip(np.vecdot(x - first, along) / squares, 0.0, 1.0)
         return float(np.linalg.norm(x - first - parts[:, None] * along, axis=1).min())
 
+    def beside_box(self) -> list[_Region]:
+        """Return what is beside the sides, edges and corners of a box, which is all outside."""
+        if self._kind != "Box" or not np.all(np.isfinite(_vector(self._shape["half"]))):
+            raise ValueError("got a branch without cones, expected them for all but bounded boxes")
+        every = [np.array(each, dtype=float) for each in product((-1, 0, 1), repeat=3)]
+        return [_Region(np.diag(s)[s != 0.0], np.ones(3), s) for s in every if np.any(s)]
+
+    def beside(self, region: _Region) -> tuple[_Array, _Array]:
+        """Return half-spaces n · p >= b that contain what is outside in a region beside a box.
+
+        From the nearest point of the box, p is the sum of λ_i times unit vectors along its axes,
+        λ >= 0, so that the sum of λ is at least its length, which is at least the radius.
+        """
+        half, signs = _vector(self._shape["half"]), np.asarray(region.signs)
+        beyond = signs != 0.0
+        parts = np.zeros((len(region.edges), 3))
+        parts[:, beyond] = np.linalg.inv(region.edges[:, beyond]).T
+        normals = np.vstack([*(parts if len(parts) > 1 else ()), parts.sum(axis=0)])
+        bounds = normals @ (signs * half) + [*np.zeros(len(normals) - 1), self._radius]
+        lengths, between = np.linalg.norm(normals, axis=1), np.eye(3)[~beyond]
+        slabs = -np.tile(half[~beyond], 2)
+        every = np.vstack([between, -between, normals / lengths[:, None]])
+        return every, np.concatenate([slabs, bounds / lengths])
+
     def contains(self, x: _Array) -> bool:
         """Return whether a point is in the enlarged set."""
         return self.depth(x) + self._radius >= 0.0
+
+    def ray(self, direction: _Array, longest: float) -> float:
+        """Return a length of a ray from zero that is inside, close to where it leaves the set."""
+        if (content := direction.tobytes()) not in self._rays:
+            low, high = 0.0, longest
+            for _ in range(_HALVINGS):
+                half = (low + high) / 2.0
+                low, high = (half, high) if self.contains(half * direction) else (low, half)
+            self._rays[content] = low
+        return self._rays[content]
 
     def ball(self, center: _Array, scales: _Array) -> float:
         """Return a radius with which a ball, of scaled axes, is in the enlarged set."""
@@ -427,8 +493,8 @@ def _beyond(over: _Array) -> float:
     return float(np.linalg.norm(outside)) + min(float(np.max(over)), 0.0)
 
 
-def _cover(stored: Sequence[Any]) -> list[_Array]:
-    """Return cones that cover all directions.
+def _cover(stored: Sequence[Any], scales: _Array) -> list[_Region]:
+    """Return cones from the middle of a set that cover all directions.
 
     They do if each side of one is also a side of another, in the opposite order, and all are
     right-handed: then as many cones contain one direction as any other.
@@ -442,32 +508,33 @@ def _cover(stored: Sequence[Any]) -> list[_Array]:
     sizes = [np.linalg.norm(each, axis=1).prod() for each in cones]
     if not all(np.linalg.det(c) > _FLAT * size for c, size in zip(cones, sizes, strict=True)):
         raise ValueError("got a cone whose edges are not right-handed")
-    return cones
+    return [_Region(each, scales) for each in cones]
 
 
-def _halves(cone: _Array) -> list[_Array]:
-    """Return the halves of a cone, across its widest side."""
-    first = int(np.argmin(np.vecdot(cone, np.roll(cone, -1, axis=0))))
-    middle = cone[first] + cone[(first + 1) % 3]
-    one, other = cone.copy(), cone.copy()
-    one[first] = other[(first + 1) % 3] = middle / np.linalg.norm(middle)
-    return [one, other]
+def _halves(region: _Region) -> list[_Region]:
+    """Return the halves of a region, across its widest side."""
+    edges, count = region.edges, len(region.edges)
+    first = int(np.argmin(np.vecdot(edges, np.roll(edges, -1, axis=0))))
+    middle = edges[first] + edges[(first + 1) % count]
+    one, other = edges.copy(), edges.copy()
+    one[first] = other[(first + 1) % count] = middle / np.linalg.norm(middle)
+    return [region._replace(edges=one), region._replace(edges=other)]
 
 
-def _half_spaces(cone: _Array, forbidden: _Forbidden) -> tuple[_Array, _Array]:
-    """Return four half-spaces n · p >= b that contain the rest of a cone outside of a set.
+def _half_spaces(region: _Region, forbidden: _Forbidden) -> tuple[_Array, _Array]:
+    """Return half-spaces n · p >= b that contain the rest of a region outside of a set.
 
-    A convex function that is at most 1 at three points of the edges is at most the sum of the
+    A convex function that is at most 1 at three points of a cone's edges is at most the sum of the
     coordinates at every point of the cone, which is at least 1 outside of the set.
     """
+    if region.signs is not None:
+        return forbidden.beside(region)
+    cone = region.edges * region.scales
     edges = cone / np.linalg.norm(cone, axis=1, keepdims=True)
     if not forbidden.contains(np.zeros(3)):
         raise ValueError("a cone begins outside of what is to be avoided")
-    low, high = np.zeros(3), np.full(3, _FAR * float(np.abs(cone).max()))
-    for _ in range(_HALVINGS):
-        half = (low + high) / 2.0
-        inside = [forbidden.contains(x * edge) for x, edge in zip(half, edges, strict=True)]
-        low, high = np.where(inside, half, low), np.where(inside, high, half)
+    far = _FAR * float(np.abs(cone).max())
+    low = np.array([forbidden.ray(edge, far) for edge in edges])
     across = np.cross(edges[[1, 2, 0]], edges[[2, 0, 1]]) * np.sign(np.linalg.det(edges))
     across /= np.linalg.norm(across, axis=1, keepdims=True)
     beyond = np.linalg.solve(edges, 1.0 / low)

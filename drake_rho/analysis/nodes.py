@@ -31,6 +31,8 @@ class Node:
     """multipliers λ of the former, shape (S,)"""
     multipliers: FloatArray
     """multipliers y of the latter, shape (R,)"""
+    at: FloatArray
+    """changes v of the relaxed problem's solution, shape (M, 3)"""
     unit: float
     """unit of the motions about which the terms are [m/s²]"""
     plans: tuple[FloatArray, ...] = ()
@@ -44,7 +46,8 @@ class Node:
         lagrangian = proposal.lagrangian
         group, given = lagrangian.changes.group, (proposal.weights, proposal.multipliers)
         curved, affine = _in(group, lagrangian.curved), _in(group, lagrangian.affine)
-        return cls({}, 0.0, curved, affine, *given, lagrangian.changes.unit)
+        at = proposal.solution
+        return cls({}, 0.0, curved, affine, *given, at, lagrangian.changes.unit)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

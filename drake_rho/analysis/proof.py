@@ -63,8 +63,9 @@ class Proof:
         assert where is not None  # noqa: S101  # it has parts
         at = [where.vehicle, where.partner, where.obstacle, result.time]
         content.update(at=at, scales=result.scales.tolist(), parts=parts)
-        if where not in node.branch:
-            content["cones"] = [part.branch[where].tolist() for part in result.parts]
+        regions = [part.branch[where] for part in result.parts]
+        if where not in node.branch and not regions[0].is_beside_box:
+            content["cones"] = [each.edges.tolist() for each in regions]
         if where.part > 0:
             content["part"] = where.part
 

@@ -12,7 +12,7 @@ from contextlib import suppress
 
 import numpy as np
 
-from drake_rho.analysis.ascent import CONVERGED, Ascent, best_bound
+from drake_rho.analysis.ascent import CONVERGED, Ascent, Climb, best_bound
 from drake_rho.analysis.branch_and_bound import Relaxation
 from drake_rho.analysis.certificate import GLOBAL_GAP, VehicleCertificate
 from drake_rho.analysis.global_search import Part, group_name, prices_of
@@ -215,16 +215,13 @@ def _bound(proposed: Sequence[Proposal], effort: float, ascent: Ascent) -> Node:
     """Return the node of a group's motions with the best bound, at least the minimum effort."""
     found = list[Node]()
     for each in proposed:
-        bound, weights, multipliers = best_bound(each, ascent)
-        node = Node.proposed(each)
-        found.append(
-            dataclasses.replace(node, bound=bound, weights=weights, multipliers=multipliers)
-        )
+        bound, climb = best_bound(each, ascent)
+        found.append(dataclasses.replace(Node.proposed(each), bound=bound, **climb._asdict()))
     best, least = max(found, key=lambda each: each.bound), effort * (1.0 - CONVERGED)
     if best.bound >= least:
         return best
-    nothing = np.zeros(len(best.weights)), np.zeros(len(best.multipliers))
-    return dataclasses.replace(best, bound=least, weights=nothing[0], multipliers=nothing[1])
+    nothing = Climb(*map(np.zeros_like, (best.weights, best.multipliers, best.at)))
+    return dataclasses.replace(best, bound=least, **nothing._asdict())
 
 
 def _by_multipliers(

@@ -1,9 +1,8 @@
 """Sides of obstacles and of other vehicles on which a vehicle is at an instant: `Sides`.
 
-A position outside a convex set is in some cone of directions from a point inside, and beyond the
-plane through the points at which the cone's edges meet the surface (`outside.py`). So every motion
-is in one of the branches of a cover by cones, whose half-spaces are convex constraints. The
-position relative to another vehicle is treated like one relative to an obstacle.
+A position outside a convex set is in some region of a cover, whose half-spaces are convex
+constraints (`outside.py`). So every motion is in one of the branches of that cover. The position
+relative to another vehicle is treated like one relative to an obstacle.
 """
 
 from __future__ import annotations
@@ -13,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from drake_rho.analysis.outside import Forbidden, forbidden_by, halves_of
+from drake_rho.analysis.outside import Forbidden, Region, forbidden_by
 from drake_rho.analysis.terms import CurvedTerms
 from drake_rho.motion.dynamics import Motion
 from drake_rho.planning.constraints.base import HalfSpaces
@@ -50,12 +49,12 @@ class Where(NamedTuple):
     """number of the instant"""
 
 
-Branch = Mapping[Where, FloatArray]
-"""Cones that motions of a branch are in, each as the directions of its edges, shape (3, 3)."""
+Branch = Mapping[Where, Region]
+"""Regions that motions of a branch are in."""
 
 
 class Sides:
-    """Covers of a scenario's motions by cones.
+    """Covers of a scenario's motions by regions.
 
     Args:
         scenario: scenario to be covered.
@@ -72,8 +71,8 @@ class Sides:
 
     def parts_of(
         self, branch: Branch, motion: Motion, curved: CurvedTerms, losses: FloatArray
-    ) -> tuple[Where, list[FloatArray]] | None:
-        """Return where a branch is split, and the cones of its parts; None if nothing is left.
+    ) -> tuple[Where, Sequence[Region]] | None:
+        """Return where a branch is split, and the regions of its parts; None if nothing is left.
 
         It is split where the motion at the Lagrangian's minimum penetrates deepest, or else at the
         term that lowers the bound most.
@@ -92,8 +91,8 @@ class Sides:
             order = np.argsort(-losses, kind="stable")
             places = [self._where(curved, int(each)) for each in order if losses[each] > 0.0]
         for where in places:
-            if where is not None and (cones := self._cones(branch, where)):
-                return where, cones
+            if where is not None and (regions := self._regions(branch, where)):
+                return where, regions
         return None
 
     def _where(self, curved: CurvedTerms, index: int) -> Where | None:
@@ -108,18 +107,19 @@ class Sides:
             return None
         return Where(one, other, number, part, instant)
 
-    def _cones(self, branch: Branch, where: Where) -> list[FloatArray]:
-        """Return the cones into which a branch is split at an instant; none if nowhere."""
-        if (cone := branch.get(where)) is not None:
-            return halves_of(cone) if _bulge(cone) > _DEEP else []
-        forbidden = self._forbidden(where)
-        return list(forbidden.cones) if forbidden.has_middle else []
+    def _regions(self, branch: Branch, where: Where) -> Sequence[Region]:
+        """Return the regions into which a branch is split at an instant; none if nowhere."""
+        forbidden, region = self._forbidden(where), branch.get(where)
+        if region is None:
+            return forbidden.regions if forbidden.has_middle else ()
+        refined = forbidden.bulge(region) > _DEEP * float(forbidden.scales.max())
+        return region.halves() if refined else ()
 
-    def rows(self, where: Where, cones: Sequence[FloatArray]) -> list[HalfSpaces]:
-        """Return the half-spaces that contain all positions in each cone, outside of the set."""
+    def rows(self, where: Where, regions: Sequence[Region]) -> list[HalfSpaces]:
+        """Return the half-spaces that contain all positions in each region, outside of the set."""
         form = Form(quantity="position", coupled=where.obstacle == 0)
         found = list[HalfSpaces]()
-        for normals, bounds in zip(*self._half_spaces(where, np.array(cones)), strict=True):
+        for normals, bounds in self._half_spaces(where, regions):
             count = len(normals)
             found.append(
                 HalfSpaces(
@@ -139,22 +139,24 @@ class Sides:
         """Return the time of an instant since the first knot [s], and the scales of cones, (3,)."""
         return float(self.times[where.instant]), self._forbidden(where).scales
 
-    def _half_spaces(self, where: Where, cones: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return half-spaces n · p >= b, with normals of shape (..., 4, 3) and bounds (..., 4)."""
+    def _half_spaces(
+        self, where: Where, regions: Sequence[Region]
+    ) -> Iterator[tuple[FloatArray, FloatArray]]:
+        """Yield the half-spaces n · p >= b of regions, with normals (H, 3) and bounds (H,)."""
         forbidden = self._forbidden(where)
-        normals, bounds = forbidden.half_spaces(cones)
         middle = forbidden.middle
         if where.obstacle > 0:
             time = self.times[where.instant : where.instant + 1]
             middle = middle + self._hard[where.obstacle].centers(time)[0]
-        return normals, bounds + normals @ middle
+        for normals, bounds in forbidden.half_spaces(regions):
+            yield normals, bounds + normals @ middle
 
     def requirements(self, branch: Branch) -> tuple[KeepIn, ...]:
         """Return the half-spaces of a branch as requirements."""
         names, found = self.scenario.names, list[KeepIn]()
-        for where, cone in branch.items():
+        for where, region in branch.items():
             clock = float(self.scenario.grid.start + self.times[where.instant])
-            normals, bounds = self._half_spaces(where, cone)
+            ((normals, bounds),) = self._half_spaces(where, [region])
             found += [
                 KeepIn(
                     HalfSpace(-normal, -bound),
@@ -183,19 +185,18 @@ class Sides:
     def _deepest(self, branch: Branch, motion: Motion) -> Where | None:
         """Return where a motion penetrates deepest; None if it penetrates nothing.
 
-        In a cone of the branch, a depth counts as at most what may be between the cone's plane and
-        the surface: the minimiser of a Lagrangian may be beyond the plane.
+        In a region of the branch, a depth counts as at most what may be between the region's plane
+        and the surface.
         """
         found, deepest = None, 0.0
         for number, shape, one, other, x in self._relative(motion):
             depths = self._depths(number, shape, x)
-            for where, cone in branch.items():
+            for where, region in branch.items():
                 if where.obstacle == number:
                     row = int(np.flatnonzero((one == where.vehicle) & (other == where.partner))[0])
                     at = row, where.instant
                     if where.part == _part_at(shape, x[at]):
-                        most = _bulge(cone) * float(self._forbidden(where).scales.max())
-                        depths[at] = min(depths[at], most)
+                        depths[at] = min(depths[at], self._forbidden(where).bulge(region))
             depths *= self._worths
             i, k = (int(each) for each in np.unravel_index(np.argmax(depths), depths.shape))
             if depths[i, k] > max(deepest, _DEEP * shape.size):
@@ -227,12 +228,6 @@ class Sides:
 def _part_at(shape: Solid, x: FloatArray) -> int:
     """Return the number of a map's part nearest to a relative position; 0 for a shape."""
     return int(shape.nearest(x)) if isinstance(shape, Parts) else 0
-
-
-def _bulge(cone: FloatArray) -> float:
-    """Return how far a surface of size one may be above the plane in a cone."""
-    unit = cone / np.linalg.norm(cone, axis=1, keepdims=True)
-    return 1.0 - float(np.min(np.vecdot(unit, np.roll(unit, -1, axis=0))))
 
 
 def _is_there(obstacle: Obstacle, times: FloatArray) -> BoolArray:

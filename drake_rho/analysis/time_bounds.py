@@ -17,7 +17,7 @@ from itertools import count
 
 import numpy as np
 
-from drake_rho.analysis.outside import Forbidden, forbidden_by, halves_of
+from drake_rho.analysis.outside import Forbidden, Region, forbidden_by
 from drake_rho.planning.call.time_limit import check_time
 from drake_rho.planning.errors import SolverError
 from drake_rho.planning.problem import Problem
@@ -62,8 +62,8 @@ class _Set:
     """least final time [s]"""
     longest: float
     """largest final time [s]"""
-    cones: dict[_Key, FloatArray]
-    """cones beyond obstacles, each as the directions of its edges"""
+    regions: dict[_Key, Region]
+    """regions beyond obstacles"""
     windows: FloatArray
     """first and last part of the final time at which waypoints are passed, shape (W, 2)"""
     relaxed: Relaxed | None = None
@@ -131,7 +131,7 @@ class TimeBound:
             return
         one = dataclasses.replace(one, windows=windows)
         self.relaxations += 1
-        beyond = [self._beyond(one, key, cone) for key, cone in one.cones.items()]
+        beyond = [self._beyond(one, key, region) for key, region in one.regions.items()]
         near = [self._near(one, number) for number in range(len(self._waypoints))]
         places = [*beyond, *(each for each in near if np.isfinite(each.radius))]
         bound = one.shortest
@@ -174,9 +174,9 @@ class TimeBound:
         elif missed > depth:
             yield from _with_halved_window(one, waypoint)
         elif key is not None and key[2] >= 0:
-            cone, forbidden = one.cones.get(key), self._forbidden[key[:2]]
-            for each in forbidden.cones if cone is None else halves_of(cone):
-                yield dataclasses.replace(one, cones={**one.cones, key: each})
+            region, forbidden = one.regions.get(key), self._forbidden[key[:2]]
+            for each in forbidden.regions if region is None else region.halves():
+                yield dataclasses.replace(one, regions={**one.regions, key: each})
 
     def _deepest(self, one: _Set, relaxed: Relaxed) -> tuple[float, _Key | None]:
         """Return the deepest penetration of an obstacle by a relaxed motion [m], and its key.
@@ -222,12 +222,13 @@ class TimeBound:
         always = active[0] & active[1] & straight
         return always, ~always & (active[0] | active[1] | ~straight)
 
-    def _beyond(self, one: _Set, key: _Key, cone: FloatArray) -> Place:
-        """Return the polyhedron that contains the outside of an obstacle in a cone."""
+    def _beyond(self, one: _Set, key: _Key, region: Region) -> Place:
+        """Return the polyhedron that contains the outside of an obstacle in a region."""
         index, part, k = key
-        forbidden, known = self._forbidden[index, part], (index, part, cone.tobytes())
+        content = region.edges.tobytes() + region.signs.tobytes()
+        forbidden, known = self._forbidden[index, part], (index, part, content)
         if known not in self._half_spaces:
-            self._half_spaces[known] = forbidden.half_spaces(cone)
+            (self._half_spaces[known],) = forbidden.half_spaces([region])
         times = self._parts[k] * np.array([one.shortest, one.longest])
         first, last = self._obstacles[index][1].centers(times)
         velocity = (last - first) / (times[1] - times[0]) if np.any(last != first) else np.zeros(3)
