@@ -185,7 +185,8 @@ def test_the_dual_function_has_the_derivatives_that_it_tells() -> None:
 def test_the_ascent_reaches_what_a_general_method_reaches_in_the_end() -> None:
     proposal = _proposed()
     lagrangian = proposal.lagrangian
-    found = lagrangian.minimum(*climbed(lagrangian, proposal.weights, proposal.multipliers)).value
+    climb = climbed(lagrangian, proposal.weights, proposal.multipliers)
+    found = lagrangian.minimum(climb.weights, climb.multipliers).value
     rng, sizes = np.random.default_rng(3), (len(proposal.weights), len(proposal.multipliers))
 
     def depth(logarithms: FloatArray) -> float:
@@ -199,6 +200,9 @@ def test_the_ascent_reaches_what_a_general_method_reaches_in_the_end() -> None:
         best = max(best, -minimize(depth, tried, method="L-BFGS-B").fun)
     assert found >= best * (1 - 1e-7)
     assert found == pytest.approx(best, rel=2e-3)
+    beyond = np.concatenate(lagrangian.slopes(climb.at))
+    assert beyond[len(climb.weights) :].max(initial=0.0) < 1e-3  # convex constraints hold
+    assert lagrangian.cost(climb.at) <= found  # the mean of motions costs no more than they do
 
 
 @pytest.mark.parametrize("knots", [2, 3])

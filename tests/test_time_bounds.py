@@ -61,6 +61,18 @@ def test_small_cones_come_close_to_the_surface() -> None:
     np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0)
 
 
+@pytest.mark.parametrize("kind", ["sphere", "polytope", "box"])
+def test_halves_become_narrow_in_every_direction(kind: str) -> None:
+    rng = np.random.default_rng(4)
+    kept = forbidden_by(random_shape(rng, kind, np.zeros(3), 1.0), 0, 0.25)
+    for region in kept.regions:
+        one = region
+        for _ in range(12):
+            halves = one.halves() or [one, one]
+            one = halves[int(rng.integers(2))]
+        assert one.bulge < 0.03
+
+
 @pytest.mark.parametrize("signs", [[0, 1, 0], [-1, 0, 1], [1, 1, -1]])
 def test_regions_beside_a_box_come_as_close_as_they_are_narrow(signs: list[int]) -> None:
     """Beside a side the plane touches; else it is below the surface by what a chord is."""
