@@ -89,7 +89,8 @@ class Relaxation:
     def split(self, node: Node, enough: float) -> Split:
         """Return the parts of a node with their bounds, and a plan on its sides."""
         motion = self._motion(node.at)
-        division = self.sides.parts_of(node.branch, motion, node.curved, self._losses(node))
+        losses = self._losses(node)
+        division = self.sides.parts_of(node.branch, motion, node.pulls, node.curved, losses)
         if division is None:
             return Split(())
         where, regions = division

@@ -8,7 +8,7 @@ from typing import Self, TypeVar
 import numpy as np
 
 from drake_rho.analysis.lagrangian import Proposal
-from drake_rho.analysis.sides import Branch, Where
+from drake_rho.analysis.sides import Branch, Pulls, Where
 from drake_rho.analysis.terms import AffineTerms, CurvedTerms
 from drake_rho.scenario.fields import FloatArray, IntArray
 
@@ -48,6 +48,20 @@ class Node:
         curved, affine = _in(group, lagrangian.curved), _in(group, lagrangian.affine)
         at = proposal.solution
         return cls({}, 0.0, curved, affine, *given, at, lagrangian.changes.unit)
+
+    @property
+    def pulls(self) -> Pulls:
+        """Multipliers of obstacles, separations and sides."""
+        curved, sides = self.curved, self.affine.select(self.affine.kept)
+        weights = self.weights * curved.sizes
+        sizes = np.concatenate([weights, self.multipliers[self.affine.kept]])
+        return Pulls(
+            np.concatenate([curved.vehicles, sides.vehicles]),
+            np.concatenate([curved.partners, sides.partners]),
+            np.concatenate([curved.obstacles, np.full(len(sides), -1)]),
+            np.concatenate([curved.times, sides.times]),
+            sizes / max(float(sizes.sum()), np.finfo(float).tiny),
+        )
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

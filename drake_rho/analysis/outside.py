@@ -7,7 +7,7 @@ outside in the cone has Σ λ_i >= 1: it is beyond the plane through these point
 all directions, as do the cones through the facets of a polytope, which are better planes for one.
 
 What is at a distance from a box is beside a side, an edge or a corner of it. From the nearest point
-of the box, it is at p = Σ λ_i e_i with λ >= 0 for unit vectors e_i along one, two or three axes, and
+of the box, it is at p = Σ λ_i e_i with λ >= 0 for unit vectors e_i along one to three axes, and
 norm(p) <= Σ λ_i. So every point at a distance of at least R has Σ λ_i >= R, and beside a side that
 is all there is to say.
 
@@ -45,8 +45,8 @@ class Region:
     """directions of its edges, shape (3, 3), in units of the set's scales; from a box unit vectors
     that span the axes along which positions are beyond it, shape (1 to 3, 3)"""
     signs: FloatArray = dataclasses.field(default_factory=lambda: np.zeros(3))
-    """for the axes of a box 1 beyond its upper side, -1 beyond its lower one, 0 between, shape (3,);
-    zero for a cone from the middle"""
+    """for each axis of a box 1 beyond its upper side, -1 beyond its lower one, 0 between, and zero
+    for a cone from the middle, shape (3,)"""
 
     @property
     def is_beside_box(self) -> bool:

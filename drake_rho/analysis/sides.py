@@ -29,6 +29,9 @@ from drake_rho.scenario.shapes.unbounded import HalfSpace
 _DEEP = 1e-4
 """Penetration that is ignored, as a part of the size of what is penetrated."""
 
+_UNPRICED = 1e-3
+"""Part of all multipliers that an instant counts as having in addition."""
+
 _PER_STEP, _FINE = 4, 0.5
 """Instants of a step at which motions are divided by sides, and what a depth counts at those that
 are neither a knot nor in the middle of a step, as a part of the depth."""
@@ -47,6 +50,30 @@ class Where(NamedTuple):
     """number of the part of a map; 0 for a shape"""
     instant: int
     """number of the instant"""
+
+
+class Pulls(NamedTuple):
+    """Multipliers of obstacles, separations and sides in a Lagrangian, of rows of length one."""
+
+    vehicles: IntArray
+    """index of the vehicle, shape (N,)"""
+    partners: IntArray
+    """index of the other vehicle, or of the same one, shape (N,)"""
+    obstacles: IntArray
+    """number of the obstacle, 0 for a separation; -1 for sides of any, shape (N,)"""
+    times: FloatArray
+    """time since the first knot [s], shape (N,)"""
+    sizes: FloatArray
+    """the multipliers, as parts of their sum, shape (N,)"""
+
+    def near(self, number: int, one: int, other: int, times: FloatArray, step: float) -> FloatArray:
+        """Return those of an obstacle or a separation around times, (T,), less if farther away."""
+        of_pair = ((self.vehicles == one) & (self.partners == other)) | (
+            (self.vehicles == other) & (self.partners == one)
+        )
+        of = of_pair & ((self.obstacles == number) | (self.obstacles < 0))
+        distances = np.abs(times[:, None] - self.times[of]) / step
+        return np.asarray(np.maximum(0.0, 1.0 - distances) @ self.sizes[of])
 
 
 Branch = Mapping[Where, Region]
@@ -70,23 +97,24 @@ class Sides:
         self._worths = np.where(coarse, 1.0, _FINE)
 
     def parts_of(
-        self, branch: Branch, motion: Motion, curved: CurvedTerms, losses: FloatArray
+        self, branch: Branch, motion: Motion, pulls: Pulls, curved: CurvedTerms, losses: FloatArray
     ) -> tuple[Where, Sequence[Region]] | None:
         """Return where a branch is split, and the regions of its parts; None if nothing is left.
 
-        It is split where the motion at the Lagrangian's minimum penetrates deepest, or else at the
+        It is split where the relaxed motion penetrates deepest for what that counts, or else at the
         term that lowers the bound most.
 
         Args:
             branch: to be split.
-            motion: motion at the Lagrangian's minimum.
-            curved: terms of the Lagrangian.
-            losses: size of each term at the minimum, which would be zero if the bound were the
-                least cost, shape (S,).
+            motion: motion that solves the relaxed problem.
+            pulls: multipliers of the Lagrangian.
+            curved: curved terms of the Lagrangian.
+            losses: size of each of these terms at the motion, which would be zero if the bound were
+                the least cost, shape (S,).
         """
         if len(self.times) == 0:  # start and goal alone
             return None
-        places = [self._deepest(branch, motion)]
+        places = [self._deepest(branch, motion, pulls)]
         if places[0] is None:
             order = np.argsort(-losses, kind="stable")
             places = [self._where(curved, int(each)) for each in order if losses[each] > 0.0]
@@ -182,13 +210,14 @@ class Sides:
         radii = self.scenario.fleet.radii[:, None]
         return np.asarray(radii + obstacle.deviation + obstacle.uncertainty(times))
 
-    def _deepest(self, branch: Branch, motion: Motion) -> Where | None:
-        """Return where a motion penetrates deepest; None if it penetrates nothing.
+    def _deepest(self, branch: Branch, motion: Motion, pulls: Pulls) -> Where | None:
+        """Return where a motion penetrates most; None if it penetrates nothing.
 
-        In a region of the branch, a depth counts as at most what may be between the region's plane
-        and the surface.
+        What counts is the depth times the root of the multipliers nearby: a depth alone may cost
+        nothing, and multipliers alone may be where hardly anything is left to split. In a region of
+        the branch, a depth is at most what may be between the region's plane and the surface.
         """
-        found, deepest = None, 0.0
+        found, most = None, 0.0
         for number, shape, one, other, x in self._relative(motion):
             depths = self._depths(number, shape, x)
             for where, region in branch.items():
@@ -198,10 +227,14 @@ class Sides:
                     if where.part == _part_at(shape, x[at]):
                         depths[at] = min(depths[at], self._forbidden(where).bulge(region))
             depths *= self._worths
-            i, k = (int(each) for each in np.unravel_index(np.argmax(depths), depths.shape))
-            if depths[i, k] > max(deepest, _DEEP * shape.size):
-                part, deepest = _part_at(shape, x[i, k]), float(depths[i, k])
-                found = Where(int(one[i]), int(other[i]), number, part, k)
+            for i in np.flatnonzero(depths.max(axis=1) > _DEEP * shape.size):
+                who = int(one[i]), int(other[i])
+                near = pulls.near(number, *who, self.times, self.scenario.grid.step)
+                scores = np.maximum(depths[i], 0.0) * np.sqrt(near + _UNPRICED)
+                scores[depths[i] <= _DEEP * shape.size] = 0.0
+                if scores.max() > most:
+                    k, most = int(np.argmax(scores)), float(scores.max())
+                    found = Where(*who, number, _part_at(shape, x[i, k]), k)
         return found
 
     def _relative(
