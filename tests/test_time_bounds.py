@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import drake_rho as rho
 from drake_rho.analysis.outside import OCTANTS, Forbidden, Region, forbidden_by
@@ -15,7 +16,7 @@ from drake_rho.motion.dynamics import Motion
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs.time_relaxation import Place, TimeRelaxations
 from drake_rho.planning.scp.least_time import ROUGH
-from drake_rho.scenario.maps.parts import Triangles
+from drake_rho.scenario.maps.parts import Boxes, Triangles
 from tests.scenarios import box, single, slow
 from tests.shapes import KINDS, random_shape
 from tests.test_cli import run
@@ -23,14 +24,17 @@ from tests.test_cli_json import read
 
 TRIANGLES = [[[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[2, 2, 2], [3, 2, 2], [2, 3, 3]]]
 SURFACE = Triangles(np.array(TRIANGLES, dtype=float))
+TURN = Rotation.from_euler("zyx", [0.4, -0.7, 1.1]).as_matrix()
+TURNED = Boxes(np.array([[-2.0, -2, -2], [0, 0, 0]]), np.array([[-1.0, -1, -1], [2, 0.5, 1]]), TURN)
 
 
-@pytest.mark.parametrize("kind", [*KINDS, "triangles"])
+@pytest.mark.parametrize("kind", [*KINDS, "triangles", "turned boxes"])
 def test_no_point_outside_of_a_set_is_cut_off(kind: str) -> None:
     """Each is in one of the regions, and in one half of a region, with its half-spaces."""
     rng = np.random.default_rng(0)
-    drawn = SURFACE if kind == "triangles" else random_shape(rng, kind, np.zeros(3), 1.0)
-    kept = forbidden_by(drawn, 0, 0.25)
+    parts = {"triangles": SURFACE, "turned boxes": TURNED}
+    drawn = parts.get(kind) or random_shape(rng, kind, np.zeros(3), 1.0)
+    kept = forbidden_by(drawn, 1 if kind in parts else 0, 0.25)
     assert kept.has_middle
     x = rng.normal(size=(8000, 3)) * 1.5 * np.minimum(kept.scales, 3.0)
     x = x[kept.distance(x) >= 0.25]
@@ -43,7 +47,7 @@ def test_no_point_outside_of_a_set_is_cut_off(kind: str) -> None:
             left = left[_is_in(kept, one, left)]
             if not (regions := one.halves()):
                 break
-    assert (kept.regions == OCTANTS) == (kind not in ("box", "polytope"))
+    assert (kept.regions == OCTANTS) == (kind not in ("box", "polytope", "turned boxes"))
 
 
 def _is_in(kept: Forbidden, region: Region, x: np.ndarray) -> np.ndarray:
