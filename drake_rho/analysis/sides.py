@@ -32,9 +32,9 @@ _DEEP = 1e-4
 _UNPRICED = 1e-3
 """Part of all multipliers that an instant counts as having in addition."""
 
-_PER_STEP, _FINE = 4, 0.5
-"""Instants of a step at which motions are divided by sides, and what a depth counts at those that
-are neither a knot nor in the middle of a step, as a part of the depth."""
+_PER_STEP, _FINE = 8, 0.5
+"""Instants of a step at which motions are divided by sides, and what a depth counts, as a part of
+it, for every halving after the first by which an instant is between knots."""
 
 
 class Where(NamedTuple):
@@ -93,8 +93,10 @@ class Sides:
         per_step = _PER_STEP if scenario.between_knots else 1
         steps = (scenario.grid.knots - 1) * per_step
         self.times = scenario.grid.duration * np.arange(1, steps) / steps
-        coarse = np.arange(1, steps) * 2 % per_step == 0
-        self._worths = np.where(coarse, 1.0, _FINE)
+        numbers = np.arange(1, steps)
+        self._worths = np.ones(len(numbers))
+        for parts in (2, 4):
+            self._worths[numbers * parts % per_step != 0] *= _FINE
 
     def parts_of(
         self, branch: Branch, motion: Motion, pulls: Pulls, curved: CurvedTerms, losses: FloatArray
