@@ -90,7 +90,7 @@ class Relaxation:
         """Return the parts of a node with their bounds, and a plan on its sides."""
         motion = self._motion(node.at)
         losses = self._losses(node)
-        division = self.sides.parts_of(node.branch, motion, node.pulls, node.curved, losses)
+        division = self.sides.parts_of(node.branch, motion, node.by_place, node.curved, losses)
         if division is None:
             return Split(())
         where, regions = division

@@ -8,7 +8,7 @@ from typing import Self, TypeVar
 import numpy as np
 
 from drake_rho.analysis.lagrangian import Proposal
-from drake_rho.analysis.sides import Branch, Pulls, Where
+from drake_rho.analysis.sides import Branch, Multipliers, Where
 from drake_rho.analysis.terms import AffineTerms, CurvedTerms
 from drake_rho.scenario.fields import FloatArray, IntArray
 
@@ -50,12 +50,12 @@ class Node:
         return cls({}, 0.0, curved, affine, *given, at, lagrangian.changes.unit)
 
     @property
-    def pulls(self) -> Pulls:
-        """Multipliers of obstacles, separations and sides."""
+    def by_place(self) -> Multipliers:
+        """Multipliers of obstacles, separations and sides, with their places."""
         curved, sides = self.curved, self.affine.select(self.affine.kept)
         weights = self.weights * curved.sizes
         sizes = np.concatenate([weights, self.multipliers[self.affine.kept]])
-        return Pulls(
+        return Multipliers(
             np.concatenate([curved.vehicles, sides.vehicles]),
             np.concatenate([curved.partners, sides.partners]),
             np.concatenate([curved.obstacles, np.full(len(sides), -1)]),

@@ -52,7 +52,7 @@ class Where(NamedTuple):
     """number of the instant"""
 
 
-class Pulls(NamedTuple):
+class Multipliers(NamedTuple):
     """Multipliers of obstacles, separations and sides in a Lagrangian, of rows of length one."""
 
     vehicles: IntArray
@@ -99,7 +99,12 @@ class Sides:
             self._worths[numbers * parts % per_step != 0] *= _FINE
 
     def parts_of(
-        self, branch: Branch, motion: Motion, pulls: Pulls, curved: CurvedTerms, losses: FloatArray
+        self,
+        branch: Branch,
+        motion: Motion,
+        multipliers: Multipliers,
+        curved: CurvedTerms,
+        losses: FloatArray,
     ) -> tuple[Where, Sequence[Region]] | None:
         """Return where a branch is split, and the regions of its parts; None if nothing is left.
 
@@ -109,14 +114,14 @@ class Sides:
         Args:
             branch: to be split.
             motion: motion that solves the relaxed problem.
-            pulls: multipliers of the Lagrangian.
+            multipliers: multipliers of the Lagrangian.
             curved: curved terms of the Lagrangian.
             losses: size of each of these terms at the motion, which would be zero if the bound were
                 the least cost, shape (S,).
         """
         if len(self.times) == 0:  # start and goal alone
             return None
-        places = [self._deepest(branch, motion, pulls)]
+        places = [self._deepest(branch, motion, multipliers)]
         if places[0] is None:
             order = np.argsort(-losses, kind="stable")
             places = [self._where(curved, int(each)) for each in order if losses[each] > 0.0]
@@ -212,7 +217,7 @@ class Sides:
         radii = self.scenario.fleet.radii[:, None]
         return np.asarray(radii + obstacle.deviation + obstacle.uncertainty(times))
 
-    def _deepest(self, branch: Branch, motion: Motion, pulls: Pulls) -> Where | None:
+    def _deepest(self, branch: Branch, motion: Motion, multipliers: Multipliers) -> Where | None:
         """Return where a motion penetrates most; None if it penetrates nothing.
 
         What counts is the depth times the root of the multipliers nearby: a depth alone may cost
@@ -231,7 +236,7 @@ class Sides:
             depths *= self._worths
             for i in np.flatnonzero(depths.max(axis=1) > _DEEP * shape.size):
                 who = int(one[i]), int(other[i])
-                near = pulls.near(number, *who, self.times, self.scenario.grid.step)
+                near = multipliers.near(number, *who, self.times, self.scenario.grid.step)
                 scores = np.maximum(depths[i], 0.0) * np.sqrt(near + _UNPRICED)
                 scores[depths[i] <= _DEEP * shape.size] = 0.0
                 if scores.max() > most:
