@@ -38,6 +38,7 @@ def test_no_point_outside_of_a_set_is_cut_off(kind: str) -> None:
     assert kept.has_middle
     x = rng.normal(size=(8000, 3)) * 1.5 * np.minimum(kept.scales, 3.0)
     x = x[kept.distance(x) >= 0.25]
+    assert len(x) > 20
     for chosen in kept.regions:
         regions, left = list(kept.regions), x
         for depth in range(4):

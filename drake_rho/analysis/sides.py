@@ -67,7 +67,7 @@ class Multipliers(NamedTuple):
     """the multipliers, as parts of their sum, shape (N,)"""
 
     def near(self, number: int, one: int, other: int, times: FloatArray, step: float) -> FloatArray:
-        """Return those of an obstacle or a separation around times, (T,), less if farther away."""
+        """Return sums of the multipliers near each time, weighted by closeness, shape (T,)."""
         of_pair = ((self.vehicles == one) & (self.partners == other)) | (
             (self.vehicles == other) & (self.partners == one)
         )

@@ -236,7 +236,7 @@ def _names(paths: Sequence[Path]) -> list[str]:
 
 
 def _notes(mission: MissionFile, home: Frame | None, flight: _Flight) -> Iterator[str]:
-    """Yield the warnings on what is left out of a mission or taken for granted.
+    """Yield warnings of omissions and assumptions in reading a mission.
 
     Args:
         mission: content of the file.
