@@ -442,14 +442,14 @@ class _Forbidden:
         return float(np.linalg.norm(x - first - parts[:, None] * along, axis=1).min())
 
     def beside_box(self) -> list[_Region]:
-        """Return the regions beside the sides, edges and corners of a box, which cover its outside."""
+        """Return regions beside the sides, edges and corners of a box, which cover its outside."""
         if self._kind != "Box" or not np.all(np.isfinite(_vector(self._shape["half"]))):
             raise ValueError("got a branch without cones, expected them for all but bounded boxes")
         every = [np.array(each, dtype=float) for each in product((-1, 0, 1), repeat=3)]
         return [_Region(np.diag(s)[s != 0.0], np.ones(3), s) for s in every if np.any(s)]
 
     def beside(self, region: _Region) -> tuple[_Array, _Array]:
-        """Return half-spaces n · p >= b that contain the outside of a box within a region beside it.
+        """Return half-spaces n · p >= b that contain the outside of a box in a region beside it.
 
         From the nearest point of the box, p is the sum of λ_i times unit vectors along its axes,
         λ >= 0, so that the sum of λ is at least its length, which is at least the radius.

@@ -413,7 +413,7 @@ class Fleet:
         return self._scales[quantity]
 
     def largest_scale(self, quantity: Quantity) -> FloatArray:
-        """Return `scale` for the whole flight, shape (N,): at least that of its remainder."""
+        """Return the scale for the whole flight, not less than for its remainder, shape (N,)."""
         return (self._whole_flight or self).scale(quantity)
 
     @cached_property
