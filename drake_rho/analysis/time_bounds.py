@@ -166,15 +166,17 @@ class TimeBound:
         one = dataclasses.replace(
             one, shortest=max(one.shortest, (1.0 - PRECISION) * relaxed.duration)
         )
-        in_time = relaxed.looseness > _LOOSE or (key is not None and key[2] < 0)
+        region = None if key is None else one.regions.get(key)
+        is_flat = region is not None and not region.halves()  # only other times make it less deep
+        in_time = relaxed.looseness > _LOOSE or (key is not None and key[2] < 0) or is_flat
         if in_time and one.longest - one.shortest > _SHORT * one.longest:
             middle = (one.shortest + one.longest) / 2.0
             yield dataclasses.replace(one, longest=middle)
             yield dataclasses.replace(one, shortest=middle)
-        elif missed > depth:
+        elif missed > (0.0 if is_flat else depth):
             yield from _with_halved_window(one, waypoint)
         elif key is not None and key[2] >= 0:
-            region, forbidden = one.regions.get(key), self._forbidden[key[:2]]
+            forbidden = self._forbidden[key[:2]]
             for each in forbidden.regions if region is None else region.halves():
                 yield dataclasses.replace(one, regions={**one.regions, key: each})
 
