@@ -44,6 +44,9 @@ _GAIN = 0.1
 """Part of the distance to what is enough by which a round has to raise the bound, or it is the
 last one."""
 
+_MOST_ROUNDS = 20
+"""Number of times that they enter where no sides are left, whatever a round gains."""
+
 _PRECISION = 1e-5
 """Relative precision of one maximisation."""
 
@@ -87,12 +90,17 @@ class Relaxation:
         return dataclasses.replace(node, plans=plans)
 
     def split(self, node: Node, enough: float) -> Split:
-        """Return the parts of a node with their bounds, and a plan on its sides."""
+        """Return the parts of a node with their bounds, and a plan on its sides.
+
+        A node whose motion leaves no side to split is its only part, if its bound rises.
+        """
         motion = self._motion(node.at)
         losses = self._losses(node)
         division = self.sides.parts_of(node.branch, motion, node.by_place, node.curved, losses)
         if division is None:
-            return Split(())
+            better = self._bounded(node, enough, _MOST_ROUNDS, 0.0)
+            rises = better.bound - node.bound > _GAIN * (enough - node.bound)
+            return Split((better,) if rises else ())
         where, regions = division
         found, plans, vain = None, node.plans, node.vain
         if not plans and not vain:  # else the search would end there again, or in nothing
@@ -123,9 +131,11 @@ class Relaxation:
         scenario = self.problem.scenario
         return Plan.from_accelerations(scenario, self.changes.accelerations(at)).motion()
 
-    def _bounded(self, node: Node, enough: float) -> Node:
+    def _bounded(
+        self, node: Node, enough: float, rounds: int = _ROUNDS, gain: float = _GAIN
+    ) -> Node:
         """Return a node with a better bound and the multipliers that prove it."""
-        for number in range(_ROUNDS):
+        for number in range(rounds):
             check_time()
             lagrangian = Lagrangian(self.changes, node.curved, node.affine)
             climb = climbed(
@@ -136,7 +146,7 @@ class Relaxation:
             gained, node = self._with(node, bound, climb)
             if node.bound >= enough or not np.isfinite(minimum.value):
                 break
-            if number > 0 and gained < _GAIN * (enough - node.bound):
+            if number > 0 and gained < gain * (enough - node.bound):
                 break
             violated = self._violated(self._motion(climb.at))
             if not violated:

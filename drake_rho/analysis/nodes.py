@@ -71,7 +71,7 @@ class Split:
     parts: tuple[Node, ...]
     """nodes that contain all its motions; none if nothing is left to split"""
     where: Where | None = None
-    """where it was split; None if nothing is left"""
+    """where it was split; None if there are no parts, or one with the same motions"""
     time: float = 0.0
     """time of the split since the first knot [s]"""
     scales: FloatArray = dataclasses.field(default_factory=lambda: np.ones(3))

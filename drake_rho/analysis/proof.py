@@ -57,10 +57,14 @@ class Proof:
     def split(self, node: Node, result: Split) -> None:
         """Replace a node by its parts."""
         content, where = self._of.pop(node), result.where
+        content.clear()
+        if where is None:  # the same motions with a better bound
+            (better,) = result.parts
+            content.update(of_node(better))
+            self._of[better] = content
+            return
         parts = [of_node(part) for part in result.parts]
         self._of.update(zip(result.parts, parts, strict=True))
-        content.clear()
-        assert where is not None  # noqa: S101  # it has parts
         at = [where.vehicle, where.partner, where.obstacle, result.time]
         content.update(at=at, scales=result.scales.tolist(), parts=parts)
         regions = [part.branch[where] for part in result.parts]
