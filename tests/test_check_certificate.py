@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import dataclasses
 import gzip
 import hashlib
 import inspect
@@ -17,6 +18,7 @@ import numpy as np
 import pytest
 
 import drake_rho as rho
+from tests.maps import Array, l_mesh, wall_with_gap
 from tests.scenarios import box, fleet, single
 from tests.test_global_optimum import balls
 
@@ -81,6 +83,82 @@ def _past_three_in_a_row() -> rho.Scenario:
     return single(obstacles=obstacles, goal=AHEAD).derived(vehicles=(vehicle,))
 
 
+def _hurried() -> rho.Scenario:
+    """Return a vehicle at its limits of every kind."""
+    limits = rho.Limits(
+        position=box(11.0),
+        velocity=box(3.4),
+        acceleration=box(1.5),
+        jerk=box(4.0),
+        max_speed=3.5,
+        max_acceleration=2.0,
+        max_thrust=10.5,
+        max_tilt=0.16,
+        max_jerk=3.9,
+    )
+    return single(limits=limits, goal=rho.State([10.0, 0.0, 3.0]), grid=rho.Grid(0.25, 25))
+
+
+def _required() -> rho.Scenario:
+    """Return two linked vehicles, one of them near a moving point and in convex sets for a time."""
+    point = rho.Track(
+        [0.0, 4.0, 8.0], [[0.0, 0.0, 0.0], [4.0, 1.5, 0.0], [8.0, 0.0, 0.0]], deviation=0.05
+    )
+    scenario = fleet([[0.0, 0.0, 0.0], [0.0, 2.0, 0.0]], [[8.0, 0.0, 0.0], [8.0, 1.0, 2.0]])
+    one, other = scenario.names
+    turned = rho.Posed(rho.Capsule([-2, 0, 0], [2, 0, 0], 0.5), [0, 0, 0.1], [4.0, 2.5, 0.6])
+    ahead = rho.Cone([0.0, 0.0, 0.0], [1.0, 0.3, 0.0], 0.2)
+    return scenario.derived(
+        requirements=[
+            rho.KeepIn(rho.Sphere([0, 0, 0], 2.3), vehicles=one, relative_to=other),
+            rho.KeepIn(rho.Ellipsoid([0, 0, 0], [1, 2, 0.6]), vehicles=one, relative_to=point),
+            rho.KeepIn(turned, vehicles=other, active=(4.0, 4.61)),
+            rho.KeepIn(ahead, vehicles=other, of="velocity", active=(1.05, 2.33)),
+            rho.KeepIn(rho.Cylinder([0, 0, 9.8], 0.3, 1.0), of="thrust", active=(3.0, 7.1)),
+            rho.KeepIn(rho.Box([-0.4] * 3, [0.4] * 3), of="jerk", vehicles=one, active=(1.0, 5.0)),
+            rho.KeepIn(rho.HalfSpace([0.0, 0.0, -2.0], 0.4)),
+        ]
+    )
+
+
+def _to_a_set() -> rho.Scenario:
+    """Return a vehicle that dwells, leaves a gate in a cone, and arrives anywhere in a set."""
+    gates = [
+        rho.Waypoint(3.0, [3.0, 1.0, 0.0], dwell=0.5),
+        rho.Waypoint(6.5, [6.0, 0.0, 0.0], velocity=rho.Cone([0, 0, 0], [1, -1, 0], 0.2)),
+    ]
+    goal = rho.Goal(rho.Sphere([9.0, 1.0, -1.0], 0.5), velocity=None)
+    vehicle = rho.Vehicle("v", rho.State([0.0, 0.0, 0.0]), goal, waypoints=gates)
+    return single().derived(vehicles=(vehicle,))
+
+
+def _posed() -> rho.Scenario:
+    tube = rho.Posed(
+        rho.Cylinder([0, 0, 0], 1.0), rotation=[0.3, 0.1, 0.5], translation=[5, 0.2, 0]
+    )
+    seen = rho.Obstacle(rho.Sphere([7.5, 0.3, 0.0], 0.4), velocity_error=0.05, seen_at=-1.0)
+    return single(obstacles=[tube, seen], goal=AHEAD)
+
+
+def _past_a_map(given: rho.Mesh | rho.Voxels) -> rho.Scenario:
+    ends = rho.State([0.0, 0.0, 1.5]), rho.State([10.0, 0.0, 1.5])
+    vehicle = rho.Vehicle("v", *ends, radius=0.3)
+    return single().derived(vehicles=(vehicle,), obstacles=(given,))
+
+
+def _turned_wall() -> rho.Scenario:
+    cos, sin = np.cos(0.2), np.sin(0.2)
+    turn = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+    return _past_a_map(
+        dataclasses.replace(wall_with_gap(), rotation=turn, origin=np.array([4.75, 0.4, 0.0]))
+    )
+
+
+def _mesh() -> rho.Scenario:
+    vertices = l_mesh().vertices + np.array([4.5, -0.5, -0.4])
+    return _past_a_map(rho.Mesh(vertices, l_mesh().triangles))
+
+
 SCENES: dict[str, Callable[[], rho.Scenario]] = {
     "the paper's": lambda: rho.load_scenario("paper"),
     "two that meet": _crossing,
@@ -116,10 +194,16 @@ SCENES: dict[str, Callable[[], rho.Scenario]] = {
     ),
     "a wall": _past_a_wall,
     "three in a row": _past_three_in_a_row,
+    "limits of every kind": _hurried,
+    "requirements": _required,
+    "a goal in a set": _to_a_set,
+    "posed": _posed,
+    "a map of cells": _turned_wall,
+    "a mesh": _mesh,
 }
 """Scenes whose bounds are saved."""
 
-GAPS = {"balls": 0.01, "a wall": 0.002, "three in a row": 0.01}
+GAPS = {"balls": 0.01, "a wall": 0.002, "three in a row": 0.01, "a map of cells": 0.01}
 """Gaps for which they need branches."""
 
 
@@ -175,7 +259,7 @@ def _content(path: Path) -> dict[str, Any]:
 def _check(content: dict[str, Any], path: Path) -> rho.CheckedBound:
     """Return the bound of other content, whose digest is made anew."""
     digest = hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
-    stored = {"format": "drake_rho certificate 1", "digest": digest, "content": content}
+    stored = {"format": "drake_rho certificate 2", "digest": digest, "content": content}
     path.write_bytes(gzip.compress(json.dumps(stored).encode()))
     return rho.check_certificate(path)
 
@@ -226,6 +310,37 @@ def test_no_change_of_a_proof_raises_the_bound_above_the_cost(
             lower += found.lower_bound < certificate.lower_bound * (1 - CLOSE)
     assert refused > 0
     assert lower > 0
+
+
+def test_no_row_beyond_its_set_raises_the_bound_above_the_cost(
+    saved: tuple[rho.Certificate, Path], tmp_path: Path
+) -> None:
+    """Rows touch the sets of limits, waypoints and requirements: beyond, they are refused.
+
+    Unless another set implies them too.
+    """
+    content, raised, refused = _content(saved[1]), 0, 0
+    for tree in _leaves(content):
+        for row in tree["rows"]:
+            before, row[5] = row[5], row[5] + 1e-3 * (1.0 + abs(row[5]))
+            try:
+                found = _check(content, tmp_path / "changed.proof")
+            except ValueError:  # nothing implies it
+                refused += 1
+            else:
+                assert found.lower_bound <= saved[0].cost * (1 + 1e-9)
+            row[5], raised = before, raised + 1
+    assert 2 * refused >= raised
+
+
+def _leaves(content: dict[str, Any]) -> Iterator[dict[str, Any]]:
+    """Yield the branches that are not split, of which few have rows."""
+    trees = [each["tree"] for each in content["groups"]]
+    while trees:
+        tree = trees.pop()
+        trees += tree.get("parts", [])
+        if "rows" in tree:
+            yield tree
 
 
 @pytest.mark.parametrize("column", [6, 7], ids=["radius", "multiplier"])
@@ -316,6 +431,21 @@ def test_a_changed_scenario_is_another_scenario(change: str, tmp_path: Path) -> 
     assert found.lower_bound <= rho.plan(meant).cost * (1 + 1e-9)
 
 
+@dataclasses.dataclass(frozen=True)
+class _Floor:
+    """Half-space z >= -1, as a user's own set."""
+
+    def support(self, n: Array) -> Array:
+        off = np.linalg.norm(n - [0.0, 0.0, -1.0], axis=-1)
+        return np.where(off < 1e-9, 1.0, np.inf)
+
+    def signed_distance(self, x: Array) -> Array:
+        return -1.0 - x[..., 2]
+
+    def outward(self, x: Array) -> Array:
+        return np.broadcast_to([0.0, 0.0, -1.0], x.shape)
+
+
 def test_damaged_files_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "paper.proof"
     rho.certify(rho.plan(rho.load_scenario("paper"))).save(path)
@@ -323,6 +453,10 @@ def test_damaged_files_are_refused(tmp_path: Path) -> None:
     stored["content"]["scenario"]["step"] *= 2.0
     path.write_bytes(gzip.compress(json.dumps(stored).encode()))
     with pytest.raises(ValueError, match="digest"):
+        rho.check_certificate(path)
+    stored["format"] = "drake_rho certificate 1"
+    path.write_bytes(gzip.compress(json.dumps(stored).encode()))
+    with pytest.raises(ValueError, match="got the format 'drake_rho certificate 1'"):
         rho.check_certificate(path)
     for damaged in (b"", b"no gzip", gzip.compress(b"{}"), gzip.compress(b"[1"), b"\x1f\x8b\x08"):
         path.write_bytes(damaged)
@@ -336,18 +470,22 @@ def test_damaged_files_are_refused(tmp_path: Path) -> None:
     ("scenario", "named"),
     [
         (lambda: single().derived(objective=rho.Objective(jerk=1.0)), "objective"),
-        (
-            lambda: single(waypoints=[rho.Waypoint(4.0, [5.0, 3.0, 0.0], dwell=0.5)]),
-            "waypoint of solo",
-        ),
-        (lambda: single(limits=rho.Limits(max_jerk=0.8)), "a row of jerk"),
         (lambda: single().derived(disturbance=rho.Disturbance(0.1)), "disturbance"),
         (
-            lambda: single(
-                obstacles=[rho.Posed(rho.Box([4, -1, -1], [6, 1, 1]), rotation=[0.0, 0.0, 0.2])],
-                goal=AHEAD,
+            lambda: single().derived(requirements=[rho.KeepIn(_Floor(), name="floor")]),
+            r"requirement 1 \(floor\) with a set of one's own",
+        ),
+        (
+            lambda: single().derived(
+                requirements=[
+                    rho.KeepIn(
+                        rho.Sphere([0, 0, 0], 9.0),
+                        of="velocity",
+                        relative_to=rho.Track([0.0, 8.0], [[0, 0, 0], [8, 0, 0]]),
+                    )
+                ]
             ),
-            "Posed",
+            "a velocity relative to a track",
         ),
     ],
 )

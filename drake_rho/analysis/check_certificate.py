@@ -9,7 +9,8 @@ is trusted but the scenario, which is for the reader to compare with the one tha
   generated here. Each branch has a bound of its own in the file's tree, so that the branches cover
   all motions.
 - Every term is recomputed from the scenario. A ball counts with the largest radius with which it
-  is known to be inside the space to avoid, and a row with the least value that the limits imply.
+  is known to be inside the space to avoid, and a row with the least value that limits, waypoints
+  and requirements imply.
 - Multipliers may be any that are not negative. The bound of a branch is the least value of its
   Lagrangian L, a quadratic, for any v as good as found here: with the least eigenvalue m of half
   its Hessian and its gradient g at v, L is at least L(v) - norm(g)² / (4 m) everywhere.
@@ -32,7 +33,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-FORMAT = "drake_rho certificate 1"
+FORMAT = "drake_rho certificate 2"
 """Format of the files."""
 
 _Array = npt.NDArray[np.float64]
@@ -65,6 +66,9 @@ _TIMES, _ROUNDED, _CONVEX, _CLOSE, _FLAT = 1e-9, 1e-12, 1e-7, 1e-6, 1e-6
 sizes of a Lagrangian's terms that rounding may take; least curvature of one that is convex;
 largest part by which the bound of a row is lowered to what the limits imply; and least volume of
 the edges of a cone, as a part of their lengths."""
+
+_TURNED = 1e-9
+"""Largest error of the products of a rotation's rows."""
 
 
 class CheckedBound(NamedTuple):
@@ -100,7 +104,9 @@ def check_certificate(path: str | Path) -> CheckedBound:
     try:
         with gzip.open(path, "rt", encoding="utf-8") as file:
             stored = json.load(file)
-        if stored["format"] != FORMAT or stored["digest"] != digest_of(stored["content"]):
+        if stored["format"] != FORMAT:
+            raise ValueError(f"got the format {stored['format']!r}, expected {FORMAT!r}")
+        if stored["digest"] != digest_of(stored["content"]):
             raise ValueError("its content does not match its digest")
         return proved_by(stored["content"])
     except (gzip.BadGzipFile, EOFError, KeyError, TypeError, IndexError, RecursionError) as error:
@@ -146,8 +152,9 @@ class _Group:
         self.vehicles = [scenario["vehicles"][i] for i in group]
         if not (self.step > 0.0 and self.steps > 0):
             raise ValueError("scenario: expected steps of more than 0 s")
+        self._tick = max(_TIMES, float(scenario["tick"]))
         self._bases, self._least = list[_Array](), list[_Array]()
-        self._sets = dict[tuple[int, int], _Forbidden]()  # by vehicle and obstacle
+        self._sets = dict[tuple[int | str, float], _Forbidden]()  # by obstacle and radius
         for each in self.vehicles:
             if not (each["weight"] > 0.0 and each["radius"] >= 0.0):
                 raise ValueError("scenario: expected weights above 0 and no negative radius")
@@ -171,18 +178,27 @@ class _Group:
         if not -_TIMES <= time <= self.steps * h + _TIMES:
             raise ValueError(f"{self.where}: got a time of {time} s, which is not in the flight")
         since = np.maximum(time - h * np.arange(self.steps), 0.0)
+        step = int(np.floor(time / h + _TIMES))
         if quantity == "position":
             return np.asarray(np.where(since >= h, h * (since - h / 2.0), since**2 / 2.0))
         if quantity == "velocity":
             return np.asarray(np.minimum(since, h))
         if quantity == "acceleration":
-            step = min(int(np.floor(time / h + _TIMES)), self.steps - 1)
-            return np.asarray(np.eye(self.steps)[step])
+            return np.asarray(np.eye(self.steps)[min(step, self.steps - 1)])
+        if quantity == "jerk":
+            changes = np.diff(np.eye(self.steps), axis=0, prepend=0.0, append=0.0) / h
+            return np.asarray(changes[min(step, self.steps)])
         raise ValueError(f"{self.where}: got {quantity}, which certificate files do not hold")
 
     def _free(self, vehicle: Mapping[str, Any], quantity: str, time: float) -> _Array:
         """Return a vehicle's quantity at a time without accelerations."""
         position, velocity = _vector(vehicle["start"][0]), _vector(vehicle["start"][1])
+        if quantity == "jerk":
+            step, (before, after) = int(np.floor(time / self.step + _TIMES)), vehicle["outside"]
+            if (outside := before if step == 0 else after) is None and step in (0, self.steps):
+                raise ValueError(f"{self.where}: the jerk at {time} s is not known")
+            sign = {0: -1.0, self.steps: 1.0}.get(step, 0.0) / self.step
+            return sign * _vector(outside) if sign != 0.0 else np.zeros(3)
         return {"position": position + time * velocity, "velocity": velocity}.get(
             quantity, np.zeros(3)
         )
@@ -216,8 +232,6 @@ class _Group:
             self.branches += 1
             return self._leaf(tree, sides)
         one, other, number, time = tree["at"]
-        if "part" in tree:
-            raise ValueError(f"{self.where}: certificate files hold no parts of maps")
         key, forbidden = (one, other, number, time), self._forbidden(one, other, number, time)
         if key in regions:
             parts = _halves(regions[key])
@@ -287,12 +301,10 @@ class _Group:
         """Return a row that limits imply: its matrix, bound and multiplier."""
         quantity, one, other, time, n, b, y = stored
         normal = _vector(n)
-        if one != other or not 0 <= one < len(self.vehicles):
-            raise ValueError(f"{self.where}: got a row of vehicles {one} and {other}")
-        least = self._implied(self.vehicles[one], quantity, time, normal)
+        least = self._implied(quantity, one, other, time, normal)
         if b > least + _CLOSE * (1.0 + abs(b)):
-            raise ValueError(f"{self.where}: no limit implies a row of {quantity} at {time} s")
-        return self._scaled((quantity, time, one, one, normal, min(b, least)), _multiplier(y))
+            raise ValueError(f"{self.where}: nothing implies a row of {quantity} at {time} s")
+        return self._scaled((quantity, time, one, other, normal, min(b, least)), _multiplier(y))
 
     def _scaled(self, side: _Side, y: float) -> tuple[_Array, float, float]:
         """Return a half-space as a row of length one: its matrix, bound and multiplier."""
@@ -301,44 +313,46 @@ class _Group:
         length = length * float(np.linalg.norm(n)) or 1.0
         return row[:, None] * n / length, (b - float(n @ offset)) / length, y
 
-    def _implied(self, vehicle: Mapping[str, Any], quantity: str, time: float, n: _Array) -> float:
-        """Return the largest b for which the limits of a vehicle imply n · quantity >= b."""
-        limits, known = vehicle["limits"], [-np.inf]
-        if quantity != "position" or self._counts(time):
-            if (box := limits.get(quantity)) is not None:
-                low, high = _vector(box[0]), _vector(box[1])
-                with np.errstate(invalid="ignore"):
-                    sides = np.where(n > 0.0, n * low, np.where(n < 0.0, n * high, 0.0))
-                known.append(float(np.sum(sides)))
-            if (most := limits.get(f"largest {quantity}")) is not None:
-                known.append(-float(most) * float(np.linalg.norm(n)))
-        known += [
-            float(n @ _vector(value) - within * np.linalg.norm(n))
-            for kind, at, value, within in vehicle["near"]
-            if kind == quantity and abs(at - time) <= _TIMES
-        ]
+    def _implied(self, quantity: str, one: int, other: int, time: float, n: _Array) -> float:
+        """Return the largest b for which the sets of a quantity imply n · quantity >= b."""
+        known = [-np.inf]
+        first, second = self.group[one], self.group[other]
+        for each in self.scenario["kept"]:
+            partner = first if each["partner"] is None else each["partner"]
+            of = each["quantity"] == quantity and first in each["vehicles"] and second == partner
+            if of and self._is_required(each, one, other, time):
+                margin = float(each["margin"]) * float(np.linalg.norm(n))
+                known.append(float(n @ _place(each, time)) + _least_along(each["set"], n) + margin)
         return max(known)
+
+    def _is_required(self, kept: Mapping[str, Any], one: int, other: int, time: float) -> bool:
+        """Return whether a quantity is to be in a set at a time.
+
+        Accelerations and jerks have one value in a step. The states at the ends are given.
+        """
+        first, last = kept["active"] or (-np.inf, np.inf)
+        if kept["quantity"] in ("acceleration", "jerk"):
+            begin = self.step * np.floor(time / self.step + _TIMES)
+            return bool(begin <= last + self._tick and begin + self.step > first + self._tick)
+        both = (self.vehicles[i]["given"] for i in (one, other))
+        given = all(any(kept["quantity"] == kind for kind, *_ in each) for each in both)
+        ends = [0.0, self.steps * self.step] if given else [0.0]
+        at_end = any(abs(time - end) <= _TIMES for end in ends)
+        counts = first == last or self._counts(time)
+        return counts and not at_end and first - self._tick <= time <= last + self._tick
 
     def _counts(self, time: float) -> bool:
         """Return whether positions are constrained at a time: at knots, or at every instant."""
         knot = time / self.step
         return bool(self.scenario["between_knots"]) or abs(knot - round(knot)) <= _TIMES
 
-    def _center(self, number: int, time: float) -> _Array:
+    def _center(self, number: int | str, time: float) -> _Array:
         """Return the centre of an obstacle at a time; zero for another vehicle."""
         if number == 0:
             return np.zeros(3)
-        obstacle = self.scenario["obstacles"][str(number)]
-        times = np.array(obstacle["times"], dtype=float)
-        places = np.array([_vector(each) for each in obstacle["positions"]])
-        if len(times) != len(places) or not np.all(np.diff(times) > 0.0):
-            raise ValueError(f"scenario: got times of obstacle {number} that do not increase")
-        if time > times[-1] and obstacle["goes_on"] and len(times) > 1:
-            speed = (places[-1] - places[-2]) / (times[-1] - times[-2])
-            return np.asarray(places[-1] + (time - times[-1]) * speed)
-        return np.array([np.interp(time, times, each) for each in places.T])
+        return _place(self.scenario["obstacles"][str(number)], time)
 
-    def _forbidden(self, one: int, other: int, number: int, time: float) -> _Forbidden:
+    def _forbidden(self, one: int, other: int, number: int | str, time: float) -> _Forbidden:
         """Return the space that a position is to be outside of, relative to its centre."""
         if not self._counts(time):
             raise ValueError(f"{self.where}: positions are not constrained at {time} s")
@@ -346,15 +360,17 @@ class _Group:
             if one == other or self.scenario["separation"] is None:
                 raise ValueError(f"{self.where}: got a separation of one vehicle, or none is asked")
             shape = {"kind": "Ellipsoid", "semi_axes": self.scenario["separation"]}
-            return self._sets.setdefault((0, 0), _Forbidden(shape, 0.0))
+            return self._sets.setdefault((0, 0.0), _Forbidden(shape, 0.0))
         if one != other or not 0 <= one < len(self.vehicles):
             raise ValueError(f"{self.where}: got an obstacle of vehicles {one} and {other}")
         obstacle, radius = self.scenario["obstacles"][str(number)], self.vehicles[one]["radius"]
         first, last = obstacle["active"] or (-np.inf, np.inf)
-        if not first - _TIMES <= time <= last + _TIMES:
+        if not first - self._tick <= time <= last + self._tick:
             raise ValueError(f"{self.where}: obstacle {number} is not avoided at {time} s")
-        made = _Forbidden(obstacle["shape"], radius + float(obstacle["margin"]))
-        return self._sets.setdefault((one, number), made)
+        rate, since = (float(each) for each in obstacle["growth"])
+        radius += float(obstacle["margin"]) + rate * max(time - since, 0.0)
+        made = _Forbidden(obstacle["shape"], radius)
+        return self._sets.setdefault((number, radius), made)
 
 
 class _Forbidden:
@@ -369,11 +385,28 @@ class _Forbidden:
             "Ellipsoid": self._in_ellipsoid,
             "Polytope": self._in_polytope,
             "Capsule": lambda x: float(shape["radius"]) - self._from_segments(x),
+            "Triangle": self._in_triangle,
+            "Posed": lambda x: self._inner.depth((x + self._shift) @ self._turn),
         }
         if self._kind not in known:
             raise ValueError(f"scenario: got a {self._kind}, which certificate files do not hold")
         self.depth = known[self._kind]
         self._rays = dict[bytes, float]()
+
+    @cached_property
+    def _inner(self) -> _Forbidden:
+        """Set that is posed."""
+        return _Forbidden(self._shape["shape"], self._radius)
+
+    @cached_property
+    def _turn(self) -> _Array:
+        """Rotation of a set that is posed."""
+        return _rotation(self._shape["rotation"])
+
+    @cached_property
+    def _shift(self) -> _Array:
+        """Place of the middle of a posed set from where the middle of the set itself is turned."""
+        return _vector(self._shape["shift"])
 
     def _in_cylinder(self, x: _Array) -> float:
         axis = int(self._shape["axis"])
@@ -441,8 +474,20 @@ class _Forbidden:
         parts = np.clip(np.vecdot(x - first, along) / squares, 0.0, 1.0)
         return float(np.linalg.norm(x - first - parts[:, None] * along, axis=1).min())
 
+    def _in_triangle(self, x: _Array) -> float:
+        """Return less the distance from the foot on the plane, or from the nearest side."""
+        one, two, three = (_vector(each) for each in self._shape["vertices"])
+        normal = np.cross(two - one, three - one)
+        sides = ((one, two), (two, three), (three, one))
+        ahead = [float(np.cross(b - a, x - a) @ normal) for a, b in sides]
+        if min(ahead) <= 0.0:
+            return -self._from_segments(x)
+        return -abs(float((x - one) @ normal)) / float(np.linalg.norm(normal))
+
     def beside_box(self) -> list[_Region]:
         """Return regions beside the sides, edges and corners of a box, which cover its outside."""
+        if self._kind == "Posed":
+            return self._inner.beside_box()
         if self._kind != "Box" or not np.all(np.isfinite(_vector(self._shape["half"]))):
             raise ValueError("got a branch without cones, expected them for all but bounded boxes")
         every = [np.array(each, dtype=float) for each in product((-1, 0, 1), repeat=3)]
@@ -454,6 +499,10 @@ class _Forbidden:
         From the nearest point of the box, p is the sum of λ_i times unit vectors along its axes,
         λ >= 0, so that the sum of λ is at least its length, which is at least the radius.
         """
+        if self._kind == "Posed":
+            normals, bounds = self._inner.beside(region)
+            turned = normals @ self._turn.T
+            return turned, bounds - turned @ self._shift
         half, signs = _vector(self._shape["half"]), np.asarray(region.signs)
         beyond = signs != 0.0
         parts = np.zeros((len(region.edges), 3))
@@ -485,6 +534,57 @@ class _Forbidden:
             axes = _vector(self._shape["semi_axes"]) + self._radius
             return float(np.min(scales * axes))
         return (self.depth(center) + self._radius) * float(scales.min())
+
+
+def _place(moved: Mapping[str, Any], time: float) -> _Array:
+    """Return the centre of an obstacle, or of a set of a quantity, at a time."""
+    times = np.array(moved["times"], dtype=float)
+    places = np.array([_vector(each) for each in moved["positions"]])
+    if len(times) != len(places) or not np.all(np.diff(times) > 0.0):
+        raise ValueError("scenario: got times of a track that do not increase, or without places")
+    if time > times[-1] and moved["goes_on"] and len(times) > 1:
+        speed = (places[-1] - places[-2]) / (times[-1] - times[-2])
+        return np.asarray(places[-1] + (time - times[-1]) * speed)
+    return np.array([np.interp(time, times, each) for each in places.T])
+
+
+def _least_along(shape: Mapping[str, Any], n: _Array) -> float:
+    """Return the least n · x in a convex set around its centre; minus infinity for none."""
+    kind, length = shape["kind"], float(np.linalg.norm(n))
+    if kind == "Posed":
+        turn, shift = _rotation(shape["rotation"]), _vector(shape["shift"])
+        return _least_along(shape["shape"], n @ turn) - float(n @ shift)
+    if kind == "Bounds":
+        low, high = _vector(shape["lower"]), _vector(shape["upper"])
+        with np.errstate(invalid="ignore"):
+            sides = np.where(n > 0.0, n * low, np.where(n < 0.0, n * high, 0.0))
+        return float(np.sum(sides))
+    if kind in ("HalfSpace", "Cone"):
+        axis = _vector(shape["normal" if kind == "HalfSpace" else "axis"])
+        up = float(n @ axis) / float(np.linalg.norm(axis))
+        across = float(np.linalg.norm(n - up * axis / np.linalg.norm(axis)))
+        if kind == "HalfSpace":
+            is_normal = up < 0.0 and across <= _ROUNDED * length
+            least = up * float(shape["offset"]) / float(np.linalg.norm(axis))
+            return least if is_normal else -np.inf
+        within = np.cos(shape["half_angle"]) * up - np.sin(shape["half_angle"]) * across
+        return 0.0 if within >= -_ROUNDED * length else -np.inf
+    if kind == "Cylinder":
+        number, half = int(shape["axis"]), shape["half_height"]
+        tall, along = np.inf if half is None else float(half), abs(float(n[number]))
+        across = float(np.linalg.norm(np.delete(n, number)))
+        return -float(shape["radius"]) * across - (tall * along if along > 0.0 else 0.0)
+    least = min((float(_vector(each) @ n) for each in shape.get("vertices", ())), default=0.0)
+    least -= float(np.abs(n) @ _vector(shape.get("half", [0.0] * 3)))
+    least -= float(np.linalg.norm(n * _vector(shape.get("semi_axes", [0.0] * 3))))
+    return least - float(shape.get("radius", 0.0)) * length
+
+
+def _rotation(rows: Sequence[Any]) -> _Array:
+    found = np.array([_vector(each) for each in rows])
+    if found.shape != (3, 3) or not np.allclose(found @ found.T, np.eye(3), atol=_TURNED):
+        raise ValueError(f"scenario: got {rows!r}, expected a rotation")
+    return found
 
 
 def _beyond(over: _Array) -> float:

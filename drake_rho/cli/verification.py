@@ -10,7 +10,7 @@ import typer
 from drake_rho.analysis.certify import certified
 from drake_rho.analysis.certify_time import certify_time
 from drake_rho.analysis.diagnose import diagnose as diagnosis_of
-from drake_rho.analysis.proof import of_scenario
+from drake_rho.analysis.proof_scenario import of_scenario
 from drake_rho.cli.campaigns import worker_pool
 from drake_rho.cli.checks import check_outputs, check_writable
 from drake_rho.cli.console import answer, stopping_early, working
