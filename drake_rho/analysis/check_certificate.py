@@ -328,7 +328,8 @@ class _Group:
     def _is_required(self, kept: Mapping[str, Any], one: int, other: int, time: float) -> bool:
         """Return whether a quantity is to be in a set at a time.
 
-        Accelerations and jerks have one value in a step. The states at the ends are given.
+        Accelerations and jerks have one value in a step. States that are given do not count: they
+        may be outside, and no plan would change that.
         """
         first, last = kept["active"] or (-np.inf, np.inf)
         if kept["quantity"] in ("acceleration", "jerk"):
@@ -550,34 +551,46 @@ def _place(moved: Mapping[str, Any], time: float) -> _Array:
 
 def _least_along(shape: Mapping[str, Any], n: _Array) -> float:
     """Return the least n · x in a convex set around its centre; minus infinity for none."""
-    kind, length = shape["kind"], float(np.linalg.norm(n))
-    if kind == "Posed":
-        turn, shift = _rotation(shape["rotation"]), _vector(shape["shift"])
-        return _least_along(shape["shape"], n @ turn) - float(n @ shift)
-    if kind == "Bounds":
-        low, high = _vector(shape["lower"]), _vector(shape["upper"])
-        with np.errstate(invalid="ignore"):
-            sides = np.where(n > 0.0, n * low, np.where(n < 0.0, n * high, 0.0))
-        return float(np.sum(sides))
-    if kind in ("HalfSpace", "Cone"):
-        axis = _vector(shape["normal" if kind == "HalfSpace" else "axis"])
-        up = float(n @ axis) / float(np.linalg.norm(axis))
-        across = float(np.linalg.norm(n - up * axis / np.linalg.norm(axis)))
-        if kind == "HalfSpace":
-            is_normal = up < 0.0 and across <= _ROUNDED * length
-            least = up * float(shape["offset"]) / float(np.linalg.norm(axis))
-            return least if is_normal else -np.inf
-        within = np.cos(shape["half_angle"]) * up - np.sin(shape["half_angle"]) * across
-        return 0.0 if within >= -_ROUNDED * length else -np.inf
-    if kind == "Cylinder":
-        number, half = int(shape["axis"]), shape["half_height"]
-        tall, along = np.inf if half is None else float(half), abs(float(n[number]))
-        across = float(np.linalg.norm(np.delete(n, number)))
-        return -float(shape["radius"]) * across - (tall * along if along > 0.0 else 0.0)
-    least = min((float(_vector(each) @ n) for each in shape.get("vertices", ())), default=0.0)
-    least -= float(np.abs(n) @ _vector(shape.get("half", [0.0] * 3)))
-    least -= float(np.linalg.norm(n * _vector(shape.get("semi_axes", [0.0] * 3))))
-    return least - float(shape.get("radius", 0.0)) * length
+    length = float(np.linalg.norm(n))
+    match shape["kind"]:
+        case "Sphere":
+            return -float(shape["radius"]) * length
+        case "Ellipsoid":
+            return -float(np.linalg.norm(n * _vector(shape["semi_axes"])))
+        case "Bounds":
+            low, high = _vector(shape["lower"]), _vector(shape["upper"])
+            with np.errstate(invalid="ignore"):
+                return float(np.sum(np.where(n > 0.0, n * low, np.where(n < 0.0, n * high, 0.0))))
+        case "Box":
+            return -float(np.abs(n) @ _vector(shape["half"]))
+        case "Polytope" | "Capsule" as kind:
+            least = min(float(_vector(each) @ n) for each in shape["vertices"])
+            return least - (float(shape["radius"]) * length if kind == "Capsule" else 0.0)
+        case "Cylinder":
+            across = float(np.linalg.norm(np.delete(n, int(shape["axis"]))))
+            along, half = abs(float(n[int(shape["axis"])])), shape["half_height"]
+            ends = 0.0 if along == 0.0 else along * (np.inf if half is None else float(half))
+            return -float(shape["radius"]) * across - ends
+        case "HalfSpace":
+            up, across = _parts_along(n, _vector(shape["normal"]))
+            least = up * float(shape["offset"]) / float(np.linalg.norm(_vector(shape["normal"])))
+            return least if up < 0.0 and across <= _ROUNDED * length else -np.inf
+        case "Cone":
+            up, across = _parts_along(n, _vector(shape["axis"]))
+            least = float(np.cos(shape["half_angle"]) * up - np.sin(shape["half_angle"]) * across)
+            return 0.0 if least >= -_ROUNDED * length else -np.inf
+        case "Posed":
+            inner = _least_along(shape["shape"], n @ _rotation(shape["rotation"]))
+            return inner - float(n @ _vector(shape["shift"]))
+        case other:
+            raise ValueError(f"scenario: got a {other}, which certificate files do not hold")
+
+
+def _parts_along(n: _Array, axis: _Array) -> tuple[float, float]:
+    """Return the component of a vector along an axis, and the length of the rest."""
+    unit = axis / np.linalg.norm(axis)
+    up = float(n @ unit)
+    return up, float(np.linalg.norm(n - up * unit))
 
 
 def _rotation(rows: Sequence[Any]) -> _Array:
