@@ -166,8 +166,8 @@ def _in_forest(folder: Path) -> Iterator[rho.Scenario]:
 
 _WORK = f"""\
 Random scenes: {LENGTH:g} m from rest to rest on {KNOTS} knots, obstacles of 0.3 to 0.9 m around or
-beside the straight path, clear of both ends by 2 m and at every instant; {SHORT:g} m past obstacles of
-0.5 to 1 m on that path; tours of three to five gates, which are passed at any time, on {LONGER}
+beside the straight path, clear of both ends by 2 m and at every instant; {SHORT:g} m past obstacles
+of 0.5 to 1 m on that path; tours of three to five gates, which are passed at any time, on {LONGER}
 knots. The forest is that of
 `time_bisection`, each of its vehicles by itself. The bound is that of `rho.certify_time` with a
 time limit of {LIMIT:g} s, and the gap is 1 - bound / T. The gap without obstacles is that of
