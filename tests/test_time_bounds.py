@@ -14,7 +14,7 @@ from drake_rho.analysis.outside import OCTANTS, Forbidden, Region, forbidden_by
 from drake_rho.analysis.time_bounds import TimeBound
 from drake_rho.motion.dynamics import Motion
 from drake_rho.planning.problem import Problem
-from drake_rho.planning.programs.time_relaxation import Place, TimeRelaxations
+from drake_rho.planning.programs.time_relaxation import Passage, Place, TimeRelaxations
 from drake_rho.planning.scp.least_time import ROUGH
 from drake_rho.scenario.maps.parts import Boxes, Triangles
 from tests.scenarios import box, single, slow
@@ -105,7 +105,7 @@ LIMITS = {
 @pytest.mark.parametrize("name", LIMITS)
 @pytest.mark.parametrize("seed", [0, *slow(1, 2)])
 def test_every_motion_is_one_of_its_relaxations(name: str, seed: int) -> None:
-    """Whatever the interval around its time, the cones and the balls that it is in."""
+    """Whatever the interval around its time, the cones that it is in, and the balls it passes."""
     rng = np.random.default_rng(seed)
     start = rho.State([0, 0, 2], 0.5 * rng.normal(size=3), 0.3 * rng.normal(size=3))
     goal = rho.State([7, 1, 2.5], 0.5 * rng.normal(size=3))
@@ -114,11 +114,12 @@ def test_every_motion_is_one_of_its_relaxations(name: str, seed: int) -> None:
     T, unsolved = scenario.grid.duration, 0
     for longest in (T, 1.1 * T, 1.7 * T):
         for shortest in (0.2 * T, 0.9 * T, T):
-            places = [_place(plan.motion(), T, longest, rng) for _ in range(4)]
+            places = [_place(plan.motion(), T, longest, rng) for _ in range(3)]
+            passages = [_passage(plan.motion(), T, rng) for _ in range(2)]
             grid = rho.Grid(longest / 20, 21)
             programs = TimeRelaxations(Problem.of(scenario.ending_with(grid)), ROUGH)
             try:
-                relaxed = programs.least(shortest, places)
+                relaxed = programs.least(shortest, places, passages)
             except rho.SolverError:  # a solution of low accuracy is none
                 unsolved += 1
                 continue
@@ -128,18 +129,27 @@ def test_every_motion_is_one_of_its_relaxations(name: str, seed: int) -> None:
 
 
 def _place(motion: Motion, T: float, longest: float, rng: np.random.Generator) -> Place:
-    """Return a ball, or half-spaces of a moving obstacle, on whose surface a motion is."""
+    """Return half-spaces of a moving obstacle on whose surface a motion is."""
     part, velocity = rng.uniform(0.1, 0.9), 0.3 * rng.normal(size=3)
     at = motion.at("position", [part * T])[0, 0]
     away = rng.normal(size=3)
-    if rng.uniform() < 0.3:
-        radius = float(np.linalg.norm(away))
-        return Place(part, at + away, np.zeros(3), np.zeros((0, 3)), np.zeros(0), radius)
     kept = forbidden_by(rho.Sphere([0, 0, 0], 0.9 * float(np.linalg.norm(away))), 0, 0.0)
     center = at - away + part * (longest - T) * velocity
     region = next(each for each in kept.regions if _is_in(kept, each, away[None])[0])
     ((normals, bounds),) = kept.half_spaces([region])
     return Place(part, center, velocity, normals, bounds)
+
+
+def _passage(motion: Motion, T: float, rng: np.random.Generator) -> Passage:
+    """Return a ball that a motion touches in a window, with the lengths of its path there."""
+    window = np.sort(rng.uniform(0.0, 1.0, 2))
+    first, last = window.tolist()
+    x = motion.at("position", T * np.linspace(first, last, 401))[0]
+    away = 0.3 * rng.normal(size=3)
+    lengths = np.linalg.norm(np.diff(x, axis=0), axis=1) * (1.0 + 1e-4)  # of chords
+    half = max(lengths[:200].sum(), lengths[200:].sum())
+    center = x[rng.integers(401)] + away
+    return Passage(window, center, float(np.linalg.norm(away)), float(lengths.sum()), float(half))
 
 
 def _has_motion(scenario: rho.Scenario, T: float) -> bool:

@@ -3,7 +3,7 @@
 Motions are split into sets, and the least time of a convex relaxation bounds that of each set
 (`planning/programs/time_relaxation.py`). A set has an interval of final times, a cone beyond the
 surface of an obstacle at some instants (`analysis/outside.py`), and an interval of the normalised
-time of each waypoint, in the middle of which the vehicle is near it. The set with the least bound
+time of each waypoint, in which the vehicle passes it. The set with the least bound
 is split where its relaxed motion violates the scenario most.
 """
 
@@ -13,7 +13,7 @@ import dataclasses
 import heapq
 from collections.abc import Callable, Iterator
 from functools import cached_property, partial
-from itertools import count
+from itertools import count, pairwise
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from drake_rho.planning.errors import SolverError
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs.time_relaxation import (
     PRECISION,
+    Passage,
     Place,
     Relaxed,
     TimeRelaxations,
@@ -132,11 +133,10 @@ class TimeBound:
         one = dataclasses.replace(one, windows=windows)
         self.relaxations += 1
         beyond = [self._beyond(one, key, region) for key, region in one.regions.items()]
-        near = [self._near(one, number) for number in range(len(self._waypoints))]
-        places = [*beyond, *(each for each in near if np.isfinite(each.radius))]
+        passages = [self._passage(one, number) for number in range(len(self._waypoints))]
         bound = one.shortest
         try:
-            relaxed = self._relaxations(one.longest).least(one.shortest, places)
+            relaxed = self._relaxations(one.longest).least(one.shortest, beyond, passages)
         except SolverError:  # smaller sets may have programs that are easier to solve
             if one.relaxed is None:
                 self._final = 0.0
@@ -271,17 +271,15 @@ class TimeBound:
         ways = np.linalg.norm(np.diff(places, axis=0), axis=1)
         return np.asarray(np.maximum(ways - within[:-1] - within[1:], 0.0))
 
-    def _near(self, one: _Set, number: int) -> Place:
-        """Return the ball around a waypoint that contains the vehicle in mid-window."""
-        waypoint, (first, last) = self._waypoints[number], one.windows[number]
-        middle = (first + last) / 2.0
-        away = max(
-            self.farthest(one.longest, first, middle), self.farthest(one.longest, middle, last)
-        )
-        if not np.isfinite(away):
+    def _passage(self, one: _Set, number: int) -> Passage:
+        """Return the ball of a waypoint, through which the vehicle passes in its window."""
+        waypoint, window = self._waypoints[number], one.windows[number]
+        first, last = window.tolist()
+        middle, flown = (first + last) / 2.0, partial(self.farthest, one.longest)
+        half = max(flown(first, middle), flown(middle, last))
+        if not np.isfinite(half):
             self.left_out.add(f"waypoint {number + 1}")
-        none = np.zeros((0, 3)), np.zeros(0)
-        return Place(middle, waypoint.position, np.zeros(3), *none, away + waypoint.within)
+        return Passage(window, waypoint.position, waypoint.within, flown(first, last), half)
 
     def farthest(self, longest: float, first: float, last: float) -> float:
         """Return an upper bound on the distance flown between two parts of a final time [m].
@@ -290,17 +288,20 @@ class TimeBound:
         largest acceleration. The bound is the integral of the smallest of these speeds.
         """
         start, goal, most, acceleration = self._speeds
-        ends = longest * np.array([first, max(first, last)])
+        begin, end = longest * first, longest * max(first, last)
         if not np.isfinite(acceleration):
-            return float(ends[1] - ends[0]) * most if ends[1] > ends[0] else 0.0
-        corners = [
+            return (end - begin) * most if end > begin else 0.0
+        corners = (
             (longest + (goal - start) / acceleration) / 2.0,
             (most - start) / acceleration,
             longest - (most - goal) / acceleration if np.isfinite(most) else np.inf,
+        )
+        times = sorted((begin, end, *(min(max(each, begin), end) for each in corners)))
+        speeds = [
+            min(start + acceleration * t, goal + acceleration * (longest - t), most) for t in times
         ]
-        times = np.sort(np.clip([*ends, *corners], *ends))
-        rising, falling = start + acceleration * times, goal + acceleration * (longest - times)
-        return float(np.trapezoid(np.minimum(np.minimum(rising, falling), most), times))
+        steps = zip(pairwise(times), pairwise(speeds), strict=True)
+        return sum((after - before) * sum(both) / 2.0 for (before, after), both in steps)
 
     @cached_property
     def _speeds(self) -> tuple[float, float, float, float]:
@@ -324,9 +325,9 @@ class TimeBound:
             times = relaxed.duration * np.linspace(float(window[0]), float(window[1]), _SAMPLES)
             at = relaxed.motion.each_at("position", np.zeros(_SAMPLES, dtype=int), times)
             away = _distance_from_path(at - waypoint.position) - waypoint.within
-            radius = self._near(one, number).radius
-            is_wide = np.ptp(window) > _SHORT and np.isfinite(radius)
-            if is_wide and away > max(missed, _DEEP * radius):
+            half = self._passage(one, number).half
+            is_wide = np.ptp(window) > _SHORT and np.isfinite(half)
+            if is_wide and away > max(missed, _DEEP * (half + waypoint.within)):
                 missed, which = away, number
         return missed, which
 

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.sparse import block_diag, csc_array, csc_matrix, eye_array, kron
+from scipy.sparse import block_diag, csc_array, csc_matrix, eye_array, hstack, kron
 
 from drake_rho.motion.dynamics import Motion
 from drake_rho.planning.errors import SolverError
@@ -36,8 +36,11 @@ programs are then feasible, which solvers detect more reliably than infeasibilit
 """
 
 
+_NONE = np.zeros((0, 3))
+
+
 class Place(NamedTuple):
-    """Set that contains the vehicle at one instant: a polyhedron or a ball."""
+    """Polyhedron that contains the vehicle at one instant."""
 
     part: float
     """instant as a part of the final time"""
@@ -46,11 +49,31 @@ class Place(NamedTuple):
     velocity: FloatArray
     """velocity of the centre [m/s], shape (3,)"""
     normals: FloatArray
-    """unit vectors n of half-spaces n · (p - centre) >= b, shape (R, 3); none for a ball"""
+    """unit vectors n of half-spaces n · (p - centre) >= b, shape (R, 3)"""
     bounds: FloatArray
     """b [m], shape (R,)"""
-    radius: float = np.inf
-    """radius of the ball [m]; infinite for a polyhedron"""
+
+
+class Passage(NamedTuple):
+    """Ball through which the vehicle passes in a window of instants."""
+
+    window: FloatArray
+    """first and last instant as parts of the final time, shape (2,)"""
+    center: FloatArray
+    """centre of the ball [m], shape (3,)"""
+    radius: float
+    """its radius [m]"""
+    length: float
+    """largest length of the path in the window [m]"""
+    half: float
+    """largest length of the path in each half of the window [m]"""
+
+    @property
+    def places(self) -> list[Place]:
+        """Places in the beginning, in the middle and at the end, relative to the centre."""
+        first, last = self.window.tolist()
+        parts = first, (first + last) / 2.0, last
+        return [Place(part, self.center, np.zeros(3), _NONE, np.zeros(0)) for part in parts]
 
 
 class Relaxed(NamedTuple):
@@ -81,12 +104,15 @@ class TimeRelaxations(FreeTimePrograms):
         self._has_jerks = any(each.quantity == "jerk" for each in limits)
         self._written: dict[float, tuple[_Relaxation, float]] = {}
 
-    def least(self, shortest: float, places: Sequence[Place]) -> Relaxed | None:
+    def least(
+        self, shortest: float, places: Sequence[Place], passages: Sequence[Passage] = ()
+    ) -> Relaxed | None:
         """Return the least time of a relaxation; None if it has no motion.
 
         Args:
             shortest: lower end of the interval of final times [s].
             places: sets that contain the vehicle at some instants.
+            passages: balls through which it passes.
 
         Raises:
             SolverError: Clarabel fails numerically.
@@ -99,8 +125,8 @@ class TimeRelaxations(FreeTimePrograms):
         program, chord = self._without_places(first)
         program = program.copied()
         program.add_interval(first, 1.0 if timed else _LONGER)
-        program.add_polyhedra([each for each in places if len(each.bounds) > 0])
-        program.add_balls([each for each in places if np.isfinite(each.radius)])
+        program.add_polyhedra(places)
+        program.add_passages([each for each in passages if np.isfinite(each.half)])
         solution = solve([program.program], self._backend)[0]
         if not solution.feasible:
             return None
@@ -170,14 +196,32 @@ class _Relaxation(FreeTimeProgram):
             above, matrix = np.full(len(needed), np.inf), csc_matrix(normals @ matrix)
             self.program.AddLinearConstraint(matrix, needed, above, self._variables)
 
-    def add_balls(self, places: Sequence[Place]) -> None:
-        """Constrain the vehicle to balls."""
-        if places:
-            matrix, needed = self._axes(places)
-            shifted = kron(eye_array(len(places)), np.eye(4, 3, -1)).tocsc()
-            constant = -(shifted @ needed)
-            constant[::4] = [each.radius / self._unit_of("position") for each in places]
-            self._add_lorentz(csc_array(shifted @ matrix), constant, self._variables)
+    def add_passages(self, passages: Sequence[Passage]) -> None:
+        """Constrain the vehicle to pass through balls.
+
+        It passes through some point of the ball. From its place in the beginning of the window the
+        way to that point, and from there to its place in the end, is at most the path between; in
+        the middle, the point is at most half of the window away.
+        """
+        if not passages:
+            return
+        count, unit = len(passages), self._unit_of("position")
+        points = self.program.NewContinuousVariables(3 * count)
+        ways = self.program.NewContinuousVariables(2 * count)  # before and after the point
+        every, in_cone = eye_array(count), np.eye(4, 3, -1)
+        radii = _heights([each.radius / unit for each in passages])
+        self._add_lorentz(csc_array(kron(every, in_cone)), radii, points)
+        matrix, needed = self._axes([place for each in passages for place in each.places])
+        shifted = csc_array(kron(eye_array(3 * count), in_cone))
+        of_points = kron(every, -np.tile(in_cone, (3, 1)))
+        of_ways = kron(every, np.eye(12)[:, [0, 8]])
+        rows = csc_array(hstack([of_points, of_ways, shifted @ matrix]))
+        halves = _heights([h for each in passages for h in (0.0, each.half / unit, 0.0)])
+        variables = np.array([*points, *ways, *self._variables])
+        self._add_lorentz(rows, halves - shifted @ needed, variables)
+        lengths = np.array([each.length for each in passages]) / unit
+        sums, below = np.kron(np.eye(count), np.ones((1, 2))), np.full(count, -np.inf)
+        self.program.AddLinearConstraint(sums, below, lengths, ways)
 
     def _axes(self, places: Sequence[Place]) -> tuple[csc_array, FloatArray]:
         """Return the positions less the centres, matrix @ variables - needed in their unit."""
@@ -188,7 +232,11 @@ class _Relaxation(FreeTimeProgram):
         return self._in_time([axes], by_time.reshape(-1, 2) / self._unit_of("position"))
 
 
-_NONE = np.zeros((0, 3))
+def _heights(heights: Sequence[float]) -> FloatArray:
+    """Return constants of Lorentz cones, four values for each height."""
+    constants = np.zeros(4 * len(heights))
+    constants[::4] = heights
+    return constants
 
 
 def _passing(effort: MinimumEffort, places: Sequence[Place]) -> Passing:
