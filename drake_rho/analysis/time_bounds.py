@@ -3,8 +3,8 @@
 Motions are split into sets, and the least time of a convex relaxation bounds that of each set
 (`planning/programs/time_relaxation.py`). A set has an interval of final times, a cone beyond the
 surface of an obstacle at some instants (`analysis/outside.py`), and an interval of the normalised
-time of each waypoint, in which the vehicle passes it. The set with the least bound
-is split where its relaxed motion violates the scenario most.
+time of each waypoint, in which the vehicle passes it. The set with the least bound is split where
+its relaxed motion violates the scenario most.
 """
 
 from __future__ import annotations
