@@ -136,7 +136,7 @@ class Certificate(metaclass=Described):
 
         The file has the scenario, the branches and the multipliers, as numbers. It is checked
         before it is written, and the bound that it proves is returned: it may be lower than
-        `lower_bound` by rounding and, with ellipsoids, since the checker takes smaller ones.
+        `lower_bound` by rounding. Of maps it has the parts that the bound rests on.
 
         Args:
             path: file to write, such as `mission.proof`.
@@ -144,9 +144,8 @@ class Certificate(metaclass=Described):
         Raises:
             OSError: the file cannot be written.
             ValueError: there are no multipliers, since time was up, or the scenario has what such
-                files do not hold: other costs than effort, prices, disturbances, smoothing,
-                requirements, maps, posed shapes, errors that grow, limits of jerk, thrust and tilt
-                that are active, and waypoints with free times, dwells or sets of velocities.
+                files do not hold: other costs than effort, penalties, a disturbance, a smoothing,
+                sets of one's own, and velocities relative to a track.
         """
         if not self.proofs:
             raise ValueError("certificate: got none with multipliers, since time was up")
