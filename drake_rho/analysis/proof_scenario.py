@@ -7,14 +7,16 @@ to keep out of. All times are since the first knot.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
 
+from drake_rho.analysis.terms import QUANTITIES
 from drake_rho.scenario.fields import FloatArray
-from drake_rho.scenario.limits import GRAVITY, Limits
+from drake_rho.scenario.limits import Limits
 from drake_rho.scenario.maps.parts import Boxes, Parts, Triangles
+from drake_rho.scenario.norms import NORMS, Inclination, Kind
 from drake_rho.scenario.obstacles import Obstacle
 from drake_rho.scenario.records import (
     Box,
@@ -77,7 +79,7 @@ def name_of(number: int, part: int) -> int | str:
 
 
 def _of_vehicle(vehicle: Vehicle, grid: Grid) -> _Held:
-    """Return a vehicle with what is given at its ends; accelerations outside may be unknown."""
+    """Return a vehicle's weight, radius, start, and goal as far as it is exact."""
     start, goal = vehicle.start, vehicle.goal
     velocity = np.zeros(3) if start.velocity is None else start.velocity
     reached = {"position": goal.position, "velocity": goal.velocity}
@@ -112,34 +114,48 @@ def _kept(scenario: Scenario) -> Iterator[_Held]:
 
 
 def _entry(
-    quantity: str, vehicles: list[int], held: _Held, center: FloatArray, **more: Any
+    quantity: str,
+    vehicles: list[int],
+    held: _Held,
+    center: FloatArray,
+    track: Track | None = None,
+    **more: Any,
 ) -> _Held:
     """Return a convex set around a point, always required of single vehicles if not given."""
     always = {"partner": None, "active": None, "margin": 0.0}
-    at = {"times": [0.0], "positions": [np.asarray(center).tolist()], "goes_on": False}
+    at = _places(track, lambda times: center + (0.0 if track is None else track.at(times)))
     return {"quantity": quantity, "vehicles": vehicles, "set": held, **always, **at, **more}
+
+
+def _places(track: Track | None, at: Callable[[FloatArray], FloatArray]) -> _Held:
+    """Return positions at the corners of a track, or one position without a track.
+
+    Args:
+        track: the track.
+        at: function that returns positions at times, shape (T, 3).
+    """
+    times = np.zeros(1) if track is None else track.times
+    return {
+        "times": times.tolist(),
+        "positions": np.broadcast_to(at(times), (len(times), 3)).tolist(),
+        "goes_on": track is not None and track.after == "goes_on",
+    }
 
 
 def _of_limits(limits: Limits) -> Iterator[tuple[str, _Held, FloatArray]]:
     """Yield quantities, sets and their centres."""
-    nowhere, hovering = np.zeros(3), np.array([0.0, 0.0, -GRAVITY])
-    for quantity in ("position", "velocity", "acceleration", "jerk"):
-        box = getattr(limits, quantity)
-        if box is not None:
-            yield quantity, _bounds(box), nowhere
-    largest = {
-        "velocity": limits.max_speed,
-        "acceleration": limits.max_acceleration,
-        "jerk": limits.max_jerk,
-    }
-    for quantity, most in largest.items():
-        if most is not None:
-            yield quantity, {"kind": "Sphere", "radius": most}, nowhere
-    if limits.max_thrust is not None:
-        yield "acceleration", {"kind": "Sphere", "radius": limits.max_thrust}, hovering
-    if limits.max_tilt is not None:
-        cone = {"kind": "Cone", "axis": [0.0, 0.0, 1.0], "half_angle": limits.max_tilt}
-        yield "acceleration", cone, hovering
+    for quantity in QUANTITIES:
+        if (box := getattr(limits, quantity)) is not None:
+            yield quantity, _bounds(box), np.zeros(3)
+    for norm, kind in NORMS.items():
+        if (most := getattr(limits, norm)) is not None:
+            yield kind.quantity, _of_norm(kind, most), kind.origin
+
+
+def _of_norm(kind: Kind, most: float) -> _Held:
+    if isinstance(kind, Inclination):
+        return {"kind": "Cone", "axis": [0.0, 0.0, 1.0], "half_angle": most}
+    return {"kind": "Sphere", "radius": most}
 
 
 def _bounds(box: Box) -> _Held:
@@ -166,10 +182,10 @@ def _of_requirement(requirement: KeepIn, number: int, names: Sequence[str]) -> _
         requirement.members(names).tolist(),
         held,
         center + offset,
+        track,
         partner=requirement.partner(names),
         active=requirement.active and list(requirement.active),
         margin=requirement.deviation,
-        **({} if track is None else _on_track(track, center)),
     )
 
 
@@ -184,15 +200,6 @@ def _of_set(convex_set: Any) -> tuple[_Held, FloatArray]:
     if isinstance(convex_set, Box):  # its centre may not exist
         return _bounds(convex_set), np.zeros(3)
     return _of_shape(convex_set), convex_set.center
-
-
-def _on_track(track: Track, center: FloatArray) -> _Held:
-    """Return the places of what is around a point relative to a track."""
-    return {
-        "times": track.times.tolist(),
-        "positions": (track.at(track.times) + center).tolist(),
-        "goes_on": track.after == "goes_on",
-    }
 
 
 def _of_obstacles(scenario: Scenario, names: set[str]) -> _Held:
@@ -212,16 +219,12 @@ def _of_obstacles(scenario: Scenario, names: set[str]) -> _Held:
 
 def _of_obstacle(obstacle: Obstacle, shape: _Held, middle: FloatArray) -> _Held:
     """Return an obstacle, at rest or on a track, or a part around a point of it."""
-    track = obstacle.track
-    times = np.zeros(1) if track is None else track.times
     return {
         "shape": shape,
         "margin": obstacle.deviation + obstacle.position_error,
         "growth": [obstacle.velocity_error, obstacle.errors_from],
-        "times": times.tolist(),
-        "positions": (obstacle.centers(times) + middle).tolist(),
-        "goes_on": track is not None and track.after == "goes_on",
         "active": obstacle.active and list(obstacle.active),
+        **_places(obstacle.track, lambda times: obstacle.centers(times) + middle),
     }
 
 
